@@ -1,0 +1,242 @@
+"""The JSON documents of our own: what travels in std_msgs/String where ROS has no type.
+
+Each one is a frozen pydantic model: unknown keys and non-finite numbers are refused.
+Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.common.frames import SE2
+
+Rgba = tuple[float, float, float, float]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Document(BaseModel):
+    """A message of our own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class WorldRequest(Document):
+    """Which world should run; `bringup` latches it."""
+
+    world_name: str = Field(description="name of a recipe in worlds/, e.g. `sim_house_enhanced`")
+    use_aruco: bool = Field(True, description="keep the recipe's ArUco markers")
+
+
+class WorldStatus(Document):
+    """What became of a request: `error` is empty where the world was loaded."""
+
+    request: WorldRequest
+    world_hash: str = Field(
+        "", description="hash of the world that runs, of this request or another"
+    )
+    error: str = Field("", description="one line that says what is wrong and what would be right")
+
+
+class Planar(Document):
+    """A planar pose in the map frame."""
+
+    x_m: Finite
+    y_m: Finite
+    yaw_rad: Finite
+
+    def se2(self) -> SE2:
+        """The same pose as a transform, map_from_self."""
+        return SE2(self.x_m, self.y_m, self.yaw_rad)
+
+
+class Location(Planar):
+    """A named place to drive to."""
+
+    name: str
+
+
+class Material(Document):
+    """How a surface looks: a texture by content hash, and the colours used where there is none."""
+
+    name: str
+    texture_sha256: str = Field("", description="asset of the texture; empty: plain colour")
+    texture_name: str = Field("", description="file name of the texture, for people")
+    texture_side_m: Positive = Field(1.0, description="length on the wall of one tile's side")
+    ambient: Rgba = (1.0, 1.0, 1.0, 1.0)
+    diffuse: Rgba = (1.0, 1.0, 1.0, 1.0)
+
+
+class Wall(Document):
+    """An upright box on the floor. Its x axis runs along its length, y across its thickness."""
+
+    name: str
+    length_m: Positive
+    thickness_m: Positive
+    height_m: Positive
+    x_m: Finite = Field(description="centre")
+    y_m: Finite = Field(description="centre")
+    yaw_rad: Finite
+    material: str = Field(description="name of a material of the world")
+
+    def map_from_wall(self) -> SE2:
+        """Pose of the wall's centre."""
+        return SE2(self.x_m, self.y_m, self.yaw_rad)
+
+
+class Marker(Document):
+    """An ArUco marker by the surface it hangs on. `offset_m` runs along the wall's x axis from its centre."""
+
+    id: Annotated[int, Field(ge=0)]
+    dictionary: str = "DICT_4X4_100"
+    size_m: Positive = Field(0.3, description="side of the black square")
+    quiet_zone_modules: Annotated[int, Field(ge=1)] = 1
+    wall: str
+    side: Literal["left", "right"] = Field(
+        description="the face towards the wall's +y axis (left) or -y axis (right)"
+    )
+    offset_m: Finite = 0.0
+    height_m: Finite = Field(description="of the marker's centre above the floor")
+
+
+class World(Document):
+    """A resolved world: everything in it, with the hash that identifies it."""
+
+    name: str
+    recipe: str = Field(description="file name of the recipe it came from")
+    hash: str = Field(description="sha256 of everything else here, first 16 hex digits")
+    walls: tuple[Wall, ...]
+    materials: tuple[Material, ...]
+    markers: tuple[Marker, ...] = ()
+    locations: tuple[Location, ...] = ()
+    start: Planar
+    map_resolution_m: Positive = 0.05
+    floor_diffuse: Rgba = (0.7, 0.7, 0.7, 1.0)
+    sky: Rgba = (0.7, 0.7, 0.7, 1.0)
+    light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
+    light_ambient: Finite = 0.8
+    light_diffuse: Finite = 0.8
+
+    def content_hash(self) -> str:
+        """The hash that `hash` must hold."""
+        content = json.dumps(self.model_dump(mode="json", exclude={"hash"}), sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+class Entity(Document):
+    """A thing that should stand in the world. Its pose is that of its centre; a marker's face looks along +z,
+    with +x to the right and +y up as one looks at it.
+    """
+
+    name: str
+    kind: Literal["marker"] = "marker"
+    position_m: tuple[Finite, Finite, Finite]
+    orientation_xyzw: tuple[Finite, Finite, Finite, Finite]
+    panel_side_m: Positive = Field(description="side of the panel, quiet zone and all")
+    texture_sha256: str
+    marker_id: int
+    marker_size_m: Positive = Field(description="side of the black square")
+    dictionary: str
+
+
+class Refusal(Document):
+    """A thing that was refused, and why."""
+
+    name: str
+    reason: str
+
+
+class Entities(Document):
+    """A set of entities of one world: the desired set, or the set that exists."""
+
+    world_hash: str
+    entities: tuple[Entity, ...] = ()
+    refused: tuple[Refusal, ...] = ()
+
+
+class Contact(Document):
+    """The robot began to touch something that is not the floor."""
+
+    time_s: Finite
+    robot_link: str
+    body: str
+    position_m: tuple[Finite, Finite, Finite]
+    impulse_n_s: Finite
+
+
+class SimulationStats(Document):
+    """What the simulation has done so far. Holds nothing read from a wall clock."""
+
+    world_hash: str
+    sim_time_s: Finite
+    iterations: int
+    step_size_s: Positive
+    paused: bool = False
+    renderer: str = Field(description="`moderngl (...)`, `tiny_renderer`, or `none`")
+    state_hash: str = Field(description="chained hash of the robot's state after every step")
+    watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+
+
+class NavigationStatus(Document):
+    """What localisation and navigation are doing."""
+
+    localization_active: bool
+    navigation_active: bool
+    state: Literal["idle", "planning", "controlling", "recovering"] = "idle"
+    goal: Planar | None = None
+    distance_remaining_m: Finite = 0.0
+    number_of_recoveries: int = 0
+
+
+class NavigationResult(Document):
+    """How a goal ended, with Nav2's error codes (0 is success)."""
+
+    goal: Planar
+    goal_stamp_ns: int = Field(
+        description="stamp of the goal's message: tells one goal from another"
+    )
+    error_code: int
+    error_msg: str = ""
+    start_time_s: Finite
+    end_time_s: Finite
+    number_of_recoveries: int = 0
+
+
+class ErrorStatistics(Document):
+    """Mean, 95th percentile and maximum of an error."""
+
+    mean: Finite = 0.0
+    p95: Finite = 0.0
+    max: Finite = 0.0
+
+
+class GoalReport(Document):
+    """One goal, judged by the ground truth."""
+
+    name: str
+    reached: bool
+    time_s: Finite
+    path_length_m: Finite
+    shortest_path_m: Finite | None = Field(description="None where there is no way at all")
+    goal_error_m: Finite
+    goal_error_rad: Finite
+    recoveries: int
+    error_code: int
+    error_msg: str = ""
+
+
+class Evaluation(Document):
+    """The run so far, judged by the ground truth."""
+
+    goals: tuple[GoalReport, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    markers_seen: dict[str, int] = Field(default_factory=dict)
+    localisation_error_m: ErrorStatistics = ErrorStatistics()
+    localisation_error_rad: ErrorStatistics = ErrorStatistics()
+    marker_error_m: ErrorStatistics = ErrorStatistics()
+    odometry_drift_m: Finite = 0.0
+    recording: str = Field("", description="folder of the run, as the recorder knows it")

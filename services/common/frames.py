@@ -1,0 +1,140 @@
+"""Planar and spatial transforms, written `a_from_b`: they take coordinates in b to coordinates in a."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+class SE2(NamedTuple):
+    """A planar pose or transform `a_from_b`: the origin and heading of b, in metres and radians in a."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+    def __matmul__(self, other: SE2) -> SE2:
+        """`a_from_b @ b_from_c` is `a_from_c`."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return SE2(
+            self.x_m + c * other.x_m - s * other.y_m,
+            self.y_m + s * other.x_m + c * other.y_m,
+            wrap_angle(self.yaw_rad + other.yaw_rad),
+        )
+
+    def inverse(self) -> SE2:
+        """`b_from_a`."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return SE2(
+            -c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, wrap_angle(-self.yaw_rad)
+        )
+
+    def matrix(self, z_m: float = 0.0) -> Array:
+        """The (4, 4) homogeneous matrix of this transform at height z_m."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return np.array(
+            [[c, -s, 0, self.x_m], [s, c, 0, self.y_m], [0, 0, 1, z_m], [0, 0, 0, 1]], np.float64
+        )
+
+    def distance_m(self, other: SE2) -> float:
+        """Distance between the two origins."""
+        return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+
+
+def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) of a turn about z."""
+    return 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
+
+
+def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Heading of a unit quaternion, as in REP 103 (x forward, z up)."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
+    """(3, 3) rotation of fixed-axis roll, pitch, yaw, as URDF and SDFormat define it."""
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ],
+        np.float64,
+    )
+
+
+def rotation_from_quaternion(x: float, y: float, z: float, w: float) -> Array:
+    """(3, 3) rotation of a unit quaternion."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ],
+        np.float64,
+    )
+
+
+def quaternion_from_rotation(rotation: Array) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) with w >= 0 of a (3, 3) rotation, by Shepperd's method."""
+    m = rotation
+    trace = float(m[0, 0] + m[1, 1] + m[2, 2])
+    q = [0.0, 0.0, 0.0, 0.0]
+    if trace > 0.0:
+        s = 2.0 * math.sqrt(trace + 1.0)
+        q = [(m[2, 1] - m[1, 2]) / s, (m[0, 2] - m[2, 0]) / s, (m[1, 0] - m[0, 1]) / s, s / 4.0]
+    else:
+        i = int(np.argmax(np.diagonal(m)))
+        j, k = (i + 1) % 3, (i + 2) % 3
+        s = 2.0 * math.sqrt(max(1.0 + float(m[i, i] - m[j, j] - m[k, k]), 1e-18))
+        q[i] = s / 4.0
+        q[j] = (m[j, i] + m[i, j]) / s
+        q[k] = (m[k, i] + m[i, k]) / s
+        q[3] = (m[k, j] - m[j, k]) / s
+    sign = -1.0 if q[3] < 0.0 else 1.0
+    return sign * float(q[0]), sign * float(q[1]), sign * float(q[2]), sign * float(q[3])
+
+
+def transform_matrix(rotation: Array, translation_m: tuple[float, float, float]) -> Array:
+    """(4, 4) homogeneous matrix of a (3, 3) rotation and a translation."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = translation_m
+    return matrix
+
+
+def inverse_matrix(a_from_b: Array) -> Array:
+    """`b_from_a` of a rigid (4, 4) matrix."""
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3] = a_from_b[:3, :3].T
+    b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
+    return b_from_a
+
+
+# An optical frame (x right, y down, z forward) seen from its camera link (x forward, z up): REP 103.
+LINK_FROM_OPTICAL = transform_matrix(
+    rotation_from_rpy(-math.pi / 2, 0.0, -math.pi / 2), (0.0, 0.0, 0.0)
+)
+
+
+MAP_FRAME = "map"
+ODOM_FRAME = "odom"
+BASE_FOOTPRINT_FRAME = "base_footprint"
+BASE_LINK_FRAME = "base_link"
+SCAN_FRAME = "base_scan"
+IMU_FRAME = "imu_link"
+CAMERA_FRAME = "camera_link"
+CAMERA_OPTICAL_FRAME = "camera_rgb_optical_frame"

@@ -1,0 +1,206 @@
+"""What a node is: `step(now_ns, inbox, outbox)`, with typed boxes and no I/O."""
+
+from __future__ import annotations
+
+import threading
+import zlib
+from abc import ABC, abstractmethod
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar, TypeVar, cast
+
+import numpy as np
+
+from services.common import wire
+from services.common.topics import Delivery, Topic, read_by
+
+M = TypeVar("M")
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What travels beside a message: its number at its source, when it was sent, and in which world."""
+
+    source: str
+    sequence: int
+    sent_ns: int
+    world_hash: str
+
+
+class Node(ABC):
+    """A service's logic. It reads no clock, no file and no environment: all it knows comes through its boxes.
+
+    A node steps every `period_ns` of simulation time, and at once where a message on one of `wakes` has come.
+    """
+
+    name: ClassVar[str]
+    period_ns: ClassVar[int | None] = None
+    wakes: ClassVar[tuple[Topic[object], ...]] = ()
+    depth: ClassVar[int] = 0
+    """Messages of a LATEST topic to keep where that is more than the topic's own depth."""
+
+    world_hash: str = ""
+    """The world this node works in; empty before it has one."""
+    exit_code: int | None = None
+    """Set by a node whose work is done: its process ends with it."""
+
+    @abstractmethod
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Take in what is new, advance to `now_ns`, put out what is due."""
+
+    def waiting_for(self) -> str | None:
+        """The one thing this node cannot work without and does not have yet, in words; None: it is active."""
+        return None
+
+    def close(self) -> None:
+        """Let go of what the node holds. Called once, at the end."""
+
+
+class ClockNode(Node):
+    """The node that makes simulation time pass."""
+
+    @abstractmethod
+    def next_step_ns(self) -> int | None:
+        """The time to which the next step advances; None: time stands still."""
+
+
+@dataclass
+class TopicCounts:
+    """What an inbox has seen of one topic."""
+
+    received: int = 0
+    lost: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    last_sequence: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def sent(self) -> int:
+        """Messages that the publishers seen here have sent so far."""
+        return sum(sequence + 1 for sequence in self.last_sequence.values())
+
+
+class Inbox:
+    """The messages that came for one node since its last step. Delivery may come from any thread."""
+
+    def __init__(self, node: Node, on_delivery: Callable[[], None] = lambda: None) -> None:
+        self._node = node
+        self._on_delivery = on_delivery
+        self._lock = threading.Lock()
+        self._queues: dict[str, deque[tuple[object, Envelope]]] = {}
+        self.counts: dict[str, TopicCounts] = {}
+        for topic in read_by(node.name):
+            depth = max(topic.depth, node.depth) if topic.delivery is Delivery.LATEST else None
+            self._queues[topic.name] = deque(maxlen=depth)
+            self.counts[topic.name] = TopicCounts()
+
+    def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
+        """Take in a message, as an object or as bytes of the wire, to be decoded when it is read."""
+        with self._lock:
+            counts = self.counts[topic.name]
+            last = counts.last_sequence.get(envelope.source)
+            counts.received += 1
+            if last is not None and envelope.sequence > last + 1:
+                counts.lost += envelope.sequence - last - 1
+            counts.last_sequence[envelope.source] = max(envelope.sequence, last or 0)
+            self._queues[topic.name].append((message, envelope))
+        self._on_delivery()
+
+    def pending(self, topic: Topic[M]) -> bool:
+        """Whether a message waits."""
+        return bool(self._queues[topic.name])
+
+    def new(self, topic: Topic[M]) -> list[M]:
+        """The messages since the last call, oldest first; of a LATEST topic the newest `depth`.
+
+        Raises KeyError where the table does not name this node as a reader.
+        """
+        with self._lock:
+            waiting = list(self._queues[topic.name])
+            self._queues[topic.name].clear()
+        messages: list[M] = []
+        for raw, envelope in waiting:
+            try:
+                message = wire.decode(topic, raw) if isinstance(raw, bytes) else cast("M", raw)
+                wire.validate(topic, message)
+            except wire.WireError as error:
+                self.reject(topic, error.reason)
+                continue
+            ours = self._node.world_hash
+            if ours and envelope.world_hash and envelope.world_hash != ours:
+                if topic.delivery is not Delivery.LATCHED:
+                    self.reject(topic, "other world")
+                    continue
+            messages.append(message)
+        return messages
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """The newest message since the last call, or None."""
+        messages = self.new(topic)
+        return messages[-1] if messages else None
+
+    def reject(self, topic: Topic[M], reason: str) -> None:
+        """Count a message that was not acted on. The reason is a short phrase, one of few."""
+        self.counts[topic.name].rejected[reason] += 1
+
+
+class Outbox:
+    """Where a node puts what it has to say."""
+
+    def __init__(
+        self, node: Node, send: Callable[[Topic[object], object, Envelope], None], source: str = ""
+    ) -> None:
+        self._node = node
+        self._send = send
+        self._source = source or node.name
+        self._sequence: Counter[str] = Counter()
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self.now_ns = 0
+
+    def put(self, topic: Topic[M], message: M) -> None:
+        """Send a message.
+
+        A message that is not finite is counted and goes no further.
+        Raises PermissionError where the table does not name this node as an owner.
+        """
+        if self._node.name not in topic.owners:
+            raise PermissionError(f"{self._node.name} may not write {topic.name}")
+        try:
+            wire.validate(topic, message)
+        except wire.WireError as error:
+            self.rejected[topic.name, error.reason] += 1
+            return
+        envelope = Envelope(
+            self._source, self._sequence[topic.name], self.now_ns, self._node.world_hash
+        )
+        self._sequence[topic.name] += 1
+        self._send(cast("Topic[object]", topic), message, envelope)
+
+    def sent(self, topic: Topic[M]) -> int:
+        """Messages sent on a topic so far."""
+        return self._sequence[topic.name]
+
+
+class Trigger:
+    """Tells when a node has to step."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._next_ns = 0
+
+    def due(self, now_ns: int, inbox: Inbox) -> bool:
+        """Whether the node has to step at `now_ns`; asking moves a periodic node's next time on."""
+        period_ns = self._node.period_ns
+        if period_ns is not None:
+            if now_ns < self._next_ns - period_ns:
+                # The simulation began anew.
+                self._next_ns = now_ns
+            if now_ns >= self._next_ns:
+                self._next_ns = (now_ns // period_ns + 1) * period_ns
+                return True
+        return any(inbox.pending(topic) for topic in self._node.wakes)
+
+
+def random_generator(seed: int, stream: str) -> np.random.Generator:
+    """The generator of one named stream of a run's seed, independent of every other stream's."""
+    return np.random.default_rng([seed, zlib.crc32(stream.encode())])
