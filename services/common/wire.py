@@ -83,10 +83,10 @@ def validate(topic: Topic[M], message: M) -> None:
 
     Raises WireError where a number is not finite, an array has the wrong length, or a rotation is none.
     """
-    if isinstance(message, Document):
-        return
     if not isinstance(message, topic.type):
         raise WireError("not of its type", type(message).__name__)
+    if isinstance(message, Document):
+        return
     try:
         problem = _checker(type_name(topic))(message)
     except (TypeError, AttributeError, ValueError) as error:
