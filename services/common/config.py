@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,6 +46,9 @@ def load(model: type[C], service: str, arguments: list[str]) -> C:
     """
     rest, path = _take_config_flag(arguments)
     section = _yaml_section(path, service) if path else {}
+    if os.environ.get("MAZEBOT_SEED"):
+        # One seed for all services, under one name.
+        section = {**section, "seed": os.environ["MAZEBOT_SEED"]}
     prefix = f"MAZEBOT_{service.upper()}_"
 
     class Settings(BaseSettings):
@@ -103,8 +107,6 @@ def fail(message: str) -> None:
 
 
 def _take_config_flag(arguments: list[str]) -> tuple[list[str], Path | None]:
-    import os  # noqa: PLC0415 - the one place that reads the environment by hand
-
     rest: list[str] = []
     path = os.environ.get("MAZEBOT_CONFIG") or None
     words = iter(arguments)

@@ -54,7 +54,8 @@ class Topic(Generic[M]):
 _LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
 
 CLOCK = Topic(
-    "/clock", msg.Clock, ("physics",), ("recorder",), _LATEST, "simulation time", rate_hz=60
+    "/clock", msg.Clock, ("physics",), ("recorder",), _LATEST,
+    "simulation time; the loop of every service follows it", rate_hz=60
 )
 WORLD_REQUEST = Topic(
     "/world/request", doc.WorldRequest, ("bringup",), ("worldgen", "recorder"), _LATCHED,
@@ -178,7 +179,7 @@ EVALUATION = Topic(
     "the run judged by the ground truth", rate_hz=1,
 )  # fmt: skip
 DIAGNOSTICS = Topic(
-    "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder",), _LATEST,
+    "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
     "state of each service, what it waits for, what it rejected", rate_hz=1, depth=20,
 )  # fmt: skip
 ROSOUT = Topic(

@@ -1,0 +1,5 @@
+from services.bringup.config import BringupConfig
+from services.bringup.node import BringupNode
+from services.common.serve import main
+
+main(BringupConfig, BringupNode)

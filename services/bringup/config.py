@@ -1,0 +1,24 @@
+"""What `bringup` is told."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from services.common.config import ServiceConfig
+
+
+class BringupConfig(ServiceConfig):
+    """Which world to ask for, and where to drive in it."""
+
+    world_name: str = Field("sim_house_enhanced", description="the world to ask for")
+    use_aruco: bool = Field(True, description="keep the world's ArUco markers")
+    tour: tuple[str, ...] = Field(
+        ("location1", "location2", "location3", "location4", "home"),
+        description="names of locations to drive to, in order; `home` is the robot's start",
+    )
+    bringup_timeout_s: float = Field(
+        60.0, gt=0, description="simulation time after which a stack that is not active has failed"
+    )
+    resend_after_s: float = Field(
+        2.0, gt=0, description="simulation time without a sign of the goal after which it is sent again"
+    )

@@ -1,0 +1,200 @@
+"""Asks for a world, waits until localisation and navigation are active, drives the tour, prints its table."""
+
+from __future__ import annotations
+
+import logging
+
+from services.bringup.config import BringupConfig
+from services.bringup.table import tour_table
+from services.bringup.tour import tour_goals
+from services.common import messages as msg
+from services.common.diagnostics import WAITING_KEY
+from services.common.documents import (
+    Evaluation,
+    NavigationResult,
+    NavigationStatus,
+    Planar,
+    World,
+    WorldRequest,
+)
+from services.common.frames import MAP_FRAME
+from services.common.node import Inbox, Node, Outbox
+from services.common.topics import (
+    DIAGNOSTICS,
+    EVALUATION,
+    GOAL_POSE,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    SERVICES,
+    SIMULATION_STATS,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+)
+
+_LOG = logging.getLogger("bringup")
+_MANAGERS = ("lifecycle_manager_localization", "lifecycle_manager_navigation")
+_ACTIVE = "Managed nodes are active"
+
+EXIT_NOT_REACHED = 1
+EXIT_REFUSED = 2
+EXIT_NOT_ACTIVE = 3
+
+EVALUATION_PATIENCE_S = 5.0
+"""Simulation time to wait for the recorder's verdict before the tour ends without it."""
+
+
+class BringupNode(Node):
+    """The life of a run, from the request for a world to the table of its tour."""
+
+    name = "bringup"
+    period_ns = 100_000_000
+    wakes = (WORLD_STATUS, WORLD, NAVIGATION_STATUS, NAVIGATION_RESULT, EVALUATION)
+
+    def __init__(self, config: BringupConfig) -> None:
+        self._config = config
+        self._request = WorldRequest(world_name=config.world_name, use_aruco=config.use_aruco)
+        self._requested = False
+        self._world: World | None = None
+        self._goals: list[tuple[str, Planar]] = []
+        self._goal_index = 0
+        self._goal_stamp_ns: int | None = None
+        self._goal_sign_ns = 0
+        self._active = {manager: False for manager in _MANAGERS}
+        self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
+        self._waiting: dict[str, str] = {}
+        self._results: list[NavigationResult] = []
+        self._results_before = 0
+        self._evaluation: Evaluation | None = None
+        self._tour_end_ns = 0
+
+    def waiting_for(self) -> str | None:
+        """What keeps the tour from beginning, service by service."""
+        if all(self._active.values()) or self.exit_code is not None:
+            return None
+        missing = []
+        for service in SERVICES:
+            if service == self.name:
+                continue
+            if service not in self._waiting:
+                missing.append(f"{service} (not up)")
+            elif self._waiting[service]:
+                missing.append(f"{service} (waits for {self._waiting[service]})")
+        return ", ".join(missing) or "localization and navigation to become active"
+
+    @property
+    def progress(self) -> tuple[int, int, str]:
+        """Goals done, goals in all, and the name of the goal being driven to."""
+        name = self._goals[self._goal_index][0] if self._goal_index < len(self._goals) else ""
+        return self._goal_index, len(self._config.tour), name
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Take the run one stage further."""
+        if not self._requested:
+            self._requested = True
+            outbox.put(WORLD_REQUEST, self._request)
+        self._listen(now_ns, inbox)
+        if self.exit_code is not None or self._world is None:
+            return
+        self._announce(now_ns)
+        if not all(self._active.values()):
+            return
+        if self._goal_index < len(self._goals):
+            self._drive(now_ns, inbox, outbox)
+        elif self._judged() or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
+            self._finish()
+
+    def _listen(self, now_ns: int, inbox: Inbox) -> None:
+        for status in inbox.new(WORLD_STATUS):
+            if status.request == self._request and status.error:
+                _LOG.error("%s", status.error)
+                self.exit_code = EXIT_REFUSED
+            elif status.request == self._request:
+                self.world_hash = status.world_hash
+        for world in inbox.new(WORLD):
+            if self._world is None and world.hash == self.world_hash:
+                try:
+                    self._goals = tour_goals(world, self._config.tour)
+                except ValueError as error:
+                    _LOG.error("%s", error)
+                    self.exit_code = EXIT_REFUSED
+                    return
+                self._world = world
+                _LOG.info(
+                    "world %s (%s): %d walls, %d markers",
+                    world.name, world.hash, len(world.walls), len(world.markers),
+                )  # fmt: skip
+        for array in inbox.new(DIAGNOSTICS):
+            for status_of in array.status:
+                values = {value.key: value.value for value in status_of.values}
+                self._waiting[status_of.name] = values.get(WAITING_KEY, "")
+        for navigation in inbox.new(NAVIGATION_STATUS):
+            self._navigation = navigation
+            if navigation.goal is not None:
+                self._goal_sign_ns = now_ns
+        for evaluation in inbox.new(EVALUATION):
+            self._evaluation = evaluation
+            if not self._results and self._goal_stamp_ns is None:
+                # What an earlier tour in the same world left.
+                self._results_before = len(evaluation.goals)
+        inbox.new(SIMULATION_STATS)
+
+    def _announce(self, now_ns: int) -> None:
+        states = (self._navigation.localization_active, self._navigation.navigation_active)
+        for manager, active in zip(_MANAGERS, states, strict=True):
+            if active and not self._active[manager]:
+                self._active[manager] = True
+                logging.getLogger(manager).info(_ACTIVE)
+        if not all(self._active.values()) and now_ns > self._config.bringup_timeout_s * 1e9:
+            logging.getLogger(_MANAGERS[1]).error(
+                "Failed to bring up all requested nodes. Aborting bringup. Waiting for %s",
+                self.waiting_for(),
+            )
+            self.exit_code = EXIT_NOT_ACTIVE
+
+    def _drive(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        name, goal = self._goals[self._goal_index]
+        for result in inbox.new(NAVIGATION_RESULT):
+            if result.goal_stamp_ns != self._goal_stamp_ns:
+                continue
+            self._results.append(result)
+            self._goal_index += 1
+            self._goal_stamp_ns = None
+            self._tour_end_ns = now_ns
+            if result.error_code:
+                _LOG.warning("%s: error %d: %s", name, result.error_code, result.error_msg)
+            else:
+                taken_s = result.end_time_s - result.start_time_s
+                _LOG.info("%s: reached after %.1f s", name, taken_s)
+            return
+        silent_ns = now_ns - self._goal_sign_ns
+        lost = self._navigation.goal is None and silent_ns > self._config.resend_after_s * 1e9
+        ready = self._navigation.localization_active and self._navigation.navigation_active
+        if self._goal_stamp_ns is not None and not (lost and ready):
+            return
+        again = " again: navigation does not know it" if self._goal_stamp_ns is not None else ""
+        _LOG.info(
+            "%s: driving to (%.2f, %.2f, %.2f)%s", name, goal.x_m, goal.y_m, goal.yaw_rad, again
+        )
+        self._goal_stamp_ns = self._goal_sign_ns = now_ns
+        outbox.put(
+            GOAL_POSE,
+            msg.PoseStamped(
+                header=msg.header(now_ns, MAP_FRAME), pose=msg.pose_from_se2(goal.se2())
+            ),
+        )
+
+    def _judged(self) -> bool:
+        wanted = self._results_before + len(self._goals)
+        return self._evaluation is not None and len(self._evaluation.goals) >= wanted
+
+    def _finish(self) -> None:
+        reached = all(result.error_code == 0 for result in self._results)
+        if self._evaluation is not None and self._judged():
+            ours = self._evaluation.goals[self._results_before :]
+            reached = all(goal.reached for goal in ours)
+            evaluation = self._evaluation.model_copy(update={"goals": ours})
+            _LOG.info("tour finished\n%s", tour_table(evaluation))
+        else:
+            _LOG.warning("tour finished; the recorder has not judged it")
+        self.exit_code = 0 if reached else EXIT_NOT_REACHED

@@ -1,0 +1,235 @@
+"""The Zenoh session of one process: the only file that imports zenoh."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+import uuid
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import zenoh
+from pydantic import Field
+
+from services.common import wire
+from services.common.config import ServiceConfig
+from services.common.node import Envelope, Inbox, Node, Outbox
+from services.common.topics import BY_NAME, Delivery, Topic, owned_by, read_by
+
+M = TypeVar("M")
+
+ALIVE_PREFIX = "mazebot/alive/"
+
+# rmw_zenoh's attachment (sequence number, source time, gid with its length), and behind it the world's hash.
+_ATTACHMENT = struct.Struct("<qqB16s16s")
+
+
+class BusConfig(ServiceConfig):
+    """How to reach the others."""
+
+    connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
+    prefix: str = Field("", description="put before every key, to run several stacks on one router")
+
+
+class BusUnavailableError(ConnectionError):
+    """No router answers at the endpoint."""
+
+
+def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
+    """Open a client session.
+
+    A finite time-out, to be called in a loop: an endless one inside Zenoh would not let signals through.
+    Raises BusUnavailableError where no router answers within `timeout_s`.
+    """
+    settings = zenoh.Config()
+    options = {
+        "mode": "client",
+        "connect/endpoints": [config.connect],
+        "connect/timeout_ms": int(timeout_s * 1000),
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 100,
+            "period_max_ms": 1000,
+            "period_increase_factor": 1.5,
+        },
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        "transport/link/tx/lease": 2000,
+    }
+    try:
+        for key, value in options.items():
+            settings.insert_json5(key, json.dumps(value))
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        raise BusUnavailableError(f"no Zenoh router at {config.connect}") from error
+
+
+def pack_attachment(envelope: Envelope) -> bytes:
+    """The bytes of an envelope beside its message."""
+    return _ATTACHMENT.pack(
+        envelope.sequence,
+        envelope.sent_ns,
+        16,
+        bytes.fromhex(envelope.source),
+        envelope.world_hash.encode("ascii"),
+    )
+
+
+def unpack_attachment(data: bytes) -> Envelope:
+    """The envelope in the bytes beside a message.
+
+    Raises ValueError where they hold none.
+    """
+    try:
+        sequence, sent_ns, length, source, world = _ATTACHMENT.unpack(data)
+        world_hash = world.rstrip(b"\0").decode("ascii")
+    except (struct.error, UnicodeDecodeError) as error:
+        raise ValueError("attachment of another kind") from error
+    if length != 16 or sequence < 0:
+        raise ValueError("attachment of another kind")
+    return Envelope(source.hex(), sequence, sent_ns, world_hash)
+
+
+class Bus:
+    """The publications and subscriptions of one node, as the table has them."""
+
+    def __init__(self, session: zenoh.Session, node: Node, inbox: Inbox, prefix: str = "") -> None:
+        self._session = session
+        self._inbox = inbox
+        self._prefix = prefix
+        self._publishers: dict[str, Any] = {}
+        self._subscribers: list[Any] = []
+        self._token: zenoh.LivelinessToken | None = None
+        self._alive_key = f"{prefix}{ALIVE_PREFIX}{node.name}"
+        self.source = uuid.uuid4().hex
+        for topic in read_by(node.name):
+            self._subscribers.append(
+                subscribe(session, topic, self._receiver(topic), prefix=prefix)
+            )
+        for topic in owned_by(node.name):
+            self._publishers[topic.name] = publish(session, topic, prefix)
+
+    def announce(self) -> None:
+        """Tell the others, by a liveliness token, that this node takes messages."""
+        self._token = self._session.liveliness().declare_token(self._alive_key)
+
+    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        """Put a message on the wire."""
+        self._publishers[topic.name].put(
+            wire.encode(topic, message), attachment=pack_attachment(envelope)
+        )
+
+    def outbox(self, node: Node) -> Outbox:
+        """The node's outbox on this bus."""
+        return Outbox(node, self.send, self.source)
+
+    def _receiver(self, topic: Topic[M]) -> Callable[[bytes, bytes | None], None]:
+        def receive(payload: bytes, attachment: bytes | None) -> None:
+            try:
+                envelope = unpack_attachment(attachment or b"")
+            except ValueError as error:
+                if attachment is not None:
+                    self._inbox.reject(topic, str(error))
+                    return
+                # A hand-written script or a ROS bridge sends the bare message.
+                envelope = Envelope("", 0, 0, "")
+            self._inbox.deliver(topic, payload, envelope)
+
+        return receive
+
+    def close(self) -> None:
+        """Withdraw the token, then close the session with all its declarations."""
+        if self._token is not None:
+            self._token.undeclare()  # type: ignore[no-untyped-call]
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+def subscribe(
+    session: zenoh.Session,
+    topic: Topic[M],
+    receive: Callable[[bytes, bytes | None], None],
+    prefix: str = "",
+) -> Any:
+    """Subscribe as the topic's delivery says; keep what is returned.
+
+    `receive` runs on Zenoh's thread: it must only store.
+    """
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        receive(sample.payload.to_bytes(), attachment.to_bytes() if attachment else None)
+
+    key = wire.key_from_topic(topic, prefix)
+    handler = cast("Any", zenoh.handlers.Callback(on_sample, indirect=False))
+    if topic.delivery is Delivery.LATCHED:
+        return zenoh.ext.declare_advanced_subscriber(
+            session,
+            key,
+            handler,
+            history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=topic.depth),
+            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+    return session.declare_subscriber(key, handler)
+
+
+def publish(session: zenoh.Session, topic: Topic[M], prefix: str = "") -> Any:
+    """Declare a publisher as the topic's delivery says."""
+    key = wire.key_from_topic(topic, prefix)
+    encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
+    if topic.delivery is Delivery.LATCHED:
+        return zenoh.ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=encoding,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            cache=zenoh.ext.CacheConfig(max_samples=topic.depth),
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=0.2
+            ),
+            publisher_detection=True,
+        )
+    latest = topic.delivery is Delivery.LATEST
+    return session.declare_publisher(
+        key,
+        encoding=encoding,
+        congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
+        express=latest,
+        priority=zenoh.Priority.REAL_TIME if topic.name == "/cmd_vel" else zenoh.Priority.DATA,
+    )
+
+
+def put_once(
+    session: zenoh.Session, topic: Topic[M], message: M, stamp_ns: int = 0, prefix: str = ""
+) -> None:
+    """Send one message of an EVERY topic from outside the services."""
+    publisher = publish(session, topic, prefix)
+    envelope = Envelope(uuid.uuid4().hex, 0, stamp_ns, "")
+    publisher.put(wire.encode(topic, message), attachment=pack_attachment(envelope))
+
+
+def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:
+    """Names of the services whose tokens are there."""
+    key = f"{prefix}{ALIVE_PREFIX}*"
+    names = set()
+    for reply in session.liveliness().get(key, timeout=timeout_s):
+        if reply.ok is not None:
+            names.add(str(reply.ok.key_expr).rsplit("/", 1)[-1])
+    return names
+
+
+def wait_until_alive(
+    session: zenoh.Session, service: str, deadline_s: float, prefix: str = ""
+) -> bool:
+    """Whether a service is there before the deadline, in seconds from now."""
+    end = time.monotonic() + deadline_s
+    while time.monotonic() < end:
+        if service in alive(session, prefix):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def topic_named(name: str) -> Topic[object] | None:
+    """The topic of a name with or without its slash."""
+    return BY_NAME.get("/" + name.removeprefix("/"))
