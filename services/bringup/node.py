@@ -26,7 +26,6 @@ from services.common.topics import (
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     SERVICES,
-    SIMULATION_STATS,
     WORLD,
     WORLD_REQUEST,
     WORLD_STATUS,
@@ -55,6 +54,7 @@ class BringupNode(Node):
         self._config = config
         self._request = WorldRequest(world_name=config.world_name, use_aruco=config.use_aruco)
         self._requested = False
+        self._offered: World | None = None
         self._world: World | None = None
         self._goals: list[tuple[str, Planar]] = []
         self._goal_index = 0
@@ -111,19 +111,9 @@ class BringupNode(Node):
                 self.exit_code = EXIT_REFUSED
             elif status.request == self._request:
                 self.world_hash = status.world_hash
-        for world in inbox.new(WORLD):
-            if self._world is None and world.hash == self.world_hash:
-                try:
-                    self._goals = tour_goals(world, self._config.tour)
-                except ValueError as error:
-                    _LOG.error("%s", error)
-                    self.exit_code = EXIT_REFUSED
-                    return
-                self._world = world
-                _LOG.info(
-                    "world %s (%s): %d walls, %d markers",
-                    world.name, world.hash, len(world.walls), len(world.markers),
-                )  # fmt: skip
+        self._offered = inbox.latest(WORLD) or self._offered
+        if self._world is None and self._offered and self._offered.hash == self.world_hash:
+            self._enter(self._offered)
         for array in inbox.new(DIAGNOSTICS):
             for status_of in array.status:
                 values = {value.key: value.value for value in status_of.values}
@@ -137,7 +127,17 @@ class BringupNode(Node):
             if not self._results and self._goal_stamp_ns is None:
                 # What an earlier tour in the same world left.
                 self._results_before = len(evaluation.goals)
-        inbox.new(SIMULATION_STATS)
+
+    def _enter(self, world: World) -> None:
+        try:
+            self._goals = tour_goals(world, self._config.tour)
+        except ValueError as error:
+            _LOG.error("%s", error)
+            self.exit_code = EXIT_REFUSED
+            return
+        self._world = world
+        walls, markers = len(world.walls), len(world.markers)
+        _LOG.info("world %s (%s): %d walls, %d markers", world.name, world.hash, walls, markers)
 
     def _announce(self, now_ns: int) -> None:
         states = (self._navigation.localization_active, self._navigation.navigation_active)

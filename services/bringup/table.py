@@ -10,7 +10,17 @@ from rich.table import Table
 
 from services.common.documents import Evaluation
 
-_HEADINGS = ("goal", "reached", "time s", "path m", "shortest m", "goal error m", "goal error deg")
+_HEADINGS = (
+    "goal",
+    "reached",
+    "time s",
+    "path m",
+    "shortest m",
+    "loc. error m",
+    "goal error m",
+    "goal error deg",
+    "contacts",
+)
 
 
 def tour_table(evaluation: Evaluation) -> str:
@@ -27,8 +37,10 @@ def tour_table(evaluation: Evaluation) -> str:
             f"{goal.time_s:.1f}",
             f"{goal.path_length_m:.2f}",
             shortest,
+            f"{goal.localisation_error_m:.3f}",
             f"{goal.goal_error_m:.3f}",
             f"{math.degrees(goal.goal_error_rad):.1f}",
+            str(goal.contacts),
         )
     console = Console(width=100, color_system=None)
     with console.capture() as capture:

@@ -227,6 +227,8 @@ class GoalReport(Document):
     recoveries: int
     error_code: int
     error_msg: str = ""
+    localisation_error_m: Finite = Field(0.0, description="mean while driving to this goal")
+    contacts: int = Field(0, description="contacts while driving to this goal")
 
 
 class Evaluation(Document):

@@ -6,6 +6,7 @@ Stamps are simulation time. Lengths are metres, angles radians, unless a name sa
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -254,6 +255,23 @@ def matrix_from_transform(transform: Transform) -> Array:
     matrix[:3, :3] = rotation_from_quaternion(q.x, q.y, q.z, q.w)
     matrix[:3, 3] = (t.x, t.y, t.z)
     return matrix
+
+
+def chain_transforms(
+    transforms: Iterable[TransformStamped], parent_frame: str, child_frame: str
+) -> Array | None:
+    """Rigid (4, 4) `parent_from_child` through TF entries; None where they do not connect the two."""
+    parents = {entry.child_frame_id: entry for entry in transforms}
+    parent_from_child = np.eye(4)
+    frame = child_frame
+    for _ in range(len(parents) + 1):
+        if frame == parent_frame:
+            return parent_from_child
+        if frame not in parents:
+            return None
+        parent_from_child = matrix_from_transform(parents[frame].transform) @ parent_from_child
+        frame = parents[frame].header.frame_id
+    return None
 
 
 def planar_covariance(covariance_3x3: Array, unused: float = 0.0) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class Node(ABC):
 
     name: ClassVar[str]
     period_ns: ClassVar[int | None] = None
-    wakes: ClassVar[tuple[Topic[object], ...]] = ()
+    wakes: ClassVar[tuple[Topic[Any], ...]] = ()
     depth: ClassVar[int] = 0
     """Messages of a LATEST topic to keep where that is more than the topic's own depth."""
 
@@ -53,7 +53,7 @@ class Node(ABC):
         """The one thing this node cannot work without and does not have yet, in words; None: it is active."""
         return None
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most nodes hold nothing
         """Let go of what the node holds. Called once, at the end."""
 
 

@@ -127,7 +127,7 @@ CONTACTS = Topic(
     "the robot began to touch something",
 )  # fmt: skip
 SIMULATION_STATS = Topic(
-    "/simulation/stats", doc.SimulationStats, ("physics",), ("recorder", "bringup"), _LATCHED,
+    "/simulation/stats", doc.SimulationStats, ("physics",), ("recorder",), _LATCHED,
     "time, steps, renderer, state hash", rate_hz=5,
 )  # fmt: skip
 DETECTIONS = Topic(
