@@ -260,7 +260,7 @@ def matrix_from_transform(transform: Transform) -> Array:
 def chain_transforms(
     transforms: Iterable[TransformStamped], parent_frame: str, child_frame: str
 ) -> Array | None:
-    """Rigid (4, 4) `parent_from_child` through TF entries; None where they do not connect the two."""
+    """Rigid (4, 4) `parent_from_child` through TF entries; None where they connect no such pair."""
     parents = {entry.child_frame_id: entry for entry in transforms}
     parent_from_child = np.eye(4)
     frame = child_frame
