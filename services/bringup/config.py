@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from services.common.config import ServiceConfig
+from services.common.documents import Finite
 
 
 class BringupConfig(ServiceConfig):
@@ -16,9 +17,12 @@ class BringupConfig(ServiceConfig):
         ("location1", "location2", "location3", "location4", "home"),
         description="names of locations to drive to, in order; `home` is the robot's start",
     )
+    goal: tuple[Finite, Finite, Finite] | None = Field(
+        None, description="x (m), y (m), yaw (rad) in the map frame: one goal in place of the tour"
+    )
     bringup_timeout_s: float = Field(
         60.0, gt=0, description="simulation time after which a stack that is not active has failed"
     )
     resend_after_s: float = Field(
-        2.0, gt=0, description="simulation time without a sign of the goal after which it is sent again"
+        2.0, gt=0, description="simulation time without a sign of the goal; then it is sent again"
     )

@@ -1,4 +1,6 @@
-"""Asks for a world, waits until localisation and navigation are active, drives the tour, prints its table."""
+"""Asks for a world, waits until localisation and navigation are active, drives the tour, prints its
+table.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,7 @@ class BringupNode(Node):
         self._goal_index = 0
         self._goal_stamp_ns: int | None = None
         self._goal_sign_ns = 0
-        self._active = {manager: False for manager in _MANAGERS}
+        self._active = dict.fromkeys(_MANAGERS, False)
         self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
         self._waiting: dict[str, str] = {}
         self._results: list[NavigationResult] = []
@@ -86,7 +88,7 @@ class BringupNode(Node):
     def progress(self) -> tuple[int, int, str]:
         """Goals done, goals in all, and the name of the goal being driven to."""
         name = self._goals[self._goal_index][0] if self._goal_index < len(self._goals) else ""
-        return self._goal_index, len(self._config.tour), name
+        return self._goal_index, len(self._goals) or len(self._config.tour), name
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take the run one stage further."""
@@ -131,6 +133,9 @@ class BringupNode(Node):
     def _enter(self, world: World) -> None:
         try:
             self._goals = tour_goals(world, self._config.tour)
+            if self._config.goal is not None:
+                x_m, y_m, yaw_rad = self._config.goal
+                self._goals = [("goal", Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))]
         except ValueError as error:
             _LOG.error("%s", error)
             self.exit_code = EXIT_REFUSED

@@ -46,7 +46,8 @@ def tour_table(evaluation: Evaluation) -> str:
     with console.capture() as capture:
         console.print(table)
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
-    seen = ", ".join(f"{name} ({count}x)" for name, count in sorted(evaluation.markers_seen.items()))
+    counts = sorted(evaluation.markers_seen.items())
+    seen = ", ".join(f"{name} ({count}x)" for name, count in counts)
     lines = [
         capture.get().strip("\n"),
         f" localisation error: mean {error_m.mean:.3f} m, p95 {error_m.p95:.3f} m, "

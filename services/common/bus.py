@@ -21,7 +21,8 @@ M = TypeVar("M")
 
 ALIVE_PREFIX = "mazebot/alive/"
 
-# rmw_zenoh's attachment (sequence number, source time, gid with its length), and behind it the world's hash.
+# rmw_zenoh's attachment (sequence number, source time, gid with its length), and behind it the
+# world's hash.
 _ATTACHMENT = struct.Struct("<qqB16s16s")
 
 
@@ -39,7 +40,8 @@ class BusUnavailableError(ConnectionError):
 def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
     """Open a client session.
 
-    A finite time-out, to be called in a loop: an endless one inside Zenoh would not let signals through.
+    A finite time-out, to be called in a loop: an endless one inside Zenoh would not let signals
+    through.
     Raises BusUnavailableError where no router answers within `timeout_s`.
     """
     settings = zenoh.Config()
@@ -190,10 +192,13 @@ def publish(session: zenoh.Session, topic: Topic[M], prefix: str = "") -> Any:
             publisher_detection=True,
         )
     latest = topic.delivery is Delivery.LATEST
+    control = zenoh.CongestionControl
     return session.declare_publisher(
         key,
         encoding=encoding,
-        congestion_control=zenoh.CongestionControl.DROP if latest else zenoh.CongestionControl.BLOCK,
+        congestion_control=zenoh.CongestionControl.DROP
+        if latest
+        else zenoh.CongestionControl.BLOCK,
         express=latest,
         priority=zenoh.Priority.REAL_TIME if topic.name == "/cmd_vel" else zenoh.Priority.DATA,
     )

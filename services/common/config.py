@@ -1,4 +1,6 @@
-"""Configuration: flags over environment over YAML file over defaults, and one line for each mistake."""
+"""Configuration: flags over environment over YAML file over defaults, and one line for each
+mistake.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ C = TypeVar("C", bound=ServiceConfig)
 def load(model: type[C], service: str, arguments: list[str]) -> C:
     """Read a service's configuration.
 
-    Flags (`--scan-rate-hz 5`) win over the environment (`MAZEBOT_PHYSICS_SCAN_RATE_HZ`), over the service's section
+    Flags (`--scan-rate-hz 5`) win over the environment (`MAZEBOT_PHYSICS_SCAN_RATE_HZ`), over the
+    service's section
     of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over the defaults.
 
     Raises ConfigError with one line that names the source, the field and the value.

@@ -1,7 +1,8 @@
 """The JSON documents of our own: what travels in std_msgs/String where ROS has no type.
 
 Each one is a frozen pydantic model: unknown keys and non-finite numbers are refused.
-Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name says otherwise.
+Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name
+says otherwise.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ class Wall(Document):
 
 
 class Marker(Document):
-    """An ArUco marker by the surface it hangs on. `offset_m` runs along the wall's x axis from its centre."""
+    """An ArUco marker by the surface it hangs on. `offset_m` runs along the wall's x axis from its
+    centre.
+    """
 
     id: Annotated[int, Field(ge=0)]
     dictionary: str = "DICT_4X4_100"
@@ -128,7 +131,8 @@ class World(Document):
 
 
 class Entity(Document):
-    """A thing that should stand in the world. Its pose is that of its centre; a marker's face looks along +z,
+    """A thing that should stand in the world. Its pose is that of its centre; a marker's face looks
+    along +z,
     with +x to the right and +y up as one looks at it.
     """
 

@@ -1,4 +1,6 @@
-"""Planar and spatial transforms, written `a_from_b`: they take coordinates in b to coordinates in a."""
+"""Planar and spatial transforms, written `a_from_b`: they take coordinates in b to coordinates in
+a.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 class SE2(NamedTuple):
-    """A planar pose or transform `a_from_b`: the origin and heading of b, in metres and radians in a."""
+    """A planar pose or transform `a_from_b`: the origin and heading of b, in metres and radians in
+    a.
+    """
 
     x_m: float
     y_m: float
@@ -124,7 +128,8 @@ def inverse_matrix(a_from_b: Array) -> Array:
     return b_from_a
 
 
-# An optical frame (x right, y down, z forward) seen from its camera link (x forward, z up): REP 103.
+# An optical frame (x right, y down, z forward) seen from its camera link (x forward, z up): REP
+# 103.
 LINK_FROM_OPTICAL = transform_matrix(
     rotation_from_rpy(-math.pi / 2, 0.0, -math.pi / 2), (0.0, 0.0, 0.0)
 )

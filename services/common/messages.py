@@ -1,6 +1,7 @@
 """The ROS 2 (Jazzy) message types under their own names, and the short functions that fill them.
 
-The classes of standard packages come from `rosbags`; vision_msgs, which it does not ship, is declared here.
+The classes of standard packages come from `rosbags`; vision_msgs, which it does not ship, is
+declared here.
 Stamps are simulation time. Lengths are metres, angles radians, unless a name says otherwise.
 """
 
@@ -124,7 +125,9 @@ class ObjectHypothesis:
 
 @dataclass
 class ObjectHypothesisWithPose:
-    """vision_msgs/ObjectHypothesisWithPose: one hypothesis of identity and pose in the array's frame."""
+    """vision_msgs/ObjectHypothesisWithPose: one hypothesis of identity and pose in the array's
+    frame.
+    """
 
     hypothesis: ObjectHypothesis
     pose: PoseWithCovariance
@@ -182,7 +185,9 @@ for _class, _text in _VISION_MSGS.items():
 
 
 def float32(value: float) -> float:
-    """The value a float32 field holds after the wire, so that both ways of running see the same one."""
+    """The value a float32 field holds after the wire, so that both ways of running see the same
+    one.
+    """
     return float(np.float32(value))
 
 
@@ -289,7 +294,9 @@ def planar_covariance(covariance_3x3: Array, unused: float = 0.0) -> NDArray[np.
 def occupancy_grid(
     stamp_ns: int, resolution_m: float, origin: SE2, cells: NDArray[np.int8], frame_id: str = "map"
 ) -> OccupancyGrid:
-    """Grid message of (height, width) cells, row 0 at the smallest y; -1 unknown, 0 free to 100 occupied."""
+    """Grid message of (height, width) cells, row 0 at the smallest y; -1 unknown, 0 free to 100
+    occupied.
+    """
     rows, columns = cells.shape
     return OccupancyGrid(
         header=header(stamp_ns, frame_id),

@@ -20,7 +20,9 @@ M = TypeVar("M")
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What travels beside a message: its number at its source, when it was sent, and in which world."""
+    """What travels beside a message: its number at its source, when it was sent, and in which
+    world.
+    """
 
     source: str
     sequence: int
@@ -29,9 +31,11 @@ class Envelope:
 
 
 class Node(ABC):
-    """A service's logic. It reads no clock, no file and no environment: all it knows comes through its boxes.
+    """A service's logic. It reads no clock, no file and no environment: all it knows comes through
+    its boxes.
 
-    A node steps every `period_ns` of simulation time, and at once where a message on one of `wakes` has come.
+    A node steps every `period_ns` of simulation time, and at once where a message on one of `wakes`
+    has come.
     """
 
     name: ClassVar[str]
@@ -50,7 +54,9 @@ class Node(ABC):
         """Take in what is new, advance to `now_ns`, put out what is due."""
 
     def waiting_for(self) -> str | None:
-        """The one thing this node cannot work without and does not have yet, in words; None: it is active."""
+        """The one thing this node cannot work without and does not have yet, in words; None: it is
+        active.
+        """
         return None
 
     def close(self) -> None:  # noqa: B027 - most nodes hold nothing

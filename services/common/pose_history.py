@@ -37,7 +37,7 @@ class PoseHistory:
     def add(self, stamp_ns: int, a_from_b: Array) -> bool:
         """Take in a rigid (4, 4) pose; False where it is not newer than the newest one.
 
-        One older by more than a second says that the simulation began anew: the history with it.
+        One older by more than a second means that the simulation began anew, and so does this.
         """
         newest_ns = self.newest_ns
         if newest_ns is not None and stamp_ns <= newest_ns:

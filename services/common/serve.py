@@ -28,16 +28,22 @@ if TYPE_CHECKING:
 C = TypeVar("C", bound=ServiceConfig)
 
 WATCHDOG_S = 20.0
-"""A loop that has not turned for this long will never turn again: the process ends and is started anew."""
+"""A loop that has not turned for this long will never turn again: the process ends and is started
+anew.
+"""
 SAY_AGAIN_S = 2.0
 IDLE_S = 0.01
 MAX_LAG_S = 0.1
-"""A clock that is later than this gives up catching up: simulation time then runs slower than real time."""
+"""A clock that is later than this gives up catching up: simulation time then runs slower than real
+time.
+"""
 EXIT_WATCHDOG = 70
 
 
 def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
-    """Run one service until it is told to stop or its work is done; the process ends with its exit code."""
+    """Run one service until it is told to stop or its work is done; the process ends with its exit
+    code.
+    """
     _seed_numba_cache()
     name: str = node_type.name  # type: ignore[attr-defined]
     stop = threading.Event()
@@ -194,7 +200,9 @@ class _Service:
 
 
 def _seed_numba_cache() -> None:
-    """Give a container with a read-only root a writable copy of the kernels compiled into its image."""
+    """Give a container with a read-only root a writable copy of the kernels compiled into its
+    image.
+    """
     seed, cache = os.environ.get("MAZEBOT_NUMBA_CACHE_SEED"), os.environ.get("NUMBA_CACHE_DIR")
     if seed and cache and Path(seed).is_dir() and not Path(cache).exists():
         shutil.copytree(seed, cache)

@@ -1,4 +1,6 @@
-"""THE table: one row a topic. Subscriptions, publications, access, documentation and recording come from it."""
+"""THE table: one row a topic. Subscriptions, publications, access, documentation and recording come
+from it.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ class Delivery(Enum):
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """One row: a ROS topic, its type, its rate in simulation time, who writes and reads it, and how it travels."""
+    """One row: a ROS topic, its type, its rate in simulation time, who writes and reads it, and how
+    it travels.
+    """
 
     name: str
     type: type[M]
@@ -54,8 +58,13 @@ class Topic(Generic[M]):
 _LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
 
 CLOCK = Topic(
-    "/clock", msg.Clock, ("physics",), ("recorder",), _LATEST,
-    "simulation time; the loop of every service follows it", rate_hz=60
+    "/clock",
+    msg.Clock,
+    ("physics",),
+    ("recorder",),
+    _LATEST,
+    "simulation time; the loop of every service follows it",
+    rate_hz=60,
 )
 WORLD_REQUEST = Topic(
     "/world/request", doc.WorldRequest, ("bringup",), ("worldgen", "recorder"), _LATCHED,
@@ -66,7 +75,8 @@ WORLD_STATUS = Topic(
     "what became of the request",
 )  # fmt: skip
 ASSETS = Topic(
-    "/world/assets", msg.CompressedImage, ("worldgen", "spawner"), ("physics", "recorder"), _LATCHED,
+    "/world/assets", msg.CompressedImage, ("worldgen", "spawner"), ("physics", "recorder"),
+    _LATCHED,
     "a texture as PNG; `frame_id` is the sha256 of its bytes", depth=64,
 )  # fmt: skip
 WORLD = Topic(
@@ -103,8 +113,8 @@ JOINT_STATES = Topic(
     "wheel angles and speeds", rate_hz=30,
 )  # fmt: skip
 IMU = Topic(
-    "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST, "gyroscope and accelerometer", rate_hz=120,
-    depth=10,
+    "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST,
+    "gyroscope and accelerometer", rate_hz=120, depth=10,
 )  # fmt: skip
 SCAN = Topic(
     "/scan", msg.LaserScan, ("physics",), ("navigation", "recorder"), _LATEST,

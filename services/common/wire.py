@@ -21,12 +21,15 @@ M = TypeVar("M")
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 
-# A lidar has no echo at inf; a covariance of -1 or a huge one is an honest answer. Only these may be infinite.
+# A lidar has no echo at inf; a covariance of -1 or a huge one is an honest answer. Only these may
+# be infinite.
 _MAY_BE_INFINITE = {("sensor_msgs/msg/LaserScan", "ranges")}
 
 
 class WireError(ValueError):
-    """A message that must not cross a service's boundary; `reason` is a short phrase to count it by."""
+    """A message that must not cross a service's boundary; `reason` is a short phrase to count it
+    by.
+    """
 
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(f"{reason}: {detail}" if detail else reason)
@@ -34,7 +37,9 @@ class WireError(ValueError):
 
 
 def key_from_topic(topic: Topic[M], prefix: str = "") -> str:
-    """Zenoh key expression of a topic: the plain ROS name without its slash, as zenoh-bridge-ros2dds has it."""
+    """Zenoh key expression of a topic: the plain ROS name without its slash, as zenoh-bridge-
+    ros2dds has it.
+    """
     return prefix + topic.name.removeprefix("/")
 
 
@@ -81,7 +86,8 @@ def decode(topic: Topic[M], data: bytes) -> M:
 def validate(topic: Topic[M], message: M) -> None:
     """Check what types cannot say.
 
-    Raises WireError where a number is not finite, an array has the wrong length, or a rotation is none.
+    Raises WireError where a number is not finite, an array has the wrong length, or a rotation is
+    none.
     """
     if not isinstance(message, topic.type):
         raise WireError("not of its type", type(message).__name__)

@@ -1,4 +1,6 @@
-"""Runs nodes in lockstep: physics advances one step, then each node that is due steps, in table order."""
+"""Runs nodes in lockstep: physics advances one step, then each node that is due steps, in table
+order.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ class _Seat:
 
 
 class Executive:
-    """Nodes in lockstep. A run is a function of the nodes' configurations: the same ones give the same bytes."""
+    """Nodes in lockstep. A run is a function of the nodes' configurations: the same ones give the
+    same bytes.
+    """
 
     def __init__(
         self, nodes: Iterable[Node], transport: Transport, rosout: RosoutHandler | None = None
@@ -82,7 +86,8 @@ class Executive:
         return [seat.node for seat in self._seats]
 
     def run(self, until: Callable[[], bool] = lambda: False) -> int | None:
-        """Step until a node is done (its exit code is returned) or `until()` holds after a step (None).
+        """Step until a node is done (its exit code is returned) or `until()` holds after a step
+        (None).
 
         Raises StalledError, with what each node waits for, where nothing will ever happen again.
         """
