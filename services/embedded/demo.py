@@ -1,0 +1,153 @@
+"""The whole of Mazebot in one process: builds every node, drives the tour, shows how far it is."""
+
+from __future__ import annotations
+
+import json
+import logging
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from services.bringup.config import BringupConfig
+from services.bringup.node import BringupNode
+from services.common import log
+from services.common.config import load
+from services.common.node import Node
+from services.embedded.executive import Executive, MemoryTransport
+from services.navigation.config import NavigationConfig
+from services.navigation.node import NavigationNode
+from services.perception.config import PerceptionConfig
+from services.perception.node import PerceptionNode
+from services.physics.config import PhysicsConfig
+from services.physics.node import PhysicsNode
+from services.recorder.config import RecorderConfig
+from services.recorder.node import RecorderNode
+from services.spawner.config import SpawnerConfig
+from services.spawner.node import SpawnerNode
+from services.worldgen.config import WorldgenConfig
+from services.worldgen.node import WorldgenNode
+
+EXIT_INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """What a run in one process is told."""
+
+    world_name: str = "sim_house_enhanced"
+    seed: int = 7
+    out_dir: Path | None = None
+    camera: bool = True
+    record: bool = True
+    use_aruco: bool = True
+    texture_base: Path | None = None
+    renderer: str = "auto"
+    goal: tuple[float, float, float] | None = None
+
+
+def build_nodes(options: DemoOptions) -> list[Node]:
+    """Every node of a run, configured by the options over environment and defaults.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    seed = ["--seed", str(options.seed)]
+    worldgen = [*seed]
+    if options.texture_base is not None:
+        worldgen += ["--texture-base", str(options.texture_base)]
+    camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
+    recorder = ["--record", str(options.record)]
+    if options.out_dir is not None:
+        recorder += ["--out-dir", str(options.out_dir)]
+    bringup = ["--world-name", options.world_name, "--use-aruco", str(options.use_aruco)]
+    if options.goal is not None:
+        bringup += ["--goal", json.dumps(options.goal)]
+    # Each part is made in turn so that a mistake is told before anything is written.
+    return [
+        WorldgenNode(load(WorldgenConfig, "worldgen", worldgen)),
+        PhysicsNode(load(PhysicsConfig, "physics", seed + camera)),
+        SpawnerNode(load(SpawnerConfig, "spawner", seed)),
+        PerceptionNode(load(PerceptionConfig, "perception", seed)),
+        NavigationNode(load(NavigationConfig, "navigation", seed)),
+        BringupNode(load(BringupConfig, "bringup", seed + bringup)),
+        RecorderNode(load(RecorderConfig, "recorder", seed + recorder)),
+    ]
+
+
+def run(options: DemoOptions) -> int:
+    """Drive the tour and return its exit code.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    console = Console(soft_wrap=True)
+    rosout = log.configure(_ConsoleHandler(console))
+    nodes = build_nodes(options)
+    executive = Executive(nodes, MemoryTransport(), rosout)
+    (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
+    with _stop_on_signal() as stopped, _progress(console) as progress:
+        task = progress.add_task("starting", total=None)
+        start_s = shown_s = time.monotonic()
+
+        def until() -> bool:
+            nonlocal shown_s
+            now_s = time.monotonic()
+            if now_s - shown_s > 0.1:
+                shown_s = now_s
+                done, total, name = bringup.progress
+                sim_s = executive.now_ns * 1e-9
+                factor = sim_s / (now_s - start_s)
+                text = f"{name or 'starting'}  {sim_s:.0f} s simulated, {factor:.1f}x real time"
+                progress.update(task, total=total, completed=done, description=text)
+            return bool(stopped)
+
+        try:
+            code = executive.run(until)
+        finally:
+            executive.close()
+    if code is None:
+        console.print("interrupted; the recording is closed")
+        return EXIT_INTERRUPTED
+    return code
+
+
+class _ConsoleHandler(logging.Handler):
+    """Prints above the progress bar."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.INFO)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console.print(self.format(record), markup=False, highlight=False)
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} goals"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[list[int]]:
+    """A list that is empty until the process is told to stop."""
+    stopped: list[int] = []
+    before = {
+        number: signal.signal(number, lambda got, _: stopped.append(got))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
