@@ -1,0 +1,297 @@
+"""A run judged by the ground truth: how well the robot knew where it was, saw the markers, and drove."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from bisect import bisect_right
+from collections import Counter, deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from services.common import messages as msg
+from services.common.documents import (
+    Contact,
+    Entities,
+    Entity,
+    ErrorStatistics,
+    Evaluation,
+    GoalReport,
+    NavigationResult,
+    World,
+)
+from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle, yaw_from_quaternion
+from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
+from services.common.pose_history import PoseHistory
+from services.recorder.shortest_path import ShortestPath
+
+GOAL_TOLERANCE_M = 0.25
+"""A goal counts as reached within this distance, Nav2's `xy_goal_tolerance`."""
+GOAL_TOLERANCE_RAD = 0.25
+"""and within this angle, Nav2's `yaw_goal_tolerance`."""
+SAME_PLACE_M = 1e-3
+"""A goal nearer than this to a location has its name."""
+JITTER_M = 2e-3
+"""Displacements shorter than this are the trembling of a robot at rest, and no path."""
+
+_TRUTH_DEPTH = 30 * 3600
+_PENDING_DEPTH = 1000
+
+
+class RunEvaluation:
+    """Judges one run in one world, from its messages in the order they came.
+
+    An estimate is held against the true pose at its own stamp, interpolated between the true poses
+    around it, as soon as both are there: the order in which topics arrive changes nothing.
+
+    What is measured:
+
+    - localisation error: distance and turn between an estimated pose and the true one, over all
+      estimates from the first on.
+    - marker error: distance between a marker's position as detected (the best solution, in the
+      camera's frame, carried into the map by the true pose of the robot) and its true position.
+    - odometry drift: distance between where wheel odometry alone puts the robot, counted from the
+      world's start pose, and where it is, at the newest odometry message.
+    - markers seen: the number of images in which each marker of the world was detected.
+    - a goal is reached where navigation says so and the robot truly stands within 0.25 m and
+      0.25 rad of it.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._shortest_path = ShortestPath(world.walls)
+        self._truth = PoseHistory(_TRUTH_DEPTH)
+        self._odometer = _Odometer()
+        self._entities: tuple[Entity, ...] = ()
+        self._static: list[msg.TransformStamped] = []
+        self._estimates: deque[tuple[int, SE2]] = deque(maxlen=_PENDING_DEPTH)
+        self._odometry: deque[tuple[int, SE2]] = deque(maxlen=_PENDING_DEPTH)
+        self._detections: deque[msg.Detection3DArray] = deque(maxlen=_PENDING_DEPTH)
+        self._results: deque[NavigationResult] = deque()
+        self._goals: list[GoalReport] = []
+        self._goal_stamps_ns: set[int] = set()
+        self._contacts: list[Contact] = []
+        self._seen: Counter[str] = Counter()
+        self._error_m, self._error_rad = array("d"), array("d")
+        self._marker_error_m = array("d")
+        self._drift_m = 0.0
+
+    def set_entities(self, entities: Entities) -> None:
+        """Take in what stands in the world."""
+        self._entities = entities.entities
+
+    def add_static_transforms(self, transforms: msg.TFMessage) -> None:
+        """Take in fixed frames of the robot."""
+        known = {entry.child_frame_id: entry for entry in (*self._static, *transforms.transforms)}
+        self._static = list(known.values())
+
+    def add_ground_truth(self, odometry: msg.Odometry) -> None:
+        """Take in the true pose, map from base_footprint."""
+        stamp_ns = ns_from_time(odometry.header.stamp)
+        pose = matrix_from_pose(odometry.pose.pose)
+        if self._truth.add(stamp_ns, pose):
+            self._odometer.add(stamp_ns, float(pose[0, 3]), float(pose[1, 3]))
+        self._settle()
+
+    def add_odometry(self, odometry: msg.Odometry) -> None:
+        """Take in wheel odometry, odom from base_footprint."""
+        stamp_ns = ns_from_time(odometry.header.stamp)
+        self._odometry.append((stamp_ns, se2_from_pose(odometry.pose.pose)))
+
+    def add_estimate(self, estimate: msg.PoseWithCovarianceStamped) -> None:
+        """Take in an estimated pose, map from base_footprint."""
+        stamp_ns = ns_from_time(estimate.header.stamp)
+        self._estimates.append((stamp_ns, se2_from_pose(estimate.pose.pose)))
+
+    def add_detections(self, detections: msg.Detection3DArray) -> None:
+        """Take in the markers detected in one image, in the camera's optical frame."""
+        classes = {d.results[0].hypothesis.class_id for d in detections.detections if d.results}
+        self._seen.update(sorted(classes))
+        if detections.detections:
+            self._detections.append(detections)
+
+    def add_contact(self, contact: Contact) -> None:
+        """Take in a contact."""
+        self._contacts.append(contact)
+
+    def add_goal(self, goal: msg.PoseStamped) -> None:
+        """Take in a goal that was sent."""
+        self._goal_stamps_ns.add(ns_from_time(goal.header.stamp))
+
+    def add_result(self, result: NavigationResult) -> None:
+        """Take in how a goal ended."""
+        self._goal_stamps_ns.add(result.goal_stamp_ns)
+        self._results.append(result)
+
+    def evaluation(self, recording: str = "") -> Evaluation:
+        """The run so far.
+
+        A goal that ended after the newest true pose is judged by that pose, and again when a newer
+        one is there. Before the first true pose, no goal is judged.
+        """
+        self._settle()
+        provisional = (
+            [] if self._truth.newest_ns is None else [self._judge(r) for r in self._results]
+        )
+        return Evaluation(
+            goals=(*self._goals, *provisional),
+            contacts=tuple(self._contacts),
+            markers_seen={
+                class_id: self._seen[class_id]
+                for class_id in dict.fromkeys(str(entity.marker_id) for entity in self._entities)
+            },
+            localisation_error_m=_statistics(self._error_m),
+            localisation_error_rad=_statistics(self._error_rad),
+            marker_error_m=_statistics(self._marker_error_m),
+            odometry_drift_m=self._drift_m,
+            recording=recording,
+        )
+
+    def summary(self, recording: str = "") -> dict[str, Any]:
+        """The evaluation as JSON values, with the run's totals.
+
+        `goals_sent`, `goals_reached`; `sim_time_s`, the stamp of the newest true pose; `distance_m`,
+        the length driven; `spl`, success weighted by path length over the goals that have ended
+        (mean of reached x shortest / max(driven, shortest), https://arxiv.org/abs/1807.06757), None
+        where no goal has.
+        """
+        evaluation = self.evaluation(recording)
+        weights = [_path_efficiency(goal) for goal in evaluation.goals]
+        return {
+            "world": self._world.name,
+            "world_hash": self._world.hash,
+            "sim_time_s": (self._truth.newest_ns or 0) / 1e9,
+            "distance_m": self._odometer.total_m,
+            "goals_sent": len(self._goal_stamps_ns),
+            "goals_reached": sum(goal.reached for goal in evaluation.goals),
+            "spl": sum(weights) / len(weights) if weights else None,
+            **evaluation.model_dump(mode="json"),
+        }
+
+    def _settle(self) -> None:
+        """Hold what waits against the truth, as far as the truth goes."""
+        newest_ns = self._truth.newest_ns
+        if newest_ns is None:
+            return
+        while self._estimates and self._estimates[0][0] <= newest_ns:
+            stamp_ns, estimate = self._estimates.popleft()
+            true_pose = self._true_pose(stamp_ns)
+            if true_pose is not None:
+                self._error_m.append(estimate.distance_m(true_pose))
+                self._error_rad.append(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
+        map_from_start = self._world.start.se2()
+        while self._odometry and self._odometry[0][0] <= newest_ns:
+            stamp_ns, odom_from_base = self._odometry.popleft()
+            true_pose = self._true_pose(stamp_ns)
+            if true_pose is not None:
+                self._drift_m = (map_from_start @ odom_from_base).distance_m(true_pose)
+        while self._detections and ns_from_time(self._detections[0].header.stamp) <= newest_ns:
+            self._judge_detections(self._detections.popleft())
+        while self._results and _ns(self._results[0].end_time_s) <= newest_ns:
+            self._goals.append(self._judge(self._results.popleft()))
+
+    def _true_pose(self, stamp_ns: int, hold_ns: int = 0) -> SE2 | None:
+        matrix = self._truth.at(stamp_ns, hold_ns)
+        return None if matrix is None else _planar(matrix)
+
+    def _judge_detections(self, detections: msg.Detection3DArray) -> None:
+        map_from_base = self._truth.at(ns_from_time(detections.header.stamp))
+        base_from_camera = chain_transforms(
+            self._static, BASE_FOOTPRINT_FRAME, detections.header.frame_id
+        )
+        if map_from_base is None or base_from_camera is None:
+            return
+        map_from_camera = map_from_base @ base_from_camera
+        for detection in detections.detections:
+            entities = [
+                e for e in self._entities if f"{e.dictionary}:{e.marker_id}" == detection.id
+            ]
+            if detection.results and entities:
+                p = detection.results[0].pose.pose.position
+                seen_at = (map_from_camera @ np.array([p.x, p.y, p.z, 1.0]))[:3]
+                self._marker_error_m.append(
+                    min(float(np.linalg.norm(seen_at - e.position_m)) for e in entities)
+                )
+
+    def _judge(self, result: NavigationResult) -> GoalReport:
+        """The report of a goal; there is at least one true pose."""
+        start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
+        forever_ns = 1 << 62
+        start, end = self._true_pose(start_ns, forever_ns), self._true_pose(end_ns, forever_ns)
+        assert start is not None  # noqa: S101
+        assert end is not None  # noqa: S101
+        goal = result.goal.se2()
+        error_m = end.distance_m(goal)
+        error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
+        return GoalReport(
+            name=self._name(goal),
+            reached=(
+                result.error_code == 0
+                and error_m <= GOAL_TOLERANCE_M
+                and error_rad <= GOAL_TOLERANCE_RAD
+            ),
+            time_s=result.end_time_s - result.start_time_s,
+            path_length_m=self._odometer.at(end_ns) - self._odometer.at(start_ns),
+            shortest_path_m=self._shortest_path.length_m(start[:2], goal[:2]),
+            goal_error_m=error_m,
+            goal_error_rad=error_rad,
+            recoveries=result.number_of_recoveries,
+            error_code=result.error_code,
+            error_msg=result.error_msg,
+        )
+
+    def _name(self, goal: SE2) -> str:
+        for location in self._world.locations:
+            if goal.distance_m(location.se2()) <= SAME_PLACE_M:
+                return location.name
+        return "home" if goal.distance_m(self._world.start.se2()) <= SAME_PLACE_M else "goal"
+
+
+class _Odometer:
+    """The length of a path by time, from positions; a place within `JITTER_M` of the last is the same."""
+
+    def __init__(self) -> None:
+        self.total_m = 0.0
+        self._place: tuple[float, float] | None = None
+        self._stamps_ns, self._lengths_m = array("q"), array("d")
+
+    def add(self, stamp_ns: int, x_m: float, y_m: float) -> None:
+        if self._place is not None:
+            step_m = math.hypot(x_m - self._place[0], y_m - self._place[1])
+            if step_m < JITTER_M:
+                return
+            self.total_m += step_m
+        self._place = (x_m, y_m)
+        self._stamps_ns.append(stamp_ns)
+        self._lengths_m.append(self.total_m)
+
+    def at(self, stamp_ns: int) -> float:
+        """The length driven until a stamp."""
+        count = bisect_right(self._stamps_ns, stamp_ns)
+        return self._lengths_m[count - 1] if count else 0.0
+
+
+def _planar(matrix: Array) -> SE2:
+    yaw_rad = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
+    return SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw_rad)
+
+
+def _ns(time_s: float) -> int:
+    return round(time_s * 1e9)
+
+
+def _statistics(errors: Iterable[float]) -> ErrorStatistics:
+    values = np.asarray(errors, np.float64)
+    if not len(values):
+        return ErrorStatistics()
+    return ErrorStatistics(
+        mean=float(values.mean()), p95=float(np.percentile(values, 95)), max=float(values.max())
+    )
+
+
+def _path_efficiency(goal: GoalReport) -> float:
+    if not goal.reached or goal.shortest_path_m is None:
+        return 0.0
+    return goal.shortest_path_m / max(goal.path_length_m, goal.shortest_path_m, JITTER_M)
