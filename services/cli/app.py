@@ -162,7 +162,7 @@ def parse_bool(option: str, text: str) -> bool:
 
 
 def main() -> NoReturn:
-    """Run the command; every mistake is one line on standard error and an exit code that is not 0."""
+    """Run the command; a mistake is one line on standard error, and not exit code 0."""
     try:
         code = app(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:

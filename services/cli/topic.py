@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import queue
 import statistics
 import sys
@@ -47,7 +48,7 @@ def measure_rate(endpoint: str, name: str, window_s: float) -> None:
     session.close()  # type: ignore[no-untyped-call]
     if len(times_s) < 2:
         raise ConfigError(f"{topic.name}: {len(times_s)} messages in {window_s:g} s")
-    gaps_s = [b - a for a, b in zip(times_s, times_s[1:], strict=False)]
+    gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
     sys.stdout.write(
         f"average rate: {1.0 / statistics.fmean(gaps_s):.2f} Hz\n"
         f"  min: {min(gaps_s):.4f} s  max: {max(gaps_s):.4f} s  "

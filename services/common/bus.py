@@ -196,9 +196,7 @@ def publish(session: zenoh.Session, topic: Topic[M], prefix: str = "") -> Any:
     return session.declare_publisher(
         key,
         encoding=encoding,
-        congestion_control=zenoh.CongestionControl.DROP
-        if latest
-        else zenoh.CongestionControl.BLOCK,
+        congestion_control=control.DROP if latest else control.BLOCK,
         express=latest,
         priority=zenoh.Priority.REAL_TIME if topic.name == "/cmd_vel" else zenoh.Priority.DATA,
     )

@@ -87,7 +87,7 @@ class TopicCounts:
 
 
 class Inbox:
-    """The messages that came for one node since its last step. Delivery may come from any thread."""
+    """The messages that came for one node since its last step. Any thread may deliver."""
 
     def __init__(self, node: Node, on_delivery: Callable[[], None] = lambda: None) -> None:
         self._node = node
@@ -101,7 +101,7 @@ class Inbox:
             self.counts[topic.name] = TopicCounts()
 
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
-        """Take in a message, as an object or as bytes of the wire, to be decoded when it is read."""
+        """Take in a message, as an object or as bytes of the wire, decoded when it is read."""
         with self._lock:
             counts = self.counts[topic.name]
             last = counts.last_sequence.get(envelope.source)

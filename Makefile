@@ -1,0 +1,85 @@
+# `make` alone prints the targets. The environment in .venv is made on first use.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+WORLD ?= enhanced
+SEED ?= 7
+GOAL ?= 1.0 0.0 0.0
+# A local uv where the machine has none; `python3` must then be version 3.11.
+UV := $(shell command -v uv || echo .tools/bin/uv)
+export UV_PYTHON_DOWNLOADS ?= automatic
+PYTHON := .venv/bin/python
+STAMP := .venv/.installed
+SOURCES := services tests
+
+.PHONY: help env demo demo-original up down goal recordings view test test-compose check fix generate lock bench image clean
+
+help: ## print the targets
+	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+env: $(STAMP) ## make the environment in .venv (other targets do this by themselves)
+
+.tools/bin/uv:
+	@echo "making the environment: no uv here, installing it into .tools"
+	@python3 -m venv .tools && .tools/bin/python -m pip install --quiet --require-hashes -r requirements-tools.lock
+
+$(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .tools/bin/uv,$(UV))
+	@echo "making the environment in .venv"
+	@test -x $(PYTHON) || $(UV) venv --quiet --python 3.11 .venv
+	@$(UV) pip sync --quiet --python $(PYTHON) --require-hashes requirements-dev.lock
+	@$(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
+	@scripts/ensure-gl || true
+	@touch $@
+
+demo: $(STAMP) ## drive the enhanced tour in one process, no Docker (SEED=7)
+	@.venv/bin/mazebot demo --world enhanced --seed $(SEED) --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_enhanced
+
+demo-original: $(STAMP) ## the same tour in the original world
+	@.venv/bin/mazebot demo --world original --seed $(SEED) --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_original
+
+up: image ## start the containers of WORLD=enhanced|original and follow the tour
+	@case "$(WORLD)" in original) docker compose up demo-world;; *) docker compose up demo-world-enhanced;; esac
+
+down: ## stop the containers and close their recordings
+	@docker compose --profile original --profile enhanced down
+
+goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
+	@.venv/bin/mazebot goal $(GOAL)
+
+recordings: $(STAMP) ## list what runs have left
+	@.venv/bin/mazebot recordings list
+
+view: $(STAMP) ## open the newest recording in a browser
+	@.venv/bin/mazebot recordings view
+
+test: $(STAMP) ## pass the tests: no Docker, no network, no GPU
+	@.venv/bin/pytest -n 2 -m "not compose"
+
+test-compose: $(STAMP) image ## pass the tests of the containers (needs Docker)
+	@.venv/bin/pytest -m compose --timeout 900 tests/compose
+
+check: $(STAMP) ## lint, check formats, types, imports and generated files
+	@.venv/bin/ruff check $(SOURCES)
+	@.venv/bin/ruff format --check $(SOURCES)
+	@.venv/bin/mypy
+	@.venv/bin/lint-imports
+	@.venv/bin/python -m services.cli.topics_page | diff - docs/topics.md || { echo "docs/topics.md is stale: make generate"; exit 1; }
+	@echo "check: all well"
+
+fix: $(STAMP) ## format, and mend what the linter can
+	@.venv/bin/ruff check --fix $(SOURCES)
+	@.venv/bin/ruff format $(SOURCES)
+
+generate: $(STAMP) ## write generated files anew
+	@.venv/bin/python -m services.cli.topics_page > docs/topics.md
+
+lock: $(STAMP) ## resolve the dependencies anew
+	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock
+	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
+
+image: ## build the container image
+	@docker compose --profile original --profile enhanced build
+
+clean: ## remove the environment and caches; recordings stay
+	@rm -rf .venv .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@find services tests -name __pycache__ -type d -prune -exec rm -rf {} +
