@@ -127,11 +127,13 @@ def _take_config_flag(arguments: list[str]) -> tuple[list[str], Path | None]:
 
 def _yaml_section(path: Path, service: str) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if content is None:
+        return {}
     section = content.get(service, {}) if isinstance(content, dict) else None
     if not isinstance(section, dict):
         raise ConfigError(f"{path}: {service}: must be a mapping of fields to values")

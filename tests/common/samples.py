@@ -1,0 +1,181 @@
+"""One message of every topic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from services.common import documents as doc
+from services.common import messages as msg
+from services.common import topics as table
+from services.common.frames import SE2
+from services.common.topics import Topic
+
+STAMP_NS = 12_345_678_901
+POSE = msg.pose_from_se2(SE2(1.0, -2.0, 0.5))
+HEADER = msg.header(STAMP_NS, "map")
+COVARIANCE = np.eye(6).reshape(36)
+TWIST = msg.Twist(linear=msg.Vector3(0.1, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, -0.2))
+ODOMETRY = msg.Odometry(
+    HEADER,
+    "base_footprint",
+    msg.PoseWithCovariance(POSE, COVARIANCE),
+    msg.TwistWithCovariance(TWIST, COVARIANCE),
+)
+GRID = msg.occupancy_grid(STAMP_NS, 0.05, SE2(0.0, 0.0, 0.0), np.array([[0, 100, -1]], np.int8))
+DETECTION = msg.Detection3D(
+    HEADER,
+    [
+        msg.ObjectHypothesisWithPose(
+            msg.ObjectHypothesis("60", 0.9), msg.PoseWithCovariance(POSE, COVARIANCE)
+        )
+    ],
+    msg.BoundingBox3D(POSE, msg.Vector3(0.3, 0.3, 0.0)),
+    "DICT_4X4_100:60",
+)
+DETECTIONS = msg.Detection3DArray(HEADER, [DETECTION])
+TRANSFORMS = msg.TFMessage([msg.transform_stamped(STAMP_NS, "map", "odom", np.eye(4))])
+ENTITIES = doc.Entities(
+    world_hash="0123456789abcdef",
+    entities=(
+        doc.Entity(
+            name="marker_60",
+            position_m=(0.0, 1.0, 0.3),
+            orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
+            panel_side_m=0.4,
+            texture_sha256="ab",
+            marker_id=60,
+            marker_size_m=0.3,
+            dictionary="DICT_4X4_100",
+        ),
+    ),
+    refused=(doc.Refusal(name="marker_80", reason="buried"),),
+)
+PLANAR = doc.Planar(x_m=1.0, y_m=2.0, yaw_rad=0.0)
+WORLD = doc.World(
+    name="tiny",
+    recipe="tiny.yaml",
+    hash="0123456789abcdef",
+    walls=(
+        doc.Wall(
+            name="Wall_0", length_m=2.0, thickness_m=0.15, height_m=1.0, x_m=3.0, y_m=0.0,
+            yaw_rad=1.0, material="plain",
+        ),
+    ),
+    materials=(doc.Material(name="plain"),),
+    markers=(doc.Marker(id=60, wall="Wall_0", side="left", height_m=0.3),),
+    locations=(doc.Location(name="location1", x_m=1.0, y_m=2.0, yaw_rad=0.0),),
+    start=doc.Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+)  # fmt: skip
+REQUEST = doc.WorldRequest(world_name="tiny")
+
+SAMPLES: dict[Topic[Any], Any] = {
+    table.CLOCK: msg.Clock(msg.time_from_ns(STAMP_NS)),
+    table.WORLD_REQUEST: REQUEST,
+    table.WORLD_STATUS: doc.WorldStatus(request=REQUEST, error="unknown"),
+    table.ASSETS: msg.CompressedImage(HEADER, "png", np.arange(9, dtype=np.uint8)),
+    table.WORLD: WORLD,
+    table.MAP: GRID,
+    table.DESIRED_ENTITIES: ENTITIES,
+    table.ENTITIES: ENTITIES,
+    table.TF: TRANSFORMS,
+    table.TF_STATIC: TRANSFORMS,
+    table.ODOM: ODOMETRY,
+    table.JOINT_STATES: msg.JointState(HEADER, ["wheel"], np.ones(1), np.ones(1), np.ones(0)),
+    table.IMU: msg.Imu(
+        HEADER,
+        POSE.orientation,
+        np.zeros(9),
+        TWIST.angular,
+        np.zeros(9),
+        TWIST.linear,
+        np.zeros(9),
+    ),
+    table.SCAN: msg.LaserScan(
+        HEADER,
+        0.0,
+        msg.float32(6.28),
+        msg.float32(0.0175),
+        0.0,
+        msg.float32(0.1),
+        msg.float32(0.12),
+        3.5,
+        np.array([1.0, np.inf], np.float32),
+        np.zeros(0, np.float32),
+    ),
+    table.CAMERA_IMAGE: msg.Image(HEADER, 2, 3, "rgb8", 0, 9, np.arange(18, dtype=np.uint8)),
+    table.CAMERA_INFO: msg.CameraInfo(
+        HEADER,
+        2,
+        3,
+        "plumb_bob",
+        np.zeros(5),
+        np.eye(3).reshape(9),
+        np.eye(3).reshape(9),
+        np.eye(3, 4).reshape(12),
+        0,
+        0,
+        msg.RegionOfInterest(0, 0, 0, 0, False),
+    ),
+    table.GROUND_TRUTH_ODOM: ODOMETRY,
+    table.CONTACTS: doc.Contact(
+        time_s=1.0,
+        robot_link="base_link",
+        body="Wall_0",
+        position_m=(0.0, 0.0, 0.1),
+        impulse_n_s=0.5,
+    ),
+    table.SIMULATION_STATS: doc.SimulationStats(
+        world_hash="ab",
+        sim_time_s=1.0,
+        iterations=240,
+        step_size_s=1 / 240,
+        renderer="none",
+        state_hash="cd",
+    ),
+    table.DETECTIONS: DETECTIONS,
+    table.MAP_DETECTIONS: DETECTIONS,
+    table.INITIAL_POSE: msg.PoseWithCovarianceStamped(
+        HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
+    ),
+    table.GOAL_POSE: msg.PoseStamped(HEADER, POSE),
+    table.AMCL_POSE: msg.PoseWithCovarianceStamped(
+        HEADER, msg.PoseWithCovariance(POSE, COVARIANCE)
+    ),
+    table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
+    table.GLOBAL_COSTMAP: GRID,
+    table.PLAN: msg.Path(HEADER, [msg.PoseStamped(HEADER, POSE)]),
+    table.CMD_VEL: msg.TwistStamped(HEADER, TWIST),
+    table.NAVIGATION_STATUS: doc.NavigationStatus(
+        localization_active=True, navigation_active=False, goal=PLANAR
+    ),
+    table.NAVIGATION_RESULT: doc.NavigationResult(
+        goal=PLANAR,
+        goal_stamp_ns=5,
+        error_code=204,
+        error_msg="outside",
+        start_time_s=0.0,
+        end_time_s=1.0,
+    ),
+    table.EVALUATION: doc.Evaluation(
+        goals=(
+            doc.GoalReport(
+                name="home",
+                reached=True,
+                time_s=1.0,
+                path_length_m=2.0,
+                shortest_path_m=None,
+                goal_error_m=0.1,
+                goal_error_rad=0.1,
+                recoveries=0,
+                error_code=0,
+            ),
+        ),
+        markers_seen={"60": 3},
+    ),
+    table.DIAGNOSTICS: msg.DiagnosticArray(
+        HEADER, [msg.DiagnosticStatus(0, "physics", "ok", "", [msg.KeyValue("a", "b")])]
+    ),
+    table.ROSOUT: msg.Log(HEADER.stamp, 20, "bringup", "hello", "a.py", "f", 3),
+}

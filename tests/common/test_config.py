@@ -1,0 +1,62 @@
+from pathlib import Path
+
+import pytest
+from pydantic import Field
+
+from services.common.config import ConfigError, ServiceConfig, load
+
+
+class PhysicsConfig(ServiceConfig):
+    rate_hz: float = Field(10.0, gt=0)
+    renderer: str = "auto"
+
+
+def test_flags_win_over_environment_over_file_over_defaults(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "mazebot.yaml"
+    file.write_text("physics: {rate_hz: 2, renderer: tiny}\n")
+    assert load(PhysicsConfig, "physics", []).rate_hz == 10.0
+    assert load(PhysicsConfig, "physics", ["--config", str(file)]).rate_hz == 2.0
+    monkeypatch.setenv("MAZEBOT_CONFIG", str(file))
+    monkeypatch.setenv("MAZEBOT_PHYSICS_RATE_HZ", "3")
+    config = load(PhysicsConfig, "physics", [])
+    assert (config.rate_hz, config.renderer) == (3.0, "tiny")
+    assert load(PhysicsConfig, "physics", ["--rate-hz", "4"]).rate_hz == 4.0
+
+
+def test_one_seed_reaches_every_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MAZEBOT_SEED", "11")
+    assert load(PhysicsConfig, "physics", []).seed == 11
+    assert load(PhysicsConfig, "physics", ["--seed", "12"]).seed == 12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rate-hz", "-3"], ["physics", "rate_hz", "greater than 0", "-3"]),
+        (["--rate-hz", "nan"], ["rate_hz", "finite", "nan"]),
+        (["--rate-hz", "fast"], ["rate_hz", "number", "fast"]),
+        (["--seed", "-1"], ["seed", "-1"]),
+        (["--nope", "3"], ["--nope"]),
+        (["--config", "/does/not/exist.yaml"], ["/does/not/exist.yaml", "No such file"]),
+        (["--config"], ["--config"]),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: list[str], words: list[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(PhysicsConfig, "physics", arguments)
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["physics: [1, 2]", "physics: {nope: 1}", ": :", "\t", "[]", "\xff"]
+)
+def test_a_broken_file_is_one_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text, encoding="latin-1")
+    with pytest.raises(ConfigError) as caught:
+        load(PhysicsConfig, "physics", ["--config", str(file)])
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,67 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.common.frames import (
+    LINK_FROM_OPTICAL,
+    SE2,
+    inverse_matrix,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    transform_matrix,
+    wrap_angle,
+)
+
+angle = st.floats(-10.0, 10.0)
+length = st.floats(-50.0, 50.0)
+pose = st.builds(SE2, length, length, angle)
+
+
+@given(pose, pose)
+def test_composition_agrees_with_matrices(a: SE2, b: SE2) -> None:
+    assert np.allclose((a @ b).matrix(), a.matrix() @ b.matrix(), atol=1e-9)
+
+
+@given(pose)
+def test_a_pose_and_its_inverse_cancel(a: SE2) -> None:
+    assert np.allclose((a @ a.inverse()).matrix(), np.eye(4), atol=1e-9)
+
+
+@given(angle, st.floats(-1.5, 1.5), angle)
+def test_quaternions_and_rotations_are_inverse(roll: float, pitch: float, yaw: float) -> None:
+    rotation = rotation_from_rpy(roll, pitch, yaw)
+    assert np.allclose(
+        rotation_from_quaternion(*quaternion_from_rotation(rotation)), rotation, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_half_turns_have_a_quaternion(axis: int) -> None:
+    rpy = [0.0, 0.0, 0.0]
+    rpy[axis] = math.pi
+    rotation = rotation_from_rpy(*rpy)
+    assert np.allclose(
+        rotation_from_quaternion(*quaternion_from_rotation(rotation)), rotation, atol=1e-9
+    )
+
+
+def test_the_optical_axis_looks_forward_and_its_x_to_the_right() -> None:
+    assert np.allclose(LINK_FROM_OPTICAL[:3, 2], [1, 0, 0], atol=1e-12)
+    assert np.allclose(LINK_FROM_OPTICAL[:3, 0], [0, -1, 0], atol=1e-12)
+
+
+def test_inverse_matrix() -> None:
+    matrix = transform_matrix(rotation_from_rpy(0.1, -0.2, 3.0), (1.0, -2.0, 0.5))
+    assert np.allclose(matrix @ inverse_matrix(matrix), np.eye(4), atol=1e-12)
+
+
+@given(angle)
+def test_wrapped_angles_are_the_same_direction(a: float) -> None:
+    wrapped = wrap_angle(a)
+    assert -math.pi <= wrapped < math.pi
+    assert math.isclose(math.cos(wrapped), math.cos(a), abs_tol=1e-9)
+    assert math.isclose(math.sin(wrapped), math.sin(a), abs_tol=1e-9)

@@ -1,0 +1,139 @@
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from services.common import messages as msg
+from services.common.node import Envelope, Inbox, Node, Outbox, Trigger, random_generator
+from services.common.topics import CLOCK, CMD_VEL, CONTACTS, GOAL_POSE, SCAN, TF
+from services.common.wire import encode
+from tests.common.samples import SAMPLES
+
+
+class Navigation(Node):
+    name = "navigation"
+    period_ns: ClassVar[int | None] = 50
+    wakes = (GOAL_POSE,)
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        pass
+
+
+class Recorder(Navigation):
+    name = "recorder"
+    depth = 8
+    period_ns = None
+
+
+SCAN_SAMPLE = SAMPLES[SCAN]
+GOAL = SAMPLES[GOAL_POSE]
+
+
+def envelope(sequence: int, source: str = "a", world: str = "") -> Envelope:
+    return Envelope(source, sequence, 0, world)
+
+
+def test_of_a_latest_topic_only_the_newest_is_kept() -> None:
+    inbox = Inbox(Navigation())
+    for number in range(3):
+        inbox.deliver(SCAN, SCAN_SAMPLE, envelope(number))
+    assert len(inbox.new(SCAN)) == 1
+    assert inbox.new(SCAN) == []
+    assert inbox.counts["/scan"].received == 3
+    assert inbox.counts["/scan"].lost == 0
+
+
+def test_a_node_may_keep_more() -> None:
+    inbox = Inbox(Recorder())
+    for number in range(20):
+        inbox.deliver(SCAN, SCAN_SAMPLE, envelope(number))
+    assert len(inbox.new(SCAN)) == 8
+
+
+def test_every_message_of_an_every_topic_is_kept_in_order() -> None:
+    inbox = Inbox(Recorder())
+    contact = SAMPLES[CONTACTS]
+    for number in range(100):
+        inbox.deliver(
+            CONTACTS,
+            contact.model_copy(update={"time_s": float(number)}),
+            envelope(number),
+        )
+    assert [c.time_s for c in inbox.new(CONTACTS)] == [float(n) for n in range(100)]
+
+
+def test_gaps_in_a_source_are_counted_as_lost() -> None:
+    inbox = Inbox(Recorder())
+    for number in (0, 1, 5):
+        inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(number))
+    inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(0, "b"))
+    assert inbox.counts["/clock"].lost == 3
+    assert inbox.counts["/clock"].sent == 7
+
+
+def test_bytes_are_decoded_and_garbage_is_counted() -> None:
+    inbox = Inbox(Navigation())
+    inbox.deliver(GOAL_POSE, b"\x00\x01\x00\x00garbage", envelope(0))
+    inbox.deliver(GOAL_POSE, encode(GOAL_POSE, GOAL), envelope(1))
+    assert len(inbox.new(GOAL_POSE)) == 1
+    assert inbox.counts["/goal_pose"].rejected["malformed"] == 1
+
+
+def test_a_message_of_another_world_is_dropped_and_counted() -> None:
+    node = Navigation()
+    node.world_hash = "now"
+    inbox = Inbox(node)
+    inbox.deliver(SCAN, SCAN_SAMPLE, envelope(0, world="before"))
+    assert inbox.new(SCAN) == []
+    assert inbox.counts["/scan"].rejected["other world"] == 1
+    inbox.deliver(SCAN, SCAN_SAMPLE, envelope(1, world="now"))
+    assert len(inbox.new(SCAN)) == 1
+
+
+def test_a_node_reads_and_writes_only_what_the_table_says() -> None:
+    inbox = Inbox(Navigation())
+    with pytest.raises(KeyError):
+        inbox.new(TF)
+    outbox = Outbox(Navigation(), lambda *_: None)
+    with pytest.raises(PermissionError, match="/scan"):
+        outbox.put(SCAN, SCAN_SAMPLE)
+
+
+def test_what_is_not_finite_goes_no_further() -> None:
+    sent: list[object] = []
+    outbox = Outbox(Navigation(), lambda topic, message, _: sent.append(message))
+    command = msg.TwistStamped(
+        msg.header(0, ""), msg.Twist(msg.Vector3(np.nan, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0))
+    )
+    outbox.put(CMD_VEL, command)
+    assert sent == []
+    assert outbox.rejected["/cmd_vel", "not finite"] == 1
+
+
+def test_a_trigger_keeps_its_beat_and_wakes_on_messages() -> None:
+    node = Navigation()
+    inbox = Inbox(node)
+    trigger = Trigger(node)
+    due = [now for now in range(0, 200, 10) if trigger.due(now, inbox)]
+    assert due == [0, 50, 100, 150]
+    inbox.deliver(GOAL_POSE, GOAL, envelope(0))
+    assert trigger.due(191, inbox)
+    inbox.new(GOAL_POSE)
+    assert not trigger.due(192, inbox)
+    assert trigger.due(200, inbox)
+
+
+def test_a_trigger_starts_anew_when_time_does() -> None:
+    node = Navigation()
+    inbox = Inbox(node)
+    trigger = Trigger(node)
+    assert trigger.due(10_000, inbox)
+    assert trigger.due(0, inbox)
+    assert trigger.due(50, inbox)
+
+
+def test_streams_of_one_seed_differ_and_repeat() -> None:
+    first = random_generator(7, "physics/lidar").random(4)
+    assert np.array_equal(first, random_generator(7, "physics/lidar").random(4))
+    assert not np.array_equal(first, random_generator(7, "physics/imu").random(4))
+    assert not np.array_equal(first, random_generator(8, "physics/lidar").random(4))

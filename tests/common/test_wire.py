@@ -1,0 +1,104 @@
+import contextlib
+import copy
+import random
+
+import numpy as np
+import pytest
+
+from services.common import messages as msg
+from services.common import wire
+from services.common.documents import Document
+from services.common.topics import CMD_VEL, GOAL_POSE, SCAN, TOPICS, WORLD, Topic
+from tests.common.samples import SAMPLES
+
+
+def test_there_is_a_sample_of_every_topic() -> None:
+    assert {topic.name for topic in SAMPLES} == {topic.name for topic in TOPICS}
+
+
+@pytest.mark.parametrize("topic", SAMPLES, ids=lambda topic: topic.name)
+def test_a_message_survives_the_wire(topic: Topic[object]) -> None:
+    sample = SAMPLES[topic]
+    wire.validate(topic, sample)
+    data = wire.encode(topic, sample)
+    assert data[:4] == b"\x00\x01\x00\x00"
+    decoded = wire.decode(topic, data)
+    assert type(decoded) is topic.type
+    assert wire.encode(topic, decoded) == data
+
+
+@pytest.mark.parametrize("topic", SAMPLES, ids=lambda topic: topic.name)
+def test_damaged_bytes_are_refused_and_nothing_else_happens(topic: Topic[object]) -> None:
+    data = wire.encode(topic, SAMPLES[topic])
+    shuffle = random.Random(0)
+    for _ in range(60):
+        damaged = bytearray(data[: shuffle.randrange(len(data) + 1)])
+        for _ in range(shuffle.randrange(4)):
+            if damaged:
+                damaged[shuffle.randrange(len(damaged))] = shuffle.randrange(256)
+        with contextlib.suppress(wire.WireError):
+            wire.validate(topic, wire.decode(topic, bytes(damaged)))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
+    command = copy.deepcopy(SAMPLES[CMD_VEL])
+    assert isinstance(command, msg.TwistStamped)
+    command.twist.angular.z = value
+    with pytest.raises(wire.WireError, match="not finite"):
+        wire.validate(CMD_VEL, command)
+
+
+def test_a_rotation_must_be_one() -> None:
+    goal = copy.deepcopy(SAMPLES[GOAL_POSE])
+    assert isinstance(goal, msg.PoseStamped)
+    goal.pose.orientation.w = 0.0
+    goal.pose.orientation.z = 0.0
+    with pytest.raises(wire.WireError, match="quaternion"):
+        wire.validate(GOAL_POSE, goal)
+
+
+def test_a_scan_may_hold_no_return_but_not_a_nan() -> None:
+    scan = copy.deepcopy(SAMPLES[SCAN])
+    assert isinstance(scan, msg.LaserScan)
+    wire.validate(SCAN, scan)
+    scan.ranges = np.array([np.nan], np.float32)
+    with pytest.raises(wire.WireError, match="not finite"):
+        wire.validate(SCAN, scan)
+
+
+def test_a_document_with_an_unknown_key_or_a_nan_is_refused() -> None:
+    text = '{"world_name": "x", "use_aruco": true, "nope": 1}'
+    from services.common.topics import WORLD_REQUEST
+
+    data = bytes(msg.TYPESTORE.serialize_cdr(msg.String(text), "std_msgs/msg/String"))
+    with pytest.raises(wire.WireError, match="nope"):
+        wire.decode(WORLD_REQUEST, data)
+
+
+def test_a_message_of_another_topic_is_refused() -> None:
+    with pytest.raises(wire.WireError, match="not of its type"):
+        wire.validate(CMD_VEL, SAMPLES[GOAL_POSE])
+    with pytest.raises(wire.WireError):
+        wire.encode(CMD_VEL, SAMPLES[GOAL_POSE])
+
+
+def test_an_array_of_another_kind_is_refused() -> None:
+    scan = copy.deepcopy(SAMPLES[SCAN])
+    assert isinstance(scan, msg.LaserScan)
+    scan.ranges = scan.ranges.astype(np.float64)
+    with pytest.raises(wire.WireError):
+        wire.encode(SCAN, scan)
+
+
+def test_keys_are_ros_names_without_their_slash() -> None:
+    assert wire.key_from_topic(SCAN) == "scan"
+    assert wire.key_from_topic(SCAN, "run1/") == "run1/scan"
+    assert wire.type_name(WORLD) == "std_msgs/msg/String"
+
+
+def test_documents_are_frozen() -> None:
+    for sample in SAMPLES.values():
+        if isinstance(sample, Document):
+            assert sample.model_config["frozen"]
+            assert sample.model_config["extra"] == "forbid"

@@ -1,0 +1,129 @@
+"""The style, as tests: each message says how to mend what it finds."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from services.cli.topics_page import topics_page
+from services.common import topics
+from services.common.config import ROOT
+from services.common.topics import EDGE, SERVICES, TOPICS
+
+CONSTANTS = {name for name, value in vars(topics).items() if value in TOPICS}
+PURE_NAMES = {"config.py", "node.py", "__main__.py", "__init__.py"}
+SOURCES = sorted((ROOT / "services").rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+CLOCKS = {"time", "datetime"}
+
+
+def calls(tree: ast.AST, method: str) -> set[str]:
+    """Names of the topics given to `<box>.<method>(TOPIC, ...)`."""
+    names = set()
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == method
+            and node.args
+            and isinstance(node.args[0], ast.Name)
+        ):
+            names.add(node.args[0].id)
+    return names & CONSTANTS
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_each_service_folder_has_the_same_inside(service: str) -> None:
+    folder = ROOT / "services" / service
+    missing = PURE_NAMES - {path.name for path in folder.iterdir()}
+    assert not missing, f"add {missing} to services/{service}"
+    code = [
+        line
+        for line in (folder / "__main__.py").read_text().splitlines()
+        if line and not line.startswith('"""')
+    ]
+    assert len(code) == 4, f"services/{service}/__main__.py: three imports and main(...) only"
+
+
+def test_nothing_is_named_after_nothing() -> None:
+    vague = [p for p in SOURCES if p.stem in {"utils", "helpers", "base", "misc", "common_utils"}]
+    assert not vague, f"name these files after what they compute: {vague}"
+
+
+def test_the_table_of_topics_is_sound() -> None:
+    names = [topic.name for topic in TOPICS]
+    assert len(names) == len(set(names)), "a topic has one row"
+    for topic in TOPICS:
+        assert re.fullmatch(r"(/[a-z][a-z0-9_]*)+", topic.name), topic.name
+        assert topic.owners, f"{topic.name}: name an owner"
+        assert set(topic.owners) <= {*SERVICES, EDGE}, f"{topic.name}: unknown owner"
+        assert set(topic.readers) <= set(SERVICES), f"{topic.name}: unknown reader"
+        assert not set(topic.owners) & set(topic.readers) or topic.name == "/diagnostics"
+        assert topic.rate_hz is None or topic.rate_hz > 0
+        assert topic.depth >= 1
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_a_node_uses_the_topics_that_the_table_gives_it(service: str) -> None:
+    text = "\n".join(p.read_text() for p in (ROOT / "services" / service).glob("*.py"))
+    used = {name for name in CONSTANTS if re.search(rf"\b{name}\b", text)}
+    loop = {"DIAGNOSTICS", "ROSOUT"}
+    for name in CONSTANTS:
+        topic = getattr(topics, name)
+        mine = service in topic.owners or service in topic.readers
+        if name in used:
+            assert mine, f"services/{service} uses {name}: add it to the row in topics.py"
+        elif mine and service != "recorder":
+            assert name in loop, f"services/{service} never uses {name}: take it out of the row"
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_only_the_node_file_puts_and_reads(service: str) -> None:
+    for path in (ROOT / "services" / service).glob("*.py"):
+        if path.name == "node.py":
+            continue
+        tree = ast.parse(path.read_text())
+        found = calls(tree, "put") | calls(tree, "new") | calls(tree, "latest")
+        assert not found, f"{path}: move {found} to node.py"
+
+
+@pytest.mark.parametrize("service", [s for s in SERVICES if s != "recorder"])
+def test_no_node_reads_a_clock_or_the_environment(service: str) -> None:
+    for path in (ROOT / "services" / service).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found = {alias.name for alias in node.names} & CLOCKS
+                assert not found, f"{path}: time is an argument, not {found}"
+            if isinstance(node, ast.ImportFrom):
+                assert node.module not in CLOCKS, f"{path}: time is an argument"
+            if isinstance(node, ast.Attribute):
+                assert node.attr not in {"environ", "getenv"}, f"{path}: use config.py"
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *TESTS], ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_banners_no_places_of_this_machine(path: Path) -> None:
+    text = path.read_text()
+    assert not re.search(r"^\s*#\s*[-=#*]{4,}", text, re.MULTILINE), f"{path}: no banners"
+    for word in ("/wo" + "rk/", "/ro" + "ot/"):
+        assert word not in text, f"{path}: names a folder of one machine: {word}"
+
+
+def test_tests_do_not_sleep() -> None:
+    for path in TESTS:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                asleep = node.func.attr == "sleep"
+                if asleep and isinstance(node.args[0], ast.Constant):
+                    assert node.args[0].value <= 0.2, f"{path}: wait for a condition instead"
+
+
+def test_the_page_of_topics_is_current() -> None:
+    page = (ROOT / "docs" / "topics.md").read_text()
+    assert page == topics_page(), "docs/topics.md is stale: run `make generate`"
+
+
+def test_locks_hold_no_address() -> None:
+    for path in ROOT.glob("requirements*.lock"):
+        assert "://" not in path.read_text(), f"{path}: run `make lock`"
+    assert not (ROOT / "uv.lock").exists(), "uv.lock writes down the addresses of an index"
