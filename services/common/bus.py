@@ -6,7 +6,7 @@ import json
 import struct
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any, TypeVar, cast
 
 import zenoh
@@ -104,6 +104,7 @@ class Bus:
         self._subscribers: list[Any] = []
         self._token: zenoh.LivelinessToken | None = None
         self._alive_key = f"{prefix}{ALIVE_PREFIX}{node.name}"
+        self.node_name = node.name
         self.source = uuid.uuid4().hex
         for topic in read_by(node.name):
             self._subscribers.append(
@@ -125,6 +126,18 @@ class Bus:
     def outbox(self, node: Node) -> Outbox:
         """The node's outbox on this bus."""
         return Outbox(node, self.send, self.source)
+
+    def matched(self, among: Container[str]) -> bool:
+        """Whether each publisher with a reader `among` these services knows of a reader.
+
+        A latched topic's cache serves a reader that comes late; its publisher is not asked.
+        """
+        return all(
+            self._publishers[topic.name].matching_status.matching
+            for topic in owned_by(self.node_name)
+            if topic.delivery is not Delivery.LATCHED
+            and any(reader in among for reader in topic.readers)
+        )
 
     def _receiver(self, topic: Topic[M]) -> Callable[[bytes, bytes | None], None]:
         def receive(payload: bytes, attachment: bytes | None) -> None:

@@ -16,6 +16,7 @@ STAMP_NS = 12_345_678_901
 POSE = msg.pose_from_se2(SE2(1.0, -2.0, 0.5))
 HEADER = msg.header(STAMP_NS, "map")
 COVARIANCE = np.eye(6).reshape(36)
+POSE_STAMPED = msg.PoseWithCovarianceStamped(HEADER, msg.PoseWithCovariance(POSE, COVARIANCE))
 TWIST = msg.Twist(linear=msg.Vector3(0.1, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, -0.2))
 ODOMETRY = msg.Odometry(
     HEADER,

@@ -1,0 +1,203 @@
+"""Bringup against a stack that answers by hand."""
+
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from services.bringup.config import BringupConfig
+from services.bringup.node import (
+    EXIT_NOT_ACTIVE,
+    EXIT_NOT_REACHED,
+    EXIT_REFUSED,
+    BringupNode,
+)
+from services.common import documents as doc
+from services.common import topics as table
+from services.common.messages import ns_from_time
+from services.common.node import Envelope, Inbox, Outbox
+from services.common.topics import Topic
+from tests.common.samples import WORLD
+
+STEP_NS = 100_000_000
+HASH = WORLD.hash
+ACTIVE = doc.NavigationStatus(localization_active=True, navigation_active=True)
+
+
+class Stage:
+    """A bringup node, and the hand that plays everybody else."""
+
+    def __init__(self, config: BringupConfig) -> None:
+        self.node = BringupNode(config)
+        self.inbox = Inbox(self.node)
+        self.sent: list[tuple[str, Any]] = []
+        self.outbox = Outbox(self.node, lambda topic, message, _: self._keep(topic, message))
+        self.now_ns = 0
+        self._sequence = 0
+
+    def _keep(self, topic: Topic[object], message: object) -> None:
+        self.sent.append((topic.name, message))
+
+    def say(self, topic: Topic[Any], message: object) -> None:
+        self.inbox.deliver(topic, message, Envelope("x", self._sequence, self.now_ns, HASH))
+        self._sequence += 1
+
+    def step(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.now_ns += STEP_NS
+            self.outbox.now_ns = self.now_ns
+            self.node.step(self.now_ns, self.inbox, self.outbox)
+
+    def goals(self) -> list[Any]:
+        return [message for name, message in self.sent if name == "/goal_pose"]
+
+    def bring_up(self) -> None:
+        self.step()
+        (request,) = [message for name, message in self.sent if name == "/world/request"]
+        self.say(table.WORLD, WORLD)
+        self.say(table.WORLD_STATUS, doc.WorldStatus(request=request, world_hash=HASH))
+        self.say(table.NAVIGATION_STATUS, ACTIVE)
+        self.step()
+
+    def answer(self, error_code: int = 0) -> None:
+        goal = self.goals()[-1]
+        self.say(
+            table.NAVIGATION_RESULT,
+            doc.NavigationResult(
+                goal=doc.Planar(x_m=0, y_m=0, yaw_rad=0),
+                goal_stamp_ns=ns_from_time(goal.header.stamp),
+                error_code=error_code,
+                error_msg="blocked" if error_code else "",
+                start_time_s=0.0,
+                end_time_s=1.0,
+            ),
+        )
+        self.step(2)
+
+
+def report(reached: bool) -> doc.GoalReport:
+    return doc.GoalReport(
+        name="location1", reached=reached, time_s=1.0, path_length_m=2.0, shortest_path_m=1.9,
+        goal_error_m=0.05, goal_error_rad=0.01, recoveries=0, error_code=0,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def stage(caplog: pytest.LogCaptureFixture) -> Iterator[Stage]:
+    caplog.set_level(logging.INFO)
+    yield Stage(BringupConfig(world_name="tiny", tour=("location1", "home")))
+
+
+def test_it_says_both_lines_once_and_drives_the_tour(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.bring_up()
+    said = [(r.name, r.getMessage()) for r in caplog.records if "Managed" in r.getMessage()]
+    assert said == [
+        ("lifecycle_manager_localization", "Managed nodes are active"),
+        ("lifecycle_manager_navigation", "Managed nodes are active"),
+    ]
+    assert stage.node.waiting_for() is None
+    stage.answer()
+    stage.answer()
+    assert [(g.pose.position.x, g.pose.position.y) for g in stage.goals()] == [(1, 2), (0, 0)]
+    assert stage.node.exit_code is None
+    stage.say(table.EVALUATION, doc.Evaluation(goals=(report(True), report(True))))
+    stage.step()
+    assert stage.node.exit_code == 0
+    assert "location1" in caplog.records[-1].getMessage()
+    assert "shortest m" in caplog.records[-1].getMessage()
+
+
+def test_a_goal_that_was_not_reached_is_not_exit_code_0(stage: Stage) -> None:
+    stage.bring_up()
+    stage.answer()
+    stage.answer(error_code=208)
+    stage.say(table.EVALUATION, doc.Evaluation(goals=(report(True), report(False))))
+    stage.step()
+    assert stage.node.exit_code == EXIT_NOT_REACHED
+
+
+def test_without_a_recorder_the_tour_still_ends(stage: Stage) -> None:
+    stage.bring_up()
+    stage.answer()
+    stage.answer()
+    stage.step(60)
+    assert stage.node.exit_code == 0
+
+
+def test_a_second_tour_does_not_count_the_first_ones_goals(stage: Stage) -> None:
+    stage.step()
+    stage.say(table.EVALUATION, doc.Evaluation(goals=(report(False), report(False))))
+    stage.bring_up()
+    stage.answer()
+    stage.answer()
+    assert stage.node.exit_code is None
+    goals = (report(False), report(False), report(True), report(True))
+    stage.say(table.EVALUATION, doc.Evaluation(goals=goals))
+    stage.step()
+    assert stage.node.exit_code == 0
+
+
+def test_a_refused_world_is_one_line_and_not_exit_code_0(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.step()
+    request = stage.sent[0][1]
+    stage.say(table.WORLD_STATUS, doc.WorldStatus(request=request, error="another world runs"))
+    stage.step()
+    assert stage.node.exit_code == EXIT_REFUSED
+    assert caplog.records[-1].getMessage() == "another world runs"
+    assert stage.goals() == []
+
+
+def test_the_answer_to_another_request_is_not_ours(stage: Stage) -> None:
+    stage.step()
+    other = doc.WorldRequest(world_name="other")
+    stage.say(table.WORLD_STATUS, doc.WorldStatus(request=other, error="no such world"))
+    stage.step()
+    assert stage.node.exit_code is None
+
+
+def test_an_unknown_location_is_refused_before_driving(caplog: pytest.LogCaptureFixture) -> None:
+    stage = Stage(BringupConfig(world_name="tiny", tour=("kitchen",)))
+    stage.bring_up()
+    assert stage.node.exit_code == EXIT_REFUSED
+    assert "'kitchen'" in caplog.text
+    assert "location1" in caplog.text
+
+
+def test_a_goal_that_navigation_forgot_is_sent_again(stage: Stage) -> None:
+    stage.bring_up()
+    driving = ACTIVE.model_copy(update={"goal": doc.Planar(x_m=1, y_m=2, yaw_rad=0)})
+    for _ in range(30):
+        stage.say(table.NAVIGATION_STATUS, driving)
+        stage.step()
+    assert len(stage.goals()) == 1
+    stage.say(
+        table.NAVIGATION_STATUS,
+        doc.NavigationStatus(localization_active=False, navigation_active=False),
+    )
+    stage.step(40)
+    assert len(stage.goals()) == 1
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.step()
+    assert len(stage.goals()) == 2
+    stage.answer()
+    assert len(stage.goals()) == 3
+
+
+def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stage = Stage(BringupConfig(world_name="tiny", bringup_timeout_s=3.0))
+    stage.step()
+    stage.say(table.WORLD, WORLD)
+    stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
+    waiting = stage.node.waiting_for()
+    assert waiting is not None
+    assert "navigation (not up)" in waiting
+    stage.step(40)
+    assert stage.node.exit_code == EXIT_NOT_ACTIVE
+    assert "perception (not up)" in caplog.text
