@@ -42,14 +42,14 @@ def tour_table(evaluation: Evaluation) -> str:
             f"{math.degrees(goal.goal_error_rad):.1f}",
             str(goal.contacts),
         )
-    console = Console(width=100, color_system=None)
+    console = Console(width=120, color_system=None)
     with console.capture() as capture:
         console.print(table)
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
     counts = sorted(evaluation.markers_seen.items())
     seen = ", ".join(f"{name} ({count}x)" for name, count in counts)
     lines = [
-        capture.get().strip("\n"),
+        *(line.rstrip() for line in capture.get().splitlines() if line.strip()),
         f" localisation error: mean {error_m.mean:.3f} m, p95 {error_m.p95:.3f} m, "
         f"p95 {math.degrees(error_rad.p95):.2f} deg",
         f" contacts: {len(evaluation.contacts)}",

@@ -1,7 +1,6 @@
 """Bringup against a stack that answers by hand."""
 
 import logging
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -84,9 +83,9 @@ def report(reached: bool) -> doc.GoalReport:
 
 
 @pytest.fixture
-def stage(caplog: pytest.LogCaptureFixture) -> Iterator[Stage]:
+def stage(caplog: pytest.LogCaptureFixture) -> Stage:
     caplog.set_level(logging.INFO)
-    yield Stage(BringupConfig(world_name="tiny", tour=("location1", "home")))
+    return Stage(BringupConfig(world_name="tiny", tour=("location1", "home")))
 
 
 def test_it_says_both_lines_once_and_drives_the_tour(
@@ -191,7 +190,7 @@ def test_a_goal_that_navigation_forgot_is_sent_again(stage: Stage) -> None:
 def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    stage = Stage(BringupConfig(world_name="tiny", bringup_timeout_s=3.0))
+    stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
     stage.step()
     stage.say(table.WORLD, WORLD)
     stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
