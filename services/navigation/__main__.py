@@ -1,0 +1,5 @@
+from services.common.serve import main
+from services.navigation.config import NavigationConfig
+from services.navigation.node import NavigationNode
+
+main(NavigationConfig, NavigationNode)

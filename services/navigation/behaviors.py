@@ -1,0 +1,144 @@
+"""What to do when planning or control fails: Nav2's recovery behaviours, in Nav2's round robin."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+from services.common.frames import SE2, wrap_angle
+from services.navigation.collision import STOP, Surroundings, Velocity, first_contact_s
+
+
+class BehaviorStatus(Enum):
+    """How a behaviour is doing."""
+
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorParams:
+    """Names as in Nav2's behaviour server and its default tree."""
+
+    control_period_s: float
+    spin_dist_rad: float
+    max_rotational_vel_rad_s: float
+    rotational_acc_lim_rad_s2: float
+    spin_time_allowance_s: float
+    backup_dist_m: float
+    backup_speed_m_s: float
+    backup_time_allowance_s: float
+    wait_duration_s: float
+    simulate_ahead_time_s: float
+    echo_radius_m: float
+
+
+class Behavior(ABC):
+    """One recovery, from its first step until it is no longer running."""
+
+    name: ClassVar[str]
+
+    def __init__(self, params: BehaviorParams) -> None:
+        self._params = params
+        self._start_ns: int | None = None
+        self._start = SE2(0.0, 0.0, 0.0)
+
+    def step(self, now_ns: int, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+        """Go on with the behaviour: its status, and the velocity to command."""
+        if self._start_ns is None:
+            self._start_ns = now_ns
+            self._start = around.map_from_base
+        return self._advance((now_ns - self._start_ns) * 1e-9, around)
+
+    @abstractmethod
+    def _advance(
+        self, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]: ...
+
+    def _collides(self, around: Surroundings, velocity: Velocity) -> bool:
+        ahead_s = self._params.simulate_ahead_time_s
+        contact_s = first_contact_s(around, velocity, ahead_s, 0.05, self._params.echo_radius_m)
+        return contact_s != math.inf
+
+
+class ClearCostmap(Behavior):
+    """Forgets what the scan put on the costmap. The caller clears; there is nothing to drive."""
+
+    name = "clear costmap"
+
+    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+        return BehaviorStatus.SUCCEEDED, STOP
+
+
+class Spin(Behavior):
+    """Turns on the spot, to see and to get loose."""
+
+    name = "spin"
+
+    def __init__(self, params: BehaviorParams) -> None:
+        super().__init__(params)
+        self._turned_rad = 0.0
+        self._last_yaw_rad: float | None = None
+        self._rate_rad_s = 0.0
+
+    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+        p, yaw_rad = self._params, around.map_from_base.yaw_rad
+        if self._last_yaw_rad is not None:
+            self._turned_rad += wrap_angle(yaw_rad - self._last_yaw_rad)
+        self._last_yaw_rad = yaw_rad
+        left_rad = p.spin_dist_rad - self._turned_rad
+        if left_rad <= 0.0:
+            return BehaviorStatus.SUCCEEDED, STOP
+        if elapsed_s > p.spin_time_allowance_s:
+            return BehaviorStatus.FAILED, STOP
+        braking_rad_s = math.sqrt(2.0 * p.rotational_acc_lim_rad_s2 * left_rad)
+        faster_rad_s = self._rate_rad_s + p.rotational_acc_lim_rad_s2 * p.control_period_s
+        self._rate_rad_s = max(
+            min(p.max_rotational_vel_rad_s, braking_rad_s, faster_rad_s), min(0.2, faster_rad_s)
+        )
+        velocity = Velocity(0.0, self._rate_rad_s)
+        if self._collides(around, velocity):
+            return BehaviorStatus.FAILED, STOP
+        return BehaviorStatus.RUNNING, velocity
+
+
+class BackUp(Behavior):
+    """Drives straight back."""
+
+    name = "back up"
+
+    def __init__(self, params: BehaviorParams) -> None:
+        super().__init__(params)
+        self._speed_m_s = 0.0
+
+    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+        p = self._params
+        if self._start.distance_m(around.map_from_base) >= p.backup_dist_m:
+            return BehaviorStatus.SUCCEEDED, STOP
+        if elapsed_s > p.backup_time_allowance_s:
+            return BehaviorStatus.FAILED, STOP
+        # 0.15 m/s at no more than 1 m/s2.
+        self._speed_m_s = min(p.backup_speed_m_s, self._speed_m_s + p.control_period_s)
+        velocity = Velocity(-self._speed_m_s, 0.0)
+        if self._collides(around, Velocity(-p.backup_speed_m_s, 0.0)):
+            return BehaviorStatus.FAILED, STOP
+        return BehaviorStatus.RUNNING, velocity
+
+
+class Wait(Behavior):
+    """Stands still, for what is in the way may go away."""
+
+    name = "wait"
+
+    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+        if elapsed_s >= self._params.wait_duration_s:
+            return BehaviorStatus.SUCCEEDED, STOP
+        return BehaviorStatus.RUNNING, STOP
+
+
+ROUND_ROBIN: tuple[type[Behavior], ...] = (ClearCostmap, Spin, Wait, BackUp)
+"""The order of navigate_to_pose_w_replanning_and_recovery."""

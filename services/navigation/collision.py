@@ -1,0 +1,129 @@
+"""Whether a motion would bring the robot's circle onto an obstacle: on the costmap, and among the
+scan's echoes.
+
+The costmap knows the walls but trusts the estimated pose; the echoes need no pose at all. A motion
+has to pass both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from services.common.frames import SE2, Array
+from services.navigation.costmap import Clearance, Costmap
+
+
+class Velocity(NamedTuple):
+    """Velocity of base_footprint in its own frame."""
+
+    linear_m_s: float
+    angular_rad_s: float
+
+
+STOP = Velocity(0.0, 0.0)
+
+_SLACK_M = 0.01
+"""Standard deviation of the lidar's noise: an echo this much nearer than before is no approach."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Where the robot is and what is around it."""
+
+    map_from_base: SE2
+    costmap: Costmap
+    echoes_m: Array
+    """(n, 2) float64, the newest scan's echoes in the robot's base frame as it is now."""
+
+
+def first_contact_s(
+    around: Surroundings, velocity: Velocity, horizon_s: float, step_s: float, echo_radius_m: float
+) -> float:
+    """Time until a constant velocity brings the robot's circle onto an obstacle; inf within the
+    horizon none.
+
+    A robot that is already too near to something may move as long as it does not come nearer: it
+    has to be able to get away.
+
+    Args:
+        around: where the robot is and what is around it.
+        velocity: held for the whole horizon.
+        horizon_s: how far to look ahead.
+        step_s: between the poses looked at.
+        echo_radius_m: of the circle that no echo may enter.
+    """
+    frame = around.costmap.frame
+    return float(
+        _first_contact_s(
+            around.costmap.clearance_m,
+            (around.map_from_base.x_m - frame.origin_x_m) / frame.resolution_m,
+            (around.map_from_base.y_m - frame.origin_y_m) / frame.resolution_m,
+            around.map_from_base.yaw_rad,
+            frame.resolution_m,
+            around.costmap.robot_radius_m,
+            around.echoes_m,
+            echo_radius_m,
+            velocity.linear_m_s,
+            velocity.angular_rad_s,
+            horizon_s,
+            step_s,
+        )
+    )
+
+
+@numba.njit(cache=True)
+def _nearest_echo_m(echoes_m: Array, x_m: float, y_m: float) -> float:
+    best = np.inf
+    for i in range(len(echoes_m)):
+        square = (echoes_m[i, 0] - x_m) ** 2 + (echoes_m[i, 1] - y_m) ** 2
+        best = min(best, square)
+    return math.sqrt(best)
+
+
+@numba.njit(cache=True)
+def _first_contact_s(
+    clearance_m: Clearance,
+    column: float,
+    row: float,
+    yaw_rad: float,
+    resolution_m: float,
+    robot_radius_m: float,
+    echoes_m: Array,
+    echo_radius_m: float,
+    linear_m_s: float,
+    angular_rad_s: float,
+    horizon_s: float,
+    step_s: float,
+) -> float:
+    rows, columns = clearance_m.shape
+    if not (0 <= row < rows and 0 <= column < columns):
+        return 0.0
+    last_map_m = clearance_m[int(row), int(column)]
+    last_echo_m = _nearest_echo_m(echoes_m, 0.0, 0.0)
+    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
+    for i in range(1, int(horizon_s / step_s + 0.5) + 1):
+        t = i * step_s
+        turn = angular_rad_s * t
+        if abs(angular_rad_s) < 1e-6:
+            x, y = linear_m_s * t, 0.0
+        else:
+            x = linear_m_s / angular_rad_s * math.sin(turn)
+            y = linear_m_s / angular_rad_s * (1.0 - math.cos(turn))
+        at_column = column + (cos_yaw * x - sin_yaw * y) / resolution_m
+        at_row = row + (sin_yaw * x + cos_yaw * y) / resolution_m
+        if not (0 <= at_row < rows and 0 <= at_column < columns):
+            return t
+        map_m = clearance_m[int(at_row), int(at_column)]
+        if map_m <= robot_radius_m and map_m < last_map_m:
+            return t
+        echo_m = _nearest_echo_m(echoes_m, x, y)
+        if echo_m < echo_radius_m and echo_m < last_echo_m - _SLACK_M:
+            return t
+        last_map_m = min(last_map_m, map_m)
+        last_echo_m = min(last_echo_m, echo_m)
+    return np.inf

@@ -1,0 +1,36 @@
+"""How planning, control and goals fail: Nav2's numbers, and the exception that carries one."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class ErrorCode(IntEnum):
+    """Nav2's error codes (nav2_msgs: FollowPath 100, ComputePathToPose 200, NavigateToPose 9000).
+
+    The two from 9010 on are our own: Nav2 has no number for them.
+    """
+
+    NONE = 0
+    GOAL_REJECTED = 1
+    CONTROLLER_TF_ERROR = 102
+    FAILED_TO_MAKE_PROGRESS = 105
+    NO_VALID_CONTROL = 106
+    START_OUTSIDE_MAP = 203
+    GOAL_OUTSIDE_MAP = 204
+    START_OCCUPIED = 205
+    GOAL_OCCUPIED = 206
+    PLANNER_TIMEOUT = 207
+    NO_VALID_PATH = 208
+    TF_ERROR = 9002
+    PREEMPTED = 9010
+    WORLD_RESTARTED = 9011
+
+
+class NavigationError(Exception):
+    """A failure with its code; its one line names the value and what would be right."""
+
+    def __init__(self, code: ErrorCode, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
