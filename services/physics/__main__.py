@@ -1,0 +1,5 @@
+from services.common.serve import main
+from services.physics.config import PhysicsConfig
+from services.physics.node import PhysicsNode
+
+main(PhysicsConfig, PhysicsNode)

@@ -1,0 +1,341 @@
+"""The world's bodies in PyBullet: floor, walls and robot, stepped at 240 Hz.
+
+Contact figures. Bullet multiplies the two surfaces' friction: floor and walls have 1.0, so that the
+model's own coefficients hold: 1.0 for a tyre, 0 for a caster, which glides, 0.3 for the hull, which
+scrapes along a wall. Bullet's damping of bodies (4 % a second) is off: it would slow the robot down
+like treacle. With PyBullet's 50 solver iterations a wheel follows its motor to 1e-5; with 20 it
+lags by 0.4 % and the robot veers. Rolling straight, the robot then covers the distance of its
+wheels within 0.1 %. Turning on the spot it turns 0.5 % less than the wheels say: 0.35 % since the
+wheels stand 288 mm apart, while drive and odometry assume 287 mm as in the reference robot, the
+rest since tyres of 18 mm scrub.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import pybullet
+
+from services.common.documents import World
+from services.common.frames import (
+    BASE_FOOTPRINT_FRAME,
+    BASE_LINK_FRAME,
+    Array,
+    inverse_matrix,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    transform_matrix,
+)
+from services.physics.config import STEPS_PER_SECOND
+from services.physics.robot_model import ModelError, RobotModel, Shape, Vector
+
+GRAVITY_M_S2 = 9.8
+FLOOR = "floor"
+WHEELS = ("wheel_left_joint", "wheel_right_joint")
+
+_SURFACE_FRICTION = 1.0
+_STATIC_GROUP, _ROBOT_GROUP = 1, 2
+_RAY_GROUP = 1
+"""Bullet's rays belong to its default group; what is to be hit must let that group in."""
+_MAX_WALLS = 5_000
+_MAX_LENGTH_M = 1_000.0
+_FAR_M = 10_000.0
+_LOWEST_M, _HIGHEST_M = -0.05, 0.5
+_MAX_SPEED_M_S = 20.0
+
+Quaternion = tuple[float, float, float, float]
+
+
+class BodyState(NamedTuple):
+    """The robot after a step, exactly as PyBullet has it, in the map frame."""
+
+    position_m: Vector
+    """Of the base's centre of mass."""
+    orientation_xyzw: Quaternion
+    velocity_m_s: Vector
+    """Of the base's centre of mass."""
+    angular_velocity_rad_s: Vector
+    wheel_angles_rad: tuple[float, float]
+    """Left, right; turning forwards is positive; not wrapped."""
+    wheel_speeds_rad_s: tuple[float, float]
+
+    def is_sane(self) -> bool:
+        """Whether a robot can be so: PyBullet keeps what is not finite without a word."""
+        x, y, z = self.position_m
+        fast = max(map(abs, self.velocity_m_s))
+        turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
+        # A comparison with what is not a number is False.
+        return (
+            -_FAR_M < x < _FAR_M
+            and -_FAR_M < y < _FAR_M
+            and _LOWEST_M < z < _HIGHEST_M
+            and fast < _MAX_SPEED_M_S
+            and -_FAR_M < turn < _FAR_M
+        )
+
+
+class Touch(NamedTuple):
+    """A point in which the robot presses against something."""
+
+    robot_link: str
+    body: str
+    position_m: Vector
+    force_n: float
+
+
+class Bodies:
+    """One world in a PyBullet client of its own: nothing of an earlier world is left in it."""
+
+    def __init__(self, world: World, model: RobotModel, wheel_torque_n_m: float) -> None:
+        """Raises ValueError, in one line, where world or model cannot be built."""
+        _check(world)
+        self._torques = [wheel_torque_n_m, wheel_torque_n_m]
+        self._client: int = pybullet.connect(pybullet.DIRECT)
+        try:
+            pybullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=self._client)
+            pybullet.setTimeStep(1.0 / STEPS_PER_SECOND, physicsClientId=self._client)
+            pybullet.setPhysicsEngineParameter(
+                deterministicOverlappingPairs=1, physicsClientId=self._client
+            )
+            self._names: dict[int, str] = {}
+            self._floor = self._add_static(FLOOR, pybullet.GEOM_PLANE, (0.0, 0.0, 0.0), 0.0)
+            for wall in world.walls:
+                self._add_static(
+                    wall.name,
+                    pybullet.GEOM_BOX,
+                    (wall.x_m, wall.y_m, wall.height_m / 2.0),
+                    wall.yaw_rad,
+                    halfExtents=[wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0],
+                )
+            self._add_robot(world, model)
+        except (pybullet.error, ModelError) as error:
+            self.close()
+            raise ValueError(" ".join(str(error).split())) from error
+        self.set_wheel_speeds(0.0, 0.0)
+        self.state = self._read()
+
+    def close(self) -> None:
+        """Remove everything. Calling it again does nothing."""
+        if self._client >= 0:
+            pybullet.disconnect(self._client)
+            self._client = -1
+
+    def set_wheel_speeds(self, left_rad_s: float, right_rad_s: float) -> None:
+        """What the wheels' motors hold from now on."""
+        pybullet.setJointMotorControlArray(
+            self._robot,
+            self._wheels,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=[left_rad_s, right_rad_s],
+            forces=self._torques,
+            physicsClientId=self._client,
+        )
+
+    def step(self) -> BodyState:
+        """Advance by one step."""
+        pybullet.stepSimulation(physicsClientId=self._client)
+        self.state = self._read()
+        return self.state
+
+    def touches(self) -> list[Touch]:
+        """Where the robot presses against anything that is not the floor, after the last step."""
+        points = pybullet.getContactPoints(self._robot, physicsClientId=self._client)
+        # Bullet also lists points up to 2 cm apart: only where there is a force do the two touch.
+        return [
+            Touch(self._link_names[point[3]], self._names[point[2]], point[6], point[9])
+            for point in points
+            if point[2] != self._floor and point[9] > 0.0
+        ]
+
+    def cast_rays(self, starts_m: Array, ends_m: Array) -> Array:
+        """How far along each ray, 0 to 1, it meets a wall: (n,) from (n, 3) in the map frame.
+
+        Robot and floor are not in the way. A ray that meets nothing has 1.
+        """
+        hits = pybullet.rayTestBatch(
+            starts_m,
+            ends_m,
+            numThreads=1,
+            collisionFilterMask=_STATIC_GROUP,
+            physicsClientId=self._client,
+        )
+        return np.fromiter((hit[2] for hit in hits), np.float64, len(hits))
+
+    def map_from_footprint(self) -> Array:
+        """True (4, 4) pose of base_footprint."""
+        return self._map_from_com() @ self._com_from_footprint
+
+    def footprint_velocity(self) -> tuple[Array, Array]:
+        """True linear and angular velocity, (3,) each, of base_footprint in its own axes."""
+        turn, velocity, spin = self.motion_at(self._com_from_footprint)
+        return velocity @ turn, spin @ turn
+
+    def motion_at(self, com_from_frame: Array) -> tuple[Array, Array, Array]:
+        """Of a frame fixed to the base: rotation map_from_frame, and velocity and angular velocity.
+
+        (3, 3), (3,) and (3,), the last two in the map's axes.
+        """
+        state = self.state
+        turn = rotation_from_quaternion(*state.orientation_xyzw)
+        ax, ay, az = (turn @ com_from_frame[:3, 3]).tolist()
+        vx, vy, vz = state.velocity_m_s
+        wx, wy, wz = state.angular_velocity_rad_s
+        # Velocity of the centre of mass plus spin x arm; np.cross is slow on single vectors.
+        velocity = np.array(
+            [vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax]
+        )
+        return turn @ com_from_frame[:3, :3], velocity, np.array([wx, wy, wz])
+
+    def com_from(self, footprint_from_frame: Array) -> Array:
+        """(4, 4) pose of a frame of the robot seen from the base's centre of mass."""
+        return self._com_from_footprint @ footprint_from_frame
+
+    def _map_from_com(self) -> Array:
+        return transform_matrix(
+            rotation_from_quaternion(*self.state.orientation_xyzw), self.state.position_m
+        )
+
+    def _read(self) -> BodyState:
+        client, robot = self._client, self._robot
+        position, orientation = pybullet.getBasePositionAndOrientation(
+            robot, physicsClientId=client
+        )
+        velocity, spin = pybullet.getBaseVelocity(robot, physicsClientId=client)
+        left, right = pybullet.getJointStates(robot, self._wheels, physicsClientId=client)
+        return BodyState(
+            position, orientation, velocity, spin, (left[0], right[0]), (left[1], right[1])
+        )
+
+    def _add_static(
+        self, name: str, kind: int, position_m: Vector, yaw_rad: float, **shape: Any
+    ) -> int:
+        client = self._client
+        body: int = pybullet.createMultiBody(
+            0.0,
+            pybullet.createCollisionShape(kind, physicsClientId=client, **shape),
+            basePosition=position_m,
+            baseOrientation=[0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)],
+            # A plain rigid body: Bullet does not look at it again in every step.
+            useMaximalCoordinates=1,
+            physicsClientId=client,
+        )
+        pybullet.changeDynamics(body, -1, lateralFriction=_SURFACE_FRICTION, physicsClientId=client)
+        # No ray of a level lidar meets the floor, and a plane without end costs each ray a test.
+        meets = _ROBOT_GROUP if kind == pybullet.GEOM_PLANE else _ROBOT_GROUP | _RAY_GROUP
+        pybullet.setCollisionFilterGroupMask(body, -1, _STATIC_GROUP, meets, physicsClientId=client)
+        self._names[body] = name
+        return body
+
+    def _add_robot(self, world: World, model: RobotModel) -> None:
+        """The robot at the world's start; its base's frame in PyBullet is its centre of mass."""
+        client = self._client
+        base = model.body(BASE_LINK_FRAME)
+        parts = model.separate_links(BASE_LINK_FRAME)
+        footprint_from_base = model.transform(BASE_FOOTPRINT_FRAME, BASE_LINK_FRAME)
+        base_from_com = transform_matrix(np.eye(3), base.centre_of_mass_m)
+        self._com_from_footprint = inverse_matrix(footprint_from_base @ base_from_com)
+        map_from_com = world.start.se2().matrix() @ footprint_from_base @ base_from_com
+        com_from_base = inverse_matrix(base_from_com)
+        bodies = [model.body(joint.child) for joint in parts]
+        for joint, body in zip(parts, bodies, strict=True):
+            if np.abs(body.centre_of_mass_m).max() > 1e-9:
+                raise ModelError(f"link {joint.child!r}: its centre of mass must be its origin")
+        poses = [com_from_base @ joint.parent_from_child for joint in parts]
+        count = len(parts)
+        self._robot: int = pybullet.createMultiBody(
+            base.mass_kg,
+            self._collision(tuple(_moved(shape, com_from_base) for shape in base.shapes)),
+            basePosition=map_from_com[:3, 3].tolist(),
+            baseOrientation=quaternion_from_rotation(map_from_com[:3, :3]),
+            linkMasses=[body.mass_kg for body in bodies],
+            linkCollisionShapeIndices=[self._collision(body.shapes) for body in bodies],
+            linkVisualShapeIndices=[-1] * count,
+            linkPositions=[pose[:3, 3].tolist() for pose in poses],
+            linkOrientations=[quaternion_from_rotation(pose[:3, :3]) for pose in poses],
+            linkInertialFramePositions=[[0.0, 0.0, 0.0]] * count,
+            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * count,
+            linkParentIndices=[0] * count,
+            linkJointTypes=[
+                pybullet.JOINT_FIXED if joint.kind == "fixed" else pybullet.JOINT_REVOLUTE
+                for joint in parts
+            ],
+            linkJointAxis=[list(joint.axis) for joint in parts],
+            physicsClientId=client,
+        )
+        self._link_names = {-1: BASE_LINK_FRAME}
+        inertias = [base.inertia_diagonal_kg_m2, *(b.inertia_diagonal_kg_m2 for b in bodies)]
+        for index, inertia in enumerate(inertias, start=-1):
+            if index >= 0:
+                self._link_names[index] = parts[index].child
+            pybullet.changeDynamics(
+                self._robot,
+                index,
+                localInertiaDiagonal=list(inertia),
+                lateralFriction=model.links[self._link_names[index]].lateral_friction or 0.0,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                physicsClientId=client,
+            )
+            pybullet.setCollisionFilterGroupMask(
+                self._robot, index, _ROBOT_GROUP, _STATIC_GROUP, physicsClientId=client
+            )
+        names = [joint.name for joint in parts]
+        for wheel in WHEELS:
+            if model.joint(wheel).kind != "continuous" or wheel not in names:
+                raise ModelError(f"joint {wheel!r}: must turn, on {BASE_LINK_FRAME}")
+        self._wheels = [names.index(wheel) for wheel in WHEELS]
+
+    def _collision(self, shapes: tuple[Shape, ...]) -> int:
+        """One PyBullet shape of several."""
+        if not shapes:
+            return -1
+        kinds = {
+            "box": pybullet.GEOM_BOX,
+            "cylinder": pybullet.GEOM_CYLINDER,
+            "sphere": pybullet.GEOM_SPHERE,
+        }
+        poses = [shape.link_from_shape for shape in shapes]
+        index: int = pybullet.createCollisionShapeArray(
+            shapeTypes=[kinds[shape.kind] for shape in shapes],
+            halfExtents=[[side / 2.0 for side in shape.sides_m] for shape in shapes],
+            radii=[shape.radius_m for shape in shapes],
+            lengths=[shape.length_m for shape in shapes],
+            collisionFramePositions=[pose[:3, 3].tolist() for pose in poses],
+            collisionFrameOrientations=[quaternion_from_rotation(pose[:3, :3]) for pose in poses],
+            physicsClientId=self._client,
+        )
+        return index
+
+
+def _moved(shape: Shape, a_from_link: Array) -> Shape:
+    return Shape(
+        shape.kind,
+        shape.sides_m,
+        shape.radius_m,
+        shape.length_m,
+        a_from_link @ shape.link_from_shape,
+    )
+
+
+def _check(world: World) -> None:
+    """Refuse what PyBullet would take in and then go wrong with."""
+    if len(world.walls) > _MAX_WALLS:
+        raise ValueError(f"walls: {len(world.walls)} of them: at most {_MAX_WALLS}")
+    seen: set[str] = set()
+    for wall in world.walls:
+        if wall.name in seen:
+            raise ValueError(f"walls: {wall.name!r} is there twice")
+        seen.add(wall.name)
+        sizes = {"length_m": wall.length_m, "thickness_m": wall.thickness_m}
+        sizes |= {"height_m": wall.height_m, "x_m": wall.x_m, "y_m": wall.y_m}
+        for field, value in sizes.items():
+            # Bullet's collision margin is 1 mm and more: a thinner wall would be none.
+            low = -_MAX_LENGTH_M if field in ("x_m", "y_m") else 0.002
+            if not low <= value <= _MAX_LENGTH_M:
+                raise ValueError(f"wall {wall.name!r}: {field}: {value} is out of range")
+    for field, value in {"x_m": world.start.x_m, "y_m": world.start.y_m}.items():
+        if not abs(value) <= _MAX_LENGTH_M:
+            raise ValueError(f"start: {field}: {value} is out of range")

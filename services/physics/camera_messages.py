@@ -1,0 +1,42 @@
+"""A picture and its intrinsics as ROS messages."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common import messages as msg
+from services.common.frames import CAMERA_OPTICAL_FRAME
+from services.physics.camera import Intrinsics
+
+
+def image_message(stamp_ns: int, rgb: NDArray[np.uint8]) -> msg.Image:
+    """rgb8 message of an (h, w, 3) picture, which it takes over."""
+    height, width, _ = rgb.shape
+    return msg.Image(
+        header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
+        height=height,
+        width=width,
+        encoding="rgb8",
+        is_bigendian=0,
+        step=3 * width,
+        data=rgb.reshape(-1),
+    )
+
+
+def camera_info(stamp_ns: int, intrinsics: Intrinsics) -> msg.CameraInfo:
+    """The calibration of a pinhole without distortion."""
+    fx, fy, cx, cy = intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
+    return msg.CameraInfo(
+        header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
+        height=intrinsics.height,
+        width=intrinsics.width,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]),
+        r=np.eye(3).reshape(9),
+        p=np.array([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        binning_x=0,
+        binning_y=0,
+        roi=msg.RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+    )

@@ -1,0 +1,116 @@
+"""What can be set in the simulation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from services.common.config import ROOT, ConfigError, ServiceConfig
+from services.common.topics import CAMERA_IMAGE, SCAN
+
+STEPS_PER_SECOND = 240
+"""Physics steps in one second of simulation: PyBullet's own rate, for which its solver is tuned."""
+
+
+class PhysicsConfig(ServiceConfig):
+    """The robot, its limits and its sensors. Defaults are a TurtleBot3 waffle's."""
+
+    robot_model: str = Field(
+        "turtlebot3_waffle",
+        pattern=r"^[A-Za-z0-9_]+$",
+        description="folder of the robot's model in models/",
+    )
+    wheel_separation_m: float = Field(
+        0.287,
+        gt=0.0,
+        le=2.0,
+        description="distance of the wheels in drive and odometry",
+    )
+    wheel_radius_m: float = Field(
+        0.033, gt=0.0, le=1.0, description="radius of a wheel in drive and odometry"
+    )
+    max_linear_speed_m_s: float = Field(
+        0.46, gt=0.0, le=5.0, description="commands beyond it are clamped, in both directions"
+    )
+    max_linear_acceleration_m_s2: float = Field(
+        1.0, gt=0.0, le=10.0, description="of speeding up and of slowing down"
+    )
+    max_angular_speed_rad_s: float = Field(
+        1.9, gt=0.0, le=20.0, description="commands beyond it are clamped, in both directions"
+    )
+    max_angular_acceleration_rad_s2: float = Field(
+        2.0, gt=0.0, le=50.0, description="of speeding up and of slowing down"
+    )
+    cmd_vel_timeout_s: float = Field(
+        0.2, gt=0.0, le=10.0, description="without a velocity command for this long the robot stops"
+    )
+    watchdog_linear_deceleration_m_s2: float = Field(
+        2.5, gt=0.0, le=10.0, description="of a stop for want of commands"
+    )
+    watchdog_angular_deceleration_rad_s2: float = Field(
+        12.0, gt=0.0, le=50.0, description="of a stop for want of commands"
+    )
+    wheel_torque_n_m: float = Field(
+        1.0, gt=0.0, le=20.0, description="the most a wheel's motor can give"
+    )
+    wheel_noise_m_per_sqrt_m: float = Field(
+        0.0,
+        ge=0.0,
+        le=0.2,
+        description="standard deviation of a wheel's measured travel after one metre; 0: only slip",
+    )
+    gyro_noise_rad_s: float = Field(
+        2e-4, ge=0.0, le=1.0, description="standard deviation of each axis of the gyroscope"
+    )
+    accelerometer_noise_m_s2: float = Field(
+        1.7e-2, ge=0.0, le=10.0, description="standard deviation of each axis of the accelerometer"
+    )
+    scan_rate_hz: float = Field(
+        SCAN.rate_hz or 10.0, gt=0.0, description="turns of the lidar a second; divides 240"
+    )
+    scan_samples: int = Field(360, ge=4, le=10_000, description="rays a turn")
+    scan_range_min_m: float = Field(0.12, ge=0.0, le=1.0, description="nearer echoes are -inf")
+    scan_range_max_m: float = Field(3.5, gt=1.0, le=100.0, description="farther echoes are inf")
+    scan_noise_m: float = Field(0.01, ge=0.0, le=1.0, description="standard deviation of a range")
+    camera_enabled: bool = Field(True, description="render and send pictures")
+    renderer: Literal["auto", "gl", "tiny", "none"] = Field(
+        "auto",
+        description="gl: OpenGL, no display; tiny: PyBullet's TinyRenderer; auto: gl or else tiny",
+    )
+    camera_rate_hz: float = Field(
+        CAMERA_IMAGE.rate_hz or 10.0, gt=0.0, description="pictures a second; divides 240"
+    )
+    camera_width_px: int = Field(640, ge=16, le=4096, description="width of a picture")
+    camera_height_px: int = Field(480, ge=16, le=4096, description="height of a picture")
+    camera_horizontal_fov_rad: float = Field(
+        1.047, gt=0.1, lt=3.0, description="horizontal field of view"
+    )
+
+    @field_validator("scan_rate_hz", "camera_rate_hz")
+    @classmethod
+    def _divides_the_step_rate(cls, rate_hz: float) -> float:
+        if rate_hz > STEPS_PER_SECOND or (STEPS_PER_SECOND / rate_hz) % 1.0 != 0.0:
+            raise ValueError(f"must divide {STEPS_PER_SECOND} steps a second")
+        return rate_hz
+
+    def robot_urdf(self) -> str:
+        """The text of the robot's URDF.
+
+        Raises ConfigError where there is no such model.
+        """
+        path = ROOT / "models" / self.robot_model / "model.urdf"
+        try:
+            return path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"physics: robot_model: {path}: {error.strerror}") from error
+
+
+def steps_per_period(rate_hz: float) -> int:
+    """Steps between two messages of a rate that divides the step rate."""
+    return round(STEPS_PER_SECOND / rate_hz)
+
+
+def time_of_step_ns(step: int) -> int:
+    """Simulation time at the end of a step; exact, so that no rounding adds up."""
+    return step * 1_000_000_000 // STEPS_PER_SECOND

@@ -1,0 +1,41 @@
+"""What the robot really does, for those who judge; no estimate is made from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from services.common import messages as msg
+from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
+from services.physics.bodies import WHEELS, Bodies
+
+_EXACT = np.zeros(36)
+_EXACT.setflags(write=False)
+
+
+def ground_truth(bodies: Bodies, stamp_ns: int) -> msg.Odometry:
+    """True pose of base_footprint in the map, and its true velocity in its own axes."""
+    linear, angular = bodies.footprint_velocity()
+    return msg.Odometry(
+        header=msg.header(stamp_ns, MAP_FRAME),
+        child_frame_id=BASE_FOOTPRINT_FRAME,
+        pose=msg.PoseWithCovariance(
+            pose=msg.pose_from_matrix(bodies.map_from_footprint()), covariance=_EXACT
+        ),
+        twist=msg.TwistWithCovariance(
+            twist=msg.Twist(
+                linear=msg.Vector3(*linear.tolist()), angular=msg.Vector3(*angular.tolist())
+            ),
+            covariance=_EXACT,
+        ),
+    )
+
+
+def joint_states(bodies: Bodies, stamp_ns: int) -> msg.JointState:
+    """Angles and speeds of the wheels."""
+    return msg.JointState(
+        header=msg.header(stamp_ns, ""),
+        name=list(WHEELS),
+        position=np.array(bodies.state.wheel_angles_rad),
+        velocity=np.array(bodies.state.wheel_speeds_rad_s),
+        effort=np.zeros(0),
+    )

@@ -1,0 +1,58 @@
+"""An inertial measurement unit: what its gyroscope and accelerometer would say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from services.common import messages as msg
+from services.common.frames import IMU_FRAME, Array
+from services.physics.bodies import GRAVITY_M_S2, Bodies
+
+
+class Imu:
+    """Angular velocity and specific force at imu_link, in its axes, with white noise.
+
+    The acceleration is the mean over the time since the last reading. At rest the accelerometer
+    shows gravity, upwards. There is no estimate of orientation, and the message says so.
+    """
+
+    def __init__(
+        self,
+        bodies: Bodies,
+        footprint_from_imu: Array,
+        gyro_noise_rad_s: float,
+        accelerometer_noise_m_s2: float,
+        random: np.random.Generator,
+    ) -> None:
+        self._bodies = bodies
+        self._com_from_imu = bodies.com_from(footprint_from_imu)
+        self._random = random
+        self._sigma = np.array([gyro_noise_rad_s] * 3 + [accelerometer_noise_m_s2] * 3)
+        self._gyro_covariance = _diagonal(gyro_noise_rad_s**2)
+        self._accelerometer_covariance = _diagonal(accelerometer_noise_m_s2**2)
+        self._no_orientation = _diagonal(0.0)
+        self._no_orientation[0] = -1.0
+        self._velocity_m_s = bodies.motion_at(self._com_from_imu)[1]
+
+    def read(self, stamp_ns: int, elapsed_s: float) -> msg.Imu:
+        """The reading now, `elapsed_s` after the last one."""
+        map_from_imu, velocity, spin = self._bodies.motion_at(self._com_from_imu)
+        acceleration = (velocity - self._velocity_m_s) / elapsed_s
+        self._velocity_m_s = velocity
+        acceleration[2] += GRAVITY_M_S2
+        noise = self._random.standard_normal(6) * self._sigma
+        gx, gy, gz = (spin @ map_from_imu + noise[:3]).tolist()
+        ax, ay, az = (acceleration @ map_from_imu + noise[3:]).tolist()
+        return msg.Imu(
+            header=msg.header(stamp_ns, IMU_FRAME),
+            orientation=msg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=self._no_orientation,
+            angular_velocity=msg.Vector3(x=gx, y=gy, z=gz),
+            angular_velocity_covariance=self._gyro_covariance,
+            linear_acceleration=msg.Vector3(x=ax, y=ay, z=az),
+            linear_acceleration_covariance=self._accelerometer_covariance,
+        )
+
+
+def _diagonal(variance: float) -> Array:
+    return np.ascontiguousarray((np.eye(3) * variance).reshape(9))

@@ -1,0 +1,287 @@
+"""The simulation as a service: makes time pass, moves the robot, and says what its sensors see."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+from services.common import messages as msg
+from services.common.config import ConfigError
+from services.common.documents import Entities, SimulationStats, World
+from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
+from services.common.messages import ns_from_time
+from services.common.node import ClockNode, Inbox, Outbox
+from services.common.topics import (
+    ASSETS,
+    CAMERA_IMAGE,
+    CAMERA_INFO,
+    CLOCK,
+    CMD_VEL,
+    CONTACTS,
+    DESIRED_ENTITIES,
+    ENTITIES,
+    GROUND_TRUTH_ODOM,
+    IMU,
+    JOINT_STATES,
+    ODOM,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+)
+from services.physics.assets import Assets
+from services.physics.camera import Intrinsics, make_renderer
+from services.physics.camera_messages import camera_info, image_message
+from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
+from services.physics.entities import review
+from services.physics.ground_truth import ground_truth, joint_states
+from services.physics.robot_model import ModelError, robot_model_from_urdf
+from services.physics.scene import build_scene
+from services.physics.simulation import STEP_S, Simulation
+
+_Report = Callable[[Simulation, int, Outbox], None]
+_MAX_DESIRED_SETS = 4
+
+_log = logging.getLogger("physics")
+
+
+class PhysicsNode(ClockNode):
+    """Time stands still until a world, its assets and its set of entities are here and built.
+
+    Another world is prepared while the old one runs on, and takes its place when everything of it
+    has come; time goes on. A world that cannot be built changes nothing.
+    """
+
+    name = "physics"
+    wakes = (WORLD, ASSETS, DESIRED_ENTITIES)
+
+    def __init__(self, config: PhysicsConfig) -> None:
+        """Raises ConfigError where the robot's model or the renderer asked for cannot be had."""
+        self._config = config
+        try:
+            self._model = robot_model_from_urdf(config.robot_urdf())
+            self._footprint_from_optical = self._model.transform(
+                BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
+            )
+        except ModelError as error:
+            raise ConfigError(f"physics: robot_model: {config.robot_model}: {error}") from error
+        self._intrinsics = Intrinsics.from_horizontal_fov(
+            config.camera_width_px, config.camera_height_px, config.camera_horizontal_fov_rad
+        )
+        kind = config.renderer if config.camera_enabled else "none"
+        self._renderer = make_renderer(kind, self._intrinsics)
+        self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
+        self._steps = 0
+        self._assets = Assets()
+        self._desired: dict[str, Entities] = {}
+        self._next_world: World | None = None
+        self._entities: Entities | None = None
+        self._simulation: Simulation | None = None
+        self._schedule = self._make_schedule()
+
+    def next_step_ns(self) -> int | None:
+        """One step on from where time is; None before there is a world."""
+        return None if self._simulation is None else time_of_step_ns(self._steps + 1)
+
+    def waiting_for(self) -> str | None:
+        """What keeps time from starting."""
+        if self._simulation is not None:
+            return None
+        if self._next_world is None:
+            return f"a world on {WORLD.name}"
+        return self._missing(self._next_world)
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Take in what is new and, where `now_ns` is the next step's time, advance to it."""
+        due = self.next_step_ns() == now_ns
+        if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
+            self._take_in_world(now_ns, inbox, outbox)
+        if inbox.pending(CMD_VEL):
+            self._take_in_command(now_ns, inbox)
+        if due and self._simulation is not None:
+            self._advance(self._simulation, now_ns, outbox)
+
+    def close(self) -> None:
+        """Let go of PyBullet and of the renderer."""
+        if self._simulation is not None:
+            self._simulation.close()
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def _advance(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        self._steps += 1
+        stops = simulation.watchdog_stops
+        contacts = simulation.step(now_ns)
+        if contacts is None:
+            _log.error("the robot's state was not physical: world '%s' built anew", self._name())
+        else:
+            for contact in contacts:
+                _log.info("%s touches %s", contact.robot_link, contact.body)
+                outbox.put(CONTACTS, contact)
+        if simulation.watchdog_stops > stops:
+            timeout_s = self._config.cmd_vel_timeout_s
+            _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
+        for report in self._schedule[self._steps % len(self._schedule)]:
+            report(simulation, now_ns, outbox)
+
+    def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
+        command = inbox.latest(CMD_VEL)
+        if command is None or self._simulation is None:
+            return
+        stamp_ns = ns_from_time(command.header.stamp)
+        # A stamp of zero is that of a sender without a clock: as good as now.
+        if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
+            inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "from the future")
+            return
+        twist = command.twist
+        self._simulation.drive.command(twist.linear.x, twist.angular.z, now_ns)
+
+    def _take_in_world(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        for asset in inbox.new(ASSETS):
+            reason = self._assets.add(asset)
+            if reason:
+                inbox.reject(ASSETS, reason)
+        world = inbox.latest(WORLD)
+        if world is not None:
+            self._take_in_newest_world(world, inbox)
+        for desired in inbox.new(DESIRED_ENTITIES):
+            self._desired.pop(desired.world_hash, None)
+            self._desired[desired.world_hash] = desired
+            while len(self._desired) > _MAX_DESIRED_SETS:
+                del self._desired[next(iter(self._desired))]
+        if self._next_world is not None and self._missing(self._next_world) is None:
+            self._load(self._next_world, now_ns, inbox, outbox)
+            self._next_world = None
+        if self._simulation is not None:
+            self._place_entities(self._simulation.world, outbox)
+
+    def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
+        if world.hash == self.world_hash:
+            self._next_world = None
+        elif world.content_hash() != world.hash:
+            inbox.reject(WORLD, "hash does not match")
+            _log.error("world '%s' refused: hash: %s is not that of it", world.name, world.hash)
+        else:
+            self._next_world = world
+
+    def _missing(self, world: World) -> str | None:
+        """The first thing without which a world cannot begin, in words."""
+        textures = [material.texture_sha256 for material in world.materials]
+        missing = self._assets.missing(textures)
+        if missing:
+            return f"assets of the world on {ASSETS.name}: {_digests(missing)}"
+        desired = self._desired.get(world.hash)
+        if desired is None:
+            return f"the entities on {DESIRED_ENTITIES.name}"
+        missing = self._assets.missing(entity.texture_sha256 for entity in desired.entities)
+        if missing:
+            return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
+        return None
+
+    def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        try:
+            simulation = Simulation(world, self._model, self._config)
+        except ValueError as error:
+            inbox.reject(WORLD, "cannot be built")
+            _log.error("world '%s' refused: %s", world.name, error)
+            return
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = simulation
+        self._entities = None
+        self.world_hash = world.hash
+        walls, start = len(world.walls), world.start
+        _log.info(
+            "world '%s' (%s) loaded: %d walls, robot at (%g, %g, %g)",
+            *(world.name, world.hash, walls, start.x_m, start.y_m, start.yaw_rad),
+        )
+        transforms = [
+            msg.transform_stamped(now_ns, joint.parent, joint.child, joint.parent_from_child)
+            for joint in self._model.fixed_joints()
+        ]
+        outbox.put(TF_STATIC, msg.TFMessage(transforms=transforms))
+
+    def _place_entities(self, world: World, outbox: Outbox) -> None:
+        """Make the set that exists the one desired, as far as can be; say nothing where it is."""
+        desired = self._desired.get(world.hash)
+        if desired is None:
+            return
+        entities = review(desired, self._assets.files)
+        if entities == self._entities:
+            return
+        self._entities = entities
+        if self._renderer is not None:
+            scene = build_scene(world, self._assets.files, entities.entities)
+            self._renderer.set_scene(scene)
+        for refusal in entities.refused:
+            _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
+        _log.info("%d entities stand in world '%s'", len(entities.entities), world.name)
+        outbox.put(ENTITIES, entities)
+
+    def _name(self) -> str:
+        return self._simulation.world.name if self._simulation is not None else ""
+
+    def _make_schedule(self) -> list[list[_Report]]:
+        """What to send after each step of a cycle. The clock comes last: all up to it was sent."""
+        rates: list[tuple[float | None, _Report]] = [
+            (IMU.rate_hz, self._put_imu),
+            (ODOM.rate_hz, self._put_odometry),
+            (self._config.scan_rate_hz, self._put_scan),
+            (SIMULATION_STATS.rate_hz, self._put_stats),
+            (CLOCK.rate_hz, self._put_clock),
+        ]
+        if self._renderer is not None:
+            rates.insert(3, (self._config.camera_rate_hz, self._put_picture))
+        periods = [(steps_per_period(rate or 1.0), report) for rate, report in rates]
+        cycle = math.lcm(*(period for period, _ in periods))
+        return [
+            [report for period, report in periods if step % period == 0] for step in range(cycle)
+        ]
+
+    def _put_imu(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        elapsed_s = steps_per_period(IMU.rate_hz or 1.0) * STEP_S
+        outbox.put(IMU, simulation.imu.read(now_ns, elapsed_s))
+
+    def _put_odometry(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        elapsed_s = steps_per_period(ODOM.rate_hz or 1.0) * STEP_S
+        bodies, odometry = simulation.bodies, simulation.odometry
+        odometry.update(bodies.state.wheel_angles_rad, elapsed_s)
+        outbox.put(TF, odometry.transform(now_ns))
+        outbox.put(ODOM, odometry.message(now_ns))
+        outbox.put(JOINT_STATES, joint_states(bodies, now_ns))
+        outbox.put(GROUND_TRUTH_ODOM, ground_truth(bodies, now_ns))
+
+    def _put_scan(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        outbox.put(SCAN, simulation.lidar.read(now_ns))
+
+    def _put_picture(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        if self._renderer is None:
+            return
+        map_from_optical = simulation.bodies.map_from_footprint() @ self._footprint_from_optical
+        outbox.put(CAMERA_INFO, camera_info(now_ns, self._intrinsics))
+        outbox.put(CAMERA_IMAGE, image_message(now_ns, self._renderer.render(map_from_optical)))
+
+    def _put_stats(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
+        outbox.put(
+            SIMULATION_STATS,
+            SimulationStats(
+                world_hash=simulation.world.hash,
+                sim_time_s=now_ns * 1e-9,
+                iterations=self._steps,
+                step_size_s=STEP_S,
+                renderer="none" if self._renderer is None else self._renderer.name,
+                state_hash=simulation.state_hash.hex(),
+                watchdog_stops=simulation.watchdog_stops,
+            ),
+        )
+
+    def _put_clock(self, _: Simulation, now_ns: int, outbox: Outbox) -> None:
+        outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(now_ns)))
+
+
+def _digests(sha256s: list[str]) -> str:
+    """The first few, short enough for a line."""
+    more = f" and {len(sha256s) - 3} more" if len(sha256s) > 3 else ""
+    return ", ".join(sha256[:16] for sha256 in sha256s[:3]) + more

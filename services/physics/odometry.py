@@ -1,0 +1,116 @@
+"""Wheel odometry: where the robot would be if no wheel ever slipped."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from services.common import messages as msg
+from services.common.frames import BASE_FOOTPRINT_FRAME, ODOM_FRAME, SE2, Array
+
+WHEEL_SIGMA_M_PER_SQRT_M = 0.01
+"""What the covariance takes a wheel's travel to be uncertain by after one metre, at least."""
+_UNUSED_VARIANCE = 1e-6
+"""Of z, roll and pitch: the floor is flat."""
+
+
+class WheelOdometry:
+    """Pose, speed and covariance from the wheels' angles alone. Starts at the origin.
+
+    The pose follows the exact arc between two readings. Each wheel's travel has an independent
+    error whose variance grows with the distance it rolled (Thrun, Burgard, Fox: Probabilistic
+    Robotics, 5.4), carried over into the pose to first order.
+    """
+
+    def __init__(
+        self,
+        wheel_separation_m: float,
+        wheel_radius_m: float,
+        wheel_angles_rad: tuple[float, float],
+        noise_m_per_sqrt_m: float,
+        random: np.random.Generator,
+    ) -> None:
+        self._separation_m = wheel_separation_m
+        self._radius_m = wheel_radius_m
+        self._angles_rad = wheel_angles_rad
+        self._noise = noise_m_per_sqrt_m
+        self._variance_per_m = max(noise_m_per_sqrt_m, WHEEL_SIGMA_M_PER_SQRT_M) ** 2
+        self._random = random
+        self.odom_from_footprint = SE2(0.0, 0.0, 0.0)
+        self.covariance: Array = np.zeros((3, 3))
+        """(3, 3) of (x, y, yaw)."""
+        self.linear_m_s = 0.0
+        self.angular_rad_s = 0.0
+        self._twist_covariance: Array = np.zeros((3, 3))
+
+    def update(self, wheel_angles_rad: tuple[float, float], elapsed_s: float) -> None:
+        """Take in the angles (left, right) that the wheels have `elapsed_s` after the last ones."""
+        left_m, right_m = (
+            (new - old) * self._radius_m
+            for new, old in zip(wheel_angles_rad, self._angles_rad, strict=True)
+        )
+        self._angles_rad = wheel_angles_rad
+        if self._noise > 0.0:
+            noise = self._random.standard_normal(2) * self._noise
+            left_m += float(noise[0]) * math.sqrt(abs(left_m))
+            right_m += float(noise[1]) * math.sqrt(abs(right_m))
+        travel_m = (left_m + right_m) / 2.0
+        turn_rad = (right_m - left_m) / self._separation_m
+        # The chord of the arc; sinc from its series where the quotient is not a number.
+        half = turn_rad / 2.0
+        chord_m = travel_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        heading = self.odom_from_footprint.yaw_rad + half
+        step = SE2(chord_m * math.cos(half), chord_m * math.sin(half), turn_rad)
+        self.odom_from_footprint = self.odom_from_footprint @ step
+        self.linear_m_s = travel_m / elapsed_s
+        self.angular_rad_s = turn_rad / elapsed_s
+        self._spread(left_m, right_m, chord_m, heading, elapsed_s)
+
+    def message(self, stamp_ns: int) -> msg.Odometry:
+        """What is known at `stamp_ns`, the time of the last update."""
+        return msg.Odometry(
+            header=msg.header(stamp_ns, ODOM_FRAME),
+            child_frame_id=BASE_FOOTPRINT_FRAME,
+            pose=msg.PoseWithCovariance(
+                pose=msg.pose_from_se2(self.odom_from_footprint),
+                covariance=msg.planar_covariance(self.covariance, _UNUSED_VARIANCE),
+            ),
+            twist=msg.TwistWithCovariance(
+                twist=msg.Twist(
+                    linear=msg.Vector3(x=self.linear_m_s, y=0.0, z=0.0),
+                    angular=msg.Vector3(x=0.0, y=0.0, z=self.angular_rad_s),
+                ),
+                covariance=msg.planar_covariance(self._twist_covariance, _UNUSED_VARIANCE),
+            ),
+        )
+
+    def transform(self, stamp_ns: int) -> msg.TFMessage:
+        """The same pose as a TF message."""
+        return msg.TFMessage(
+            transforms=[
+                msg.transform_stamped(
+                    stamp_ns, ODOM_FRAME, BASE_FOOTPRINT_FRAME, self.odom_from_footprint.matrix()
+                )
+            ]
+        )
+
+    def _spread(
+        self, left_m: float, right_m: float, chord_m: float, heading: float, elapsed_s: float
+    ) -> None:
+        c, s = math.cos(heading), math.sin(heading)
+        by_pose = np.array([[1.0, 0.0, -chord_m * s], [0.0, 1.0, chord_m * c], [0.0, 0.0, 1.0]])
+        # How far forward and how far round one metre of a wheel takes the robot.
+        forward, round_ = 0.5, 1.0 / self._separation_m
+        lean = chord_m * round_ / 2.0
+        by_wheels = np.array(
+            [
+                [forward * c + lean * s, forward * c - lean * s],
+                [forward * s - lean * c, forward * s + lean * c],
+                [-round_, round_],
+            ]
+        )
+        wheels = np.diag([abs(left_m), abs(right_m)]) * self._variance_per_m
+        self.covariance = by_pose @ self.covariance @ by_pose.T + by_wheels @ wheels @ by_wheels.T
+        by_speed = np.array([[forward, forward], [0.0, 0.0], [-round_, round_]]) / elapsed_s
+        self._twist_covariance = by_speed @ wheels @ by_speed.T

@@ -1,0 +1,106 @@
+"""One world with the robot in it: bodies, drive and sensors, advanced together."""
+
+from __future__ import annotations
+
+from services.common.documents import Contact, World
+from services.common.frames import BASE_FOOTPRINT_FRAME, IMU_FRAME, SCAN_FRAME
+from services.common.node import random_generator
+from services.physics.bodies import Bodies
+from services.physics.config import STEPS_PER_SECOND, PhysicsConfig
+from services.physics.contacts import ContactEvents
+from services.physics.drive import Drive, DriveLimits
+from services.physics.imu import Imu
+from services.physics.lidar import Lidar
+from services.physics.odometry import WheelOdometry
+from services.physics.robot_model import RobotModel
+from services.physics.state_hash import StateHash
+
+STEP_S = 1.0 / STEPS_PER_SECOND
+
+
+class Simulation:
+    """What there is from the load of a world to the load of the next."""
+
+    def __init__(self, world: World, model: RobotModel, config: PhysicsConfig) -> None:
+        """Raises ValueError, in one line, where the world cannot be built."""
+        self.world = world
+        self._model = model
+        self._config = config
+        self.state_hash = StateHash()
+        self.watchdog_stops_before = 0
+        """Of the robots that stood here before the last rebuild."""
+        self._build()
+
+    def _build(self) -> None:
+        config, model = self._config, self._model
+        bodies = Bodies(self.world, model, config.wheel_torque_n_m)
+        self.bodies = bodies
+        self.drive = Drive(_limits(config))
+        self.contacts = ContactEvents()
+        self.odometry = WheelOdometry(
+            config.wheel_separation_m,
+            config.wheel_radius_m,
+            bodies.state.wheel_angles_rad,
+            config.wheel_noise_m_per_sqrt_m,
+            random_generator(config.seed, "physics/odometry"),
+        )
+        self.imu = Imu(
+            bodies,
+            model.transform(BASE_FOOTPRINT_FRAME, IMU_FRAME),
+            config.gyro_noise_rad_s,
+            config.accelerometer_noise_m_s2,
+            random_generator(config.seed, "physics/imu"),
+        )
+        self.lidar = Lidar(
+            bodies,
+            model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME),
+            config.scan_samples,
+            config.scan_rate_hz,
+            config.scan_range_min_m,
+            config.scan_range_max_m,
+            config.scan_noise_m,
+            random_generator(config.seed, "physics/scan"),
+        )
+
+    @property
+    def watchdog_stops(self) -> int:
+        """Times the velocity watchdog stopped the robot."""
+        return self.watchdog_stops_before + self.drive.watchdog_stops
+
+    def step(self, now_ns: int) -> list[Contact] | None:
+        """Advance to `now_ns`, one step on; the touches that began.
+
+        None: PyBullet had brought the robot into a state that no robot can be in, and everything
+        was built anew, with the robot at its start.
+        """
+        speeds = self.drive.step(now_ns, STEP_S)
+        if speeds is not None:
+            self.bodies.set_wheel_speeds(*speeds)
+        state = self.bodies.step()
+        if not state.is_sane():
+            self.watchdog_stops_before = self.watchdog_stops
+            self.bodies.close()
+            self._build()
+            self.state_hash.add(self.bodies.state)
+            return None
+        self.state_hash.add(state)
+        touches = self.bodies.touches()
+        return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
+
+    def close(self) -> None:
+        """Remove the world. Calling it again does nothing."""
+        self.bodies.close()
+
+
+def _limits(config: PhysicsConfig) -> DriveLimits:
+    return DriveLimits(
+        config.wheel_separation_m,
+        config.wheel_radius_m,
+        config.max_linear_speed_m_s,
+        config.max_linear_acceleration_m_s2,
+        config.max_angular_speed_rad_s,
+        config.max_angular_acceleration_rad_s2,
+        round(config.cmd_vel_timeout_s * 1e9),
+        config.watchdog_linear_deceleration_m_s2,
+        config.watchdog_angular_deceleration_rad_s2,
+    )

@@ -1,0 +1,34 @@
+"""A fingerprint of a run: equal where two runs moved the robot alike to the last bit."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+
+from services.physics.bodies import BodyState
+
+_PACK = struct.Struct("<17d").pack
+
+
+class StateHash:
+    """blake2b over the robot's state after each step, one after the other."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.blake2b(digest_size=8)
+
+    def add(self, state: BodyState) -> None:
+        """Take in the state after a step."""
+        self._hash.update(
+            _PACK(
+                *state.position_m,
+                *state.orientation_xyzw,
+                *state.velocity_m_s,
+                *state.angular_velocity_rad_s,
+                *state.wheel_angles_rad,
+                *state.wheel_speeds_rad_s,
+            )
+        )
+
+    def hex(self) -> str:
+        """The hash of all states so far, 16 hex digits."""
+        return self._hash.hexdigest()

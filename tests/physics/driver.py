@@ -1,0 +1,171 @@
+"""Runs the physics node by hand, and holds the worlds that its tests drive in."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable
+from typing import TypeVar, cast
+
+import cv2
+import numpy as np
+
+from services.common import messages as msg
+from services.common.documents import Entities, Entity, Material, Planar, Wall, World
+from services.common.frames import SE2
+from services.common.node import Envelope, Inbox, Outbox
+from services.common.topics import (
+    ASSETS,
+    CMD_VEL,
+    DESIRED_ENTITIES,
+    GROUND_TRUTH_ODOM,
+    WORLD,
+    Topic,
+)
+from services.physics.config import PhysicsConfig
+from services.physics.node import PhysicsNode
+
+M = TypeVar("M")
+
+HOUSE_WALLS = (
+    ("Wall_0", 2.5, -1.21419, -2.03381, 0.0),
+    ("Wall_1", 0.75, -0.03919, -1.73381, math.pi / 2),
+    ("Wall_10", 3.5, -1.31184, 3.14354, -3 * math.pi / 4),
+    ("Wall_11", 4.153, -2.49619, -0.04231, -math.pi / 2),
+    ("Wall_13", 0.75, -2.17851, 1.234169, 0.0),
+    ("Wall_14", 1.76432, -1.87851, 0.427012, -math.pi / 2),
+    ("Wall_15", 0.75, -2.17851, -0.36003, math.pi),
+    ("Near", 1.0, 1.3, 0.4, 0.3),
+)
+"""The south-west of the house, and a wall of the tests' own: name, length, x, y, yaw."""
+
+
+def world(
+    walls: Iterable[tuple[str, float, float, float, float]] = HOUSE_WALLS,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    texture_sha256: str = "",
+    name: str = "test",
+) -> World:
+    draft = World(
+        name=name,
+        recipe="test.yaml",
+        hash="",
+        walls=tuple(
+            Wall(
+                name=wall,
+                length_m=length,
+                thickness_m=0.15,
+                height_m=1.0,
+                x_m=x,
+                y_m=y,
+                yaw_rad=yaw,
+                material="plain",
+            )
+            for wall, length, x, y, yaw in walls
+        ),
+        materials=(Material(name="plain", texture_sha256=texture_sha256),),
+        start=Planar(x_m=start[0], y_m=start[1], yaw_rad=start[2]),
+    )
+    return draft.model_copy(update={"hash": draft.content_hash()})
+
+
+def texture(shade: int = 200) -> msg.CompressedImage:
+    ok, png = cv2.imencode(".png", np.full((16, 16, 3), shade, np.uint8))
+    assert ok
+    return asset(png.tobytes())
+
+
+def asset(data: bytes) -> msg.CompressedImage:
+    return msg.CompressedImage(
+        header=msg.header(0, hashlib.sha256(data).hexdigest()),
+        format="png",
+        data=np.frombuffer(data, np.uint8),
+    )
+
+
+def panel(name: str, texture_sha256: str, **changes: object) -> Entity:
+    entity = Entity(
+        name=name,
+        position_m=(1.0, 0.0, 0.3),
+        orientation_xyzw=(0.5, 0.5, 0.5, 0.5),
+        panel_side_m=0.4,
+        texture_sha256=texture_sha256,
+        marker_id=7,
+        marker_size_m=0.3,
+        dictionary="DICT_4X4_100",
+    )
+    return entity.model_copy(update=changes)
+
+
+class Driver:
+    """A physics node with its boxes; remembers all it has sent."""
+
+    def __init__(self, **config: object) -> None:
+        settings = {"renderer": "none", **config}
+        self.node = PhysicsNode(PhysicsConfig.model_validate(settings))
+        self.inbox = Inbox(self.node)
+        self.outbox = Outbox(self.node, self._collect)
+        self.now_ns = 0
+        self.sent: list[tuple[Topic[object], object]] = []
+        self._sequence = 0
+
+    def _collect(self, topic: Topic[object], message: object, _: Envelope) -> None:
+        self.sent.append((topic, message))
+
+    def deliver(self, topic: Topic[M], message: M, world_hash: str = "") -> None:
+        self._sequence += 1
+        self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, world_hash))
+
+    def turn(self) -> None:
+        """One step of the node: of time where there is a world, else only of what waits."""
+        next_ns = self.node.next_step_ns()
+        if next_ns is not None:
+            self.now_ns = next_ns
+        self.outbox.now_ns = self.now_ns
+        self.node.step(self.now_ns, self.inbox, self.outbox)
+
+    def load(self, in_world: World) -> Driver:
+        self.deliver(WORLD, in_world)
+        self.deliver(DESIRED_ENTITIES, Entities(world_hash=in_world.hash))
+        self.turn()
+        return self
+
+    def command(self, linear_m_s: float, angular_rad_s: float = 0.0) -> None:
+        twist = msg.Twist(
+            linear=msg.Vector3(x=linear_m_s, y=0.0, z=0.0),
+            angular=msg.Vector3(x=0.0, y=0.0, z=angular_rad_s),
+        )
+        header = msg.header(self.now_ns, "base_footprint")
+        self.deliver(CMD_VEL, msg.TwistStamped(header=header, twist=twist))
+
+    def wait(self, seconds: float) -> None:
+        for _ in range(round(seconds * 240)):
+            self.turn()
+
+    def drive(self, linear_m_s: float, angular_rad_s: float, seconds: float) -> None:
+        """Command at 20 Hz for so long."""
+        for step in range(round(seconds * 240)):
+            if step % 12 == 0:
+                self.command(linear_m_s, angular_rad_s)
+            self.turn()
+
+    def all(self, topic: Topic[M]) -> list[M]:
+        return [cast("M", message) for of, message in self.sent if of is topic]
+
+    def last(self, topic: Topic[M]) -> M:
+        return self.all(topic)[-1]
+
+    @property
+    def pose(self) -> SE2:
+        return msg.se2_from_pose(self.last(GROUND_TRUTH_ODOM).pose.pose)
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """True linear (m/s) and angular (rad/s) speed, at this very step."""
+        simulation = self.node._simulation
+        assert simulation is not None
+        linear, angular = simulation.bodies.footprint_velocity()
+        return float(linear[0]), float(angular[2])
+
+    def send_asset(self, image: msg.CompressedImage) -> None:
+        self.deliver(ASSETS, image)
