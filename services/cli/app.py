@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
 
-import click
 import typer
 
 from services.common.config import ConfigError
@@ -14,12 +13,12 @@ from services.common.config import ConfigError
 app = typer.Typer(
     name="mazebot",
     help="The TurtleBot house maze with no ROS and no Gazebo.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-topics_app = typer.Typer(help="Look at the topics of a running stack.", no_args_is_help=True)
-recordings_app = typer.Typer(help="Look at what runs have left.", no_args_is_help=True)
+topics_app = typer.Typer(help="Look at the topics of a running stack.", invoke_without_command=True)
+recordings_app = typer.Typer(help="Look at what runs have left.", invoke_without_command=True)
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 
@@ -30,8 +29,18 @@ Connect = Annotated[
 RecordingsDir = Annotated[
     Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
 ]
+# typer keeps click to itself: this is click's UsageError.
+_UsageMistake: type[Exception] = typer.BadParameter.__mro__[1]
 _ROUTER = "tcp/127.0.0.1:7447"
 _TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
+
+
+@app.callback()
+@topics_app.callback()
+@recordings_app.callback()
+def _overview(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        sys.stdout.write(context.get_help() + "\n")
 
 
 @app.command()
@@ -163,22 +172,16 @@ def parse_bool(option: str, text: str) -> bool:
 
 def main() -> NoReturn:
     """Run the command; a mistake is one line on standard error, and not exit code 0."""
+    code: object = 0
     try:
         code = app(standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        sys.stdout.write(error.format_message() + "\n")
-        code = 0
-    except click.exceptions.Exit as error:
-        code = error.exit_code
-    except click.exceptions.Abort:
-        code = 130
-    except click.ClickException as error:
-        sys.stderr.write(f"error: {' '.join(error.format_message().split())}\n")
+    except _UsageMistake as error:
+        sys.stderr.write(f"error: {' '.join(error.format_message().split())}\n")  # type: ignore[attr-defined]
         code = 2
     except ConfigError as error:
         sys.stderr.write(f"error: {error}\n")
         code = 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:
         code = 0
