@@ -1,0 +1,131 @@
+"""A pinhole camera, what a renderer is, and which one this machine can have."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common.config import ConfigError
+from services.common.frames import Array, inverse_matrix
+from services.physics.scene import Scene
+
+RendererKind = Literal["auto", "gl", "tiny", "none"]
+
+NEAR_M = 0.02
+FAR_M = 50.0
+MAX_SIDE_PX = 4096
+
+_log = logging.getLogger("physics")
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole without distortion, in pixels.
+
+    As in OpenCV, (u, v) = (0, 0) is the centre of the top left pixel: a point at (x, y, z) in the
+    optical frame (x right, y down, z forward) shows at u = fx x/z + cx, v = fy y/z + cy, and a
+    renderer colours the pixel in column u, row v by what lies on that ray.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where no picture could be rendered so."""
+        for name, side in (("width", self.width), ("height", self.height)):
+            if not 1 <= side <= MAX_SIDE_PX:
+                raise ValueError(f"{name}: must be 1 to {MAX_SIDE_PX} pixels (got {side})")
+        for name, focal_length in (("fx", self.fx), ("fy", self.fy)):
+            if not (math.isfinite(focal_length) and focal_length > 0.0):
+                raise ValueError(f"{name}: must be positive (got {focal_length})")
+        for name, centre in (("cx", self.cx), ("cy", self.cy)):
+            if not math.isfinite(centre):
+                raise ValueError(f"{name}: must be finite (got {centre})")
+
+    @classmethod
+    def from_horizontal_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> Intrinsics:
+        """Square pixels, principal point at (width/2, height/2), as Gazebo's camera_info has it."""
+        if not 0.0 < horizontal_fov_rad < math.pi:
+            raise ValueError(
+                f"horizontal_fov_rad: must be between 0 and pi (got {horizontal_fov_rad})"
+            )
+        focal_length = width / 2.0 / math.tan(horizontal_fov_rad / 2.0)
+        return cls(width, height, focal_length, focal_length, width / 2.0, height / 2.0)
+
+    def clip_from_optical(self, pixel_centre: tuple[float, float] = (0.5, 0.5)) -> Array:
+        """(4, 4) OpenGL projection whose window coordinates are (u, v) plus `pixel_centre`.
+
+        `pixel_centre` is where a rasteriser samples a pixel. Since v runs downwards, a buffer read
+        from its bottom row up, as OpenGL's is, holds the picture's top row first, and front faces
+        turn clockwise in it.
+        """
+        across, down = pixel_centre
+        depth = FAR_M - NEAR_M
+        w, h = self.width, self.height
+        return np.array(
+            [
+                [2.0 * self.fx / w, 0.0, 2.0 * (self.cx + across) / w - 1.0, 0.0],
+                [0.0, 2.0 * self.fy / h, 2.0 * (self.cy + down) / h - 1.0, 0.0],
+                [0.0, 0.0, (FAR_M + NEAR_M) / depth, -2.0 * FAR_M * NEAR_M / depth],
+                [0.0, 0.0, 1.0, 0.0],
+            ]
+        )
+
+
+class Renderer(Protocol):
+    """Makes pictures of a scene: a function of the scene and the camera's pose alone."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for people."""
+
+    def set_scene(self, scene: Scene) -> None:
+        """Show this scene from now on. What the last one held is released."""
+
+    def render(self, map_from_optical: Array) -> NDArray[np.uint8]:
+        """The picture: (height, width, 3) RGB, top row first, contiguous, the caller's own.
+
+        Before the first scene it is black. Raises ValueError where the (4, 4) pose is not finite.
+        """
+
+    def close(self) -> None:
+        """Release everything. Calling it again does nothing."""
+
+
+def optical_from_map(map_from_optical: Array) -> Array:
+    """The camera's view. Raises ValueError where the pose is not (4, 4) or not finite."""
+    if map_from_optical.shape != (4, 4) or not np.isfinite(map_from_optical).all():
+        raise ValueError("map_from_optical: must be a finite (4, 4) matrix")
+    return inverse_matrix(map_from_optical)
+
+
+def make_renderer(kind: RendererKind, intrinsics: Intrinsics) -> Renderer | None:
+    """The renderer asked for; None for `none`.
+
+    `auto` takes OpenGL where a context can be made, else PyBullet's TinyRenderer, and logs why.
+    Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
+    """
+    # Each renderer loads a library that a machine set up for the other one may lack.
+    if kind == "none":
+        return None
+    if kind != "tiny":
+        from services.physics.gl_camera import GlCamera  # noqa: PLC0415
+
+        try:
+            return GlCamera(intrinsics)
+        except ConfigError as error:
+            if kind == "gl":
+                raise
+            _log.warning("%s; using tiny_renderer, which is slower", error)
+    from services.physics.tiny_camera import TinyCamera  # noqa: PLC0415
+
+    return TinyCamera(intrinsics)
