@@ -1,0 +1,5 @@
+from services.common.serve import main
+from services.worldgen.config import WorldgenConfig
+from services.worldgen.node import WorldgenNode
+
+main(WorldgenConfig, WorldgenNode)

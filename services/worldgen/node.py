@@ -1,0 +1,90 @@
+"""World generator: answers the request for a world with its textures, its description and its map."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from services.common.documents import WorldRequest, WorldStatus
+from services.common.messages import CompressedImage, header, occupancy_grid
+from services.common.node import Inbox, Node, Outbox
+from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from services.worldgen.config import WorldgenConfig
+from services.worldgen.loader import LoadedWorld, WorldError, load_world
+
+Load = Callable[[str, bool, Path, Path | None], LoadedWorld]
+
+_log = logging.getLogger("worldgen")
+
+
+class WorldgenNode(Node):
+    """Loads the first world asked for, and keeps it: a request for another one is refused."""
+
+    name = "worldgen"
+    wakes = (WORLD_REQUEST,)
+
+    def __init__(self, config: WorldgenConfig, load: Load = load_world) -> None:
+        self._config = config
+        self._load = load
+        self._running: LoadedWorld | None = None
+        self._error = ""
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Answer each request."""
+        for request in inbox.new(WORLD_REQUEST):
+            self._error = self._answer(request, outbox)
+            if self._error:
+                _log.error("%s", self._error)
+            status = WorldStatus(request=request, world_hash=self.world_hash, error=self._error)
+            outbox.put(WORLD_STATUS, status)
+
+    def waiting_for(self) -> str | None:
+        """A request that can be met."""
+        if self._running:
+            return None
+        return f"another world to be asked for: {self._error}" if self._error else "a world request"
+
+    def _answer(self, request: WorldRequest, outbox: Outbox) -> str:
+        config = self._config
+        try:
+            loaded = self._load(
+                request.world_name, request.use_aruco, config.worlds_dir, config.texture_base
+            )
+        except WorldError as error:
+            return str(error)
+        if self._running is None:
+            self._running = loaded
+            self.world_hash = loaded.world.hash
+            self._publish(loaded, outbox)
+            return ""
+        running, asked = self._running.world, loaded.world
+        if asked.hash == running.hash:
+            return ""
+        return (
+            f"world_name: {asked.name!r} ({_about(loaded)}): {running.name!r} ({_about(self._running)}) "
+            "is running: stop it first (docker compose down), or ask for it"
+        )
+
+    def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
+        world = loaded.world
+        for sha256, data in loaded.assets.items():
+            texture = np.frombuffer(data, np.uint8)
+            outbox.put(ASSETS, CompressedImage(header(0, sha256), format="png", data=texture))
+        outbox.put(WORLD, world)
+        # A map of a world that does not change has no time of its own.
+        outbox.put(
+            MAP, occupancy_grid(0, world.map_resolution_m, loaded.map_origin, loaded.map_cells)
+        )
+        rows, columns = loaded.map_cells.shape
+        _log.info(
+            "Loaded world %s (%s): map of %d x %d cells, %d textures",
+            world.name, _about(loaded), columns, rows, len(loaded.assets),
+        )  # fmt: skip
+
+
+def _about(loaded: LoadedWorld) -> str:
+    world = loaded.world
+    return f"{len(world.walls)} walls, {len(world.markers)} markers, hash {world.hash}"

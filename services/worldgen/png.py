@@ -1,0 +1,55 @@
+"""Whether bytes are a whole PNG picture that every reader will be able to decode."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+
+MAX_SIDE_PX = 2048
+MAX_BYTES = 16 * 1024 * 1024
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_OTHERS = {b"\xff\xd8\xff": "a JPEG", b"GIF8": "a GIF", b"BM": "a BMP", b"RIFF": "a WebP"}
+
+
+def problem(data: bytes) -> str:
+    """What is wrong with a texture's bytes, as the rest of a sentence; empty where nothing is.
+
+    The chunks are checked before the decoder sees them: it would allocate what a header claims.
+    """
+    if not data.startswith(_SIGNATURE):
+        other = next((name for start, name in _OTHERS.items() if data.startswith(start)), "")
+        return f"is {other or 'not a picture'}, must be a PNG"
+    if len(data) > MAX_BYTES:
+        return f"has {len(data)} bytes, must have at most {MAX_BYTES}"
+    if not _is_whole(data):
+        return "is damaged or cut short, must be a whole PNG"
+    width, height = struct.unpack(">II", data[16:24])
+    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
+        return f"is {width} x {height} pixels, must be at most {MAX_SIDE_PX} a side"
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        picture = None
+    if picture is None or picture.shape[:2] != (height, width):
+        return "cannot be decoded, must be a PNG picture"
+    return ""
+
+
+def _is_whole(data: bytes) -> bool:
+    """Whether the chunks run, each with a right checksum, from IHDR to IEND (PNG specification, 5)."""
+    at, first = len(_SIGNATURE), True
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, end = data[at + 4 : at + 8], at + 8 + length
+        if end + 4 > len(data) or first != (kind == b"IHDR") or (first and length != 13):
+            return False
+        if zlib.crc32(data[at + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
+            return False
+        if kind == b"IEND":
+            return True
+        at, first = end + 4, False
+    return False
