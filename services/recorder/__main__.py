@@ -1,0 +1,5 @@
+from services.common.serve import main
+from services.recorder.config import RecorderConfig
+from services.recorder.node import RecorderNode
+
+main(RecorderConfig, RecorderNode)

@@ -1,0 +1,874 @@
+"""How each topic's messages are drawn: a function a topic, on entities named like the topics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from services.common import documents as doc
+from services.common import messages as msg
+from services.common.frames import (
+    BASE_FOOTPRINT_FRAME,
+    CAMERA_OPTICAL_FRAME,
+    MAP_FRAME,
+    Array,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
+from services.common.topics import (
+    AMCL_POSE,
+    ASSETS,
+    CAMERA_IMAGE,
+    CAMERA_INFO,
+    CLOCK,
+    CMD_VEL,
+    CONTACTS,
+    DESIRED_ENTITIES,
+    DETECTIONS,
+    DIAGNOSTICS,
+    ENTITIES,
+    GLOBAL_COSTMAP,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    IMU,
+    INITIAL_POSE,
+    JOINT_STATES,
+    MAP,
+    MAP_DETECTIONS,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    ODOM,
+    PARTICLE_CLOUD,
+    PLAN,
+    ROSOUT,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    Topic,
+)
+from services.recorder.canvas import Canvas, Trail
+from services.recorder.mesh import Mesh, floor, panel, wall_sides, wall_tops
+
+TRUTH_FRAME = "ground_truth"
+"""Frame of the true robot; `base_footprint` is where it believes itself to be."""
+IMAGE_FRAME = "camera_image"
+"""The plane of the camera's picture, in pixels."""
+
+CUT_M = 1.0
+"""Walls are drawn in two parts, so that the upper one can be hidden to look inside."""
+_TEXTURE_SIDE_PX = 512
+
+_POSE_NS = 60_000_000
+_PLOT_NS = 95_000_000
+_PATH_NS = 500_000_000
+_SECOND_NS = 1_000_000_000
+_LATCH_NS = 10_000_000_000
+"""What has not changed is drawn again this often, for viewers that have only the newest data."""
+_MAX_PARTICLES = 500
+
+_TRUTH = (46, 204, 113)
+_ESTIMATE = (255, 140, 0)
+_PLAN = (52, 152, 255)
+_SCAN = (255, 60, 60)
+_MARKER = (255, 0, 200)
+_PARTICLE = (255, 200, 60)
+_SECOND = (150, 150, 150)
+_GOOD, _BAD = (46, 204, 113), (231, 76, 60)
+
+_SQUARE: Array = np.array(
+    [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
+)
+
+SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
+    "error/localisation_m": ("localisation", _ESTIMATE),
+    "error/odometry_m": ("odometry drift", _SECOND),
+    "error/marker_m": ("marker", _MARKER),
+    "error/localisation_deg": ("heading", _ESTIMATE),
+    "cmd_vel/linear_m_s": ("commanded", _PLAN),
+    "odom/linear_m_s": ("odometry", _SECOND),
+    "ground_truth/odom/linear_m_s": ("true", _TRUTH),
+    "cmd_vel/angular_rad_s": ("commanded", _PLAN),
+    "odom/angular_rad_s": ("odometry", _SECOND),
+    "ground_truth/odom/angular_rad_s": ("true", _TRUTH),
+    "imu/angular_velocity_z_rad_s": ("yaw rate", _PLAN),
+    "imu/linear_acceleration_x_m_s2": ("forward", _ESTIMATE),
+    "imu/linear_acceleration_y_m_s2": ("left", _TRUTH),
+    "joint_states/left_rad_s": ("left wheel", _ESTIMATE),
+    "joint_states/right_rad_s": ("right wheel", _TRUTH),
+    "clock/real_time_factor": ("real time factor", _TRUTH),
+    "simulation/stats/watchdog_stops": ("watchdog stops", _BAD),
+    "navigation/status/distance_remaining_m": ("distance remaining", _PLAN),
+    "navigation/status/number_of_recoveries": ("recoveries", _BAD),
+    "aruco/detections/count": ("markers in view", _MARKER),
+}
+"""Entities that are numbers over time, with their name and colour in the plots."""
+
+_STATES: dict[str, tuple[int, int, int]] = {
+    "active": (46, 204, 113),
+    "controlling": (46, 204, 113),
+    "planning": (52, 152, 255),
+    "recovering": (255, 140, 0),
+    "idle": (120, 120, 120),
+    "waiting": (120, 120, 120),
+    "rejecting": (231, 76, 60),
+}
+
+
+def draw_start(canvas: Canvas) -> None:
+    """Draw what no message brings: the robot, twice, and the looks of the plots."""
+    log = canvas.recording.log
+    robot = canvas.robot
+    ghost = (*_ESTIMATE, 90)
+    for name, frame, tint in (
+        ("ground_truth/robot", TRUTH_FRAME, None),
+        ("amcl_pose/robot", BASE_FOOTPRINT_FRAME, ghost),
+    ):
+        log(name, rr.CoordinateFrame(frame), _mesh(robot.body, tint=tint), static=True)
+        for wheel in robot.wheels:
+            wheel_frame = _wheel_frame(frame, wheel.joint)
+            mesh = _mesh(wheel.mesh, tint=tint)
+            log(f"{name}/{wheel.joint}", rr.CoordinateFrame(wheel_frame), mesh, static=True)
+    canvas.recording.at(canvas.now_ns)
+    _turn_wheels(canvas, {wheel.joint: 0.0 for wheel in robot.wheels})
+    for path, (name, color) in SERIES.items():
+        log(path, rr.SeriesLines(colors=[color], names=[name], widths=[1.5]), static=True)
+    states = rr.StateConfiguration(values=list(_STATES), colors=list(_STATES.values()))
+    for path in ("navigation/status/state", "navigation/status/localization"):
+        log(path, states, static=True)
+
+
+def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
+    """Simulated seconds a second of wall time, once a second of wall time."""
+    now_s = canvas.wall_clock_s()
+    if canvas.real_time is None:
+        canvas.real_time = now_s, canvas.now_ns
+        return
+    wall_s, sim_ns = canvas.real_time
+    if now_s - wall_s >= 1.0:
+        factor = (canvas.now_ns - sim_ns) * 1e-9 / (now_s - wall_s)
+        canvas.real_time = now_s, canvas.now_ns
+        _scalar(canvas, "clock/real_time_factor", factor)
+
+
+def draw_world_request(canvas: Canvas, request: doc.WorldRequest) -> None:
+    """The request, in words."""
+    markers = "with" if request.use_aruco else "without"
+    _say(canvas, "world/request", f"asked for {request.world_name}, {markers} markers")
+
+
+def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
+    """What became of a request, in words."""
+    name = status.request.world_name
+    if status.error:
+        _say(canvas, "world/status", f"{name} refused: {status.error}", "ERROR")
+    else:
+        _say(canvas, "world/status", f"{name} runs as {status.world_hash}")
+
+
+def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
+    """Draw what waits for a texture."""
+    sha256 = asset.header.frame_id
+    if not canvas.changed(f"world/assets/{sha256}", True):
+        return
+    for material in canvas.world.materials:
+        if material.texture_sha256 == sha256:
+            _draw_walls(canvas, canvas.world, material)
+    for entity in canvas.entities.entities if canvas.entities else ():
+        if entity.texture_sha256 == sha256:
+            _draw_panel(canvas, entity)
+
+
+def draw_world(canvas: Canvas, world: doc.World) -> None:
+    """Floor, walls by material, and named places. The walls' upper part is an entity of its own."""
+    materials = {material.name: material for material in world.materials}
+    for material in world.materials:
+        _draw_walls(canvas, world, material)
+    tops = [
+        (wall, _shade(materials[wall.material].diffuse, 0.85))
+        for wall in world.walls
+        if wall.material in materials
+    ]
+    _static_mesh(canvas, "world/walls/tops", wall_tops(tops, 0.0, CUT_M))
+    _static_mesh(canvas, "world/walls_above/tops", wall_tops(tops, CUT_M, math.inf))
+    ends = np.array([wall.map_from_wall().matrix()[:2, 3] for wall in world.walls]).reshape(-1, 2)
+    if len(ends):
+        margin_m = 1.2
+        low, high = ends.min(axis=0) - margin_m, ends.max(axis=0) + margin_m
+        _static_mesh(canvas, "world/floor", floor(low, high, -0.01, world.floor_diffuse))
+    canvas.recording.log(
+        "world/locations",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            [(place.x_m, place.y_m, 0.02) for place in world.locations],
+            labels=[place.name for place in world.locations],
+            colors=_PLAN,
+            radii=0.05,
+        ),
+        static=True,
+    )
+    _say(canvas, "world/status", f"world {world.name}: {len(world.walls)} walls")
+
+
+def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
+    """The occupancy map, just above the floor."""
+    drawn = _grid(grid, 0.002, 1.0, rr.components.Colormap.RvizMap)
+    canvas.recording.log("map", rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
+
+
+def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
+    """What the placement refused, in words."""
+    names = ", ".join(entity.name for entity in entities.entities) or "nothing"
+    if entities.world_hash != canvas.world.hash:
+        return
+    if canvas.changed("entities/desired", (names, entities.refused)):
+        _say(canvas, "entities/desired", f"wanted: {names}")
+        _say_refused(canvas, "entities/desired", entities.refused)
+
+
+def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
+    """The markers' panels, and what physics refused."""
+    if entities.world_hash != canvas.world.hash:
+        return
+    before = {entity.name: entity for entity in canvas.entities.entities} if canvas.entities else {}
+    after = {entity.name: entity for entity in entities.entities}
+    canvas.entities = entities
+    for name, entity in after.items():
+        if before.get(name) != entity:
+            _draw_panel(canvas, entity)
+            _say(canvas, "entities", f"{name} stands in the world")
+    for name in before:
+        if name not in after:
+            canvas.recording.log(_panel_path(name), rr.Mesh3D(vertex_positions=[]), static=True)
+            _say(canvas, "entities", f"{name} was taken away")
+    if canvas.changed("entities/refused", entities.refused):
+        _say_refused(canvas, "entities", entities.refused)
+
+
+def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
+    """Frames by name, as RViz has them: what hangs on one is drawn where it was then."""
+    for entry in transforms.transforms:
+        stamp_ns = canvas.at(entry.header.stamp)
+        path = f"tf/{entry.child_frame_id}"
+        if canvas.due(path, stamp_ns, _POSE_NS):
+            canvas.recording.log(path, _transform(entry))
+
+
+def draw_tf_static(canvas: Canvas, transforms: msg.TFMessage) -> None:
+    """The robot's fixed frames."""
+    canvas.comparison.add_static_transforms(transforms)
+    for entry in transforms.transforms:
+        path = f"tf_static/{entry.child_frame_id}"
+        canvas.recording.log(path, _transform(entry), static=True)
+
+
+def draw_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
+    """Measured velocities, and how far wheel odometry alone has drifted."""
+    stamp_ns = canvas.at(odometry.header.stamp)
+    if canvas.due("odom", stamp_ns, _PLOT_NS):
+        _draw_twist(canvas, "odom", odometry.twist.twist)
+        error = canvas.comparison.odometry(odometry)
+        if error is not None:
+            _scalar(canvas, "error/odometry_m", error.distance_m)
+
+
+def draw_joint_states(canvas: Canvas, joints: msg.JointState) -> None:
+    """The wheels' turning."""
+    stamp_ns = canvas.at(joints.header.stamp)
+    if not canvas.due("joint_states", stamp_ns, _PLOT_NS):
+        return
+    angles = dict(zip(joints.name, joints.position.tolist(), strict=False))
+    _turn_wheels(canvas, angles)
+    for name, speed_rad_s in zip(joints.name, joints.velocity.tolist(), strict=False):
+        for side in ("left", "right"):
+            if side in name:
+                _scalar(canvas, f"joint_states/{side}_rad_s", speed_rad_s)
+
+
+def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
+    """Yaw rate and level accelerations."""
+    stamp_ns = canvas.at(imu.header.stamp)
+    if canvas.due("imu", stamp_ns, _PLOT_NS):
+        _scalar(canvas, "imu/angular_velocity_z_rad_s", imu.angular_velocity.z)
+        _scalar(canvas, "imu/linear_acceleration_x_m_s2", imu.linear_acceleration.x)
+        _scalar(canvas, "imu/linear_acceleration_y_m_s2", imu.linear_acceleration.y)
+
+
+def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
+    """The echoes, in the lidar's frame: where the robot believes them to be."""
+    canvas.at(scan.header.stamp)
+    ranges = scan.ranges
+    echo = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
+    angle_rad = scan.angle_min + scan.angle_increment * np.flatnonzero(echo)
+    range_m = ranges[echo]
+    points = np.column_stack(
+        [range_m * np.cos(angle_rad), range_m * np.sin(angle_rad), np.zeros(len(range_m))]
+    )
+    _frame(canvas, "scan", scan.header.frame_id)
+    canvas.recording.log("scan", rr.Points3D(points.astype(np.float32), colors=_SCAN, radii=0.02))
+
+
+def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
+    """The picture, as JPEG."""
+    canvas.at(image.header.stamp)
+    if image.encoding not in _TO_BGR:
+        if canvas.changed("camera/color/image_raw/encoding", image.encoding):
+            text = f"cannot draw pictures in {image.encoding}"
+            _say(canvas, "camera/color/image_raw", text, "WARN")
+        return
+    channels, conversion = _TO_BGR[image.encoding]
+    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
+    pixels = rows.reshape(image.height, image.width, channels)
+    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, canvas.jpeg_quality])
+    _frame(canvas, "camera/color/image_raw", IMAGE_FRAME)
+    canvas.recording.log(
+        "camera/color/image_raw",
+        rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"),
+    )
+
+
+def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
+    """The pyramid through which the picture is seen, in the camera's frame."""
+    canvas.camera = info
+    value = (info.k.tobytes(), info.width, info.height, info.header.frame_id)
+    if canvas.changed("camera/color/camera_info", value):
+        canvas.recording.log(
+            "camera/color/camera_info",
+            rr.Pinhole(
+                image_from_camera=info.k.reshape(3, 3),
+                resolution=(info.width, info.height),
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.5,
+                parent_frame=info.header.frame_id,
+                child_frame=IMAGE_FRAME,
+                color=_ESTIMATE,
+                line_width=0.004,
+            ),
+            static=True,
+        )
+
+
+def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
+    """The true robot, its way so far, and its velocities."""
+    canvas.comparison.add_truth(odometry)
+    stamp_ns = canvas.at(odometry.header.stamp)
+    pose = odometry.pose.pose
+    if canvas.due("ground_truth/odom", stamp_ns, _POSE_NS):
+        p, q = pose.position, pose.orientation
+        canvas.recording.log(
+            "ground_truth/odom",
+            rr.Transform3D(
+                translation=(p.x, p.y, p.z),
+                quaternion=rr.Quaternion(xyzw=(q.x, q.y, q.z, q.w)),
+                parent_frame=MAP_FRAME,
+                child_frame=TRUTH_FRAME,
+            ),
+        )
+    _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, _TRUTH)
+    if canvas.due("ground_truth/odom/twist", stamp_ns, _PLOT_NS):
+        _draw_twist(canvas, "ground_truth/odom", odometry.twist.twist)
+
+
+def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
+    """Where the robot touched something."""
+    canvas.recording.at(round(contact.time_s * 1e9))
+    canvas.contacts_m.append(contact.position_m)
+    canvas.recording.log(
+        "contacts",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(canvas.contacts_m[-1000:], colors=_BAD, radii=0.04),
+        rr.TextLog(
+            f"{contact.robot_link} touched {contact.body} with {contact.impulse_n_s:.3f} N s",
+            level="WARN",
+        ),
+    )
+
+
+def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
+    """The state's hash, and the watchdog's stops."""
+    stamp_ns = round(stats.sim_time_s * 1e9)
+    canvas.recording.at(stamp_ns)
+    if canvas.due("simulation/stats", stamp_ns, _SECOND_NS):
+        canvas.recording.log(
+            "simulation/stats",
+            rr.AnyValues(
+                state_hash=stats.state_hash, iterations=stats.iterations, paused=stats.paused
+            ),
+        )
+        _scalar(canvas, "simulation/stats/watchdog_stops", stats.watchdog_stops)
+    if canvas.changed("simulation/stats/renderer", stats.renderer):
+        _say(canvas, "simulation/stats", f"renderer: {stats.renderer}")
+
+
+def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
+    """The markers' outlines, in the picture and in the camera's frame, and how far off they are.
+
+    The second solution of each pose is grey.
+    """
+    canvas.at(detections.header.stamp)
+    _scalar(canvas, "aruco/detections/count", len(detections.detections))
+    poses: list[tuple[str, Array, Array]] = []
+    others: list[Array] = []
+    for detection in detections.detections:
+        size_m = np.array([detection.bbox.size.x, detection.bbox.size.y, 0.0])
+        for number, result in enumerate(detection.results):
+            corners = _corners(result.pose.pose, size_m)
+            if number == 0:
+                poses.append((detection.id, corners, size_m))
+            else:
+                others.append(corners)
+    names = [f"id {name.rpartition(':')[2]}" for name, _, _ in poses]
+    frame = detections.header.frame_id or CAMERA_OPTICAL_FRAME
+    if canvas.camera is not None:
+        k = canvas.camera.k.reshape(3, 3)
+        outlines = [_project(k, corners) for _, corners, _ in poses]
+        _draw_outlines(canvas, IMAGE_FRAME, outlines, names)
+    if canvas.changed("aruco/detections", bool(poses)) or poses:
+        _frame(canvas, "aruco/detections", frame)
+        canvas.recording.log(
+            "aruco/detections",
+            rr.LineStrips3D(
+                [corners for _, corners, _ in poses] + others,
+                colors=[_MARKER] * len(poses) + [_SECOND] * len(others),
+                radii=[0.006] * len(poses) + [0.002] * len(others),
+            ),
+        )
+    entities = canvas.entities.entities if canvas.entities else ()
+    errors_m = [error_m for _, error_m in canvas.comparison.markers(detections, entities)]
+    if errors_m:
+        _scalar(canvas, "error/marker_m", max(errors_m))
+
+
+def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
+    """The markers where the robot believes them to be."""
+    canvas.at(detections.header.stamp)
+    seen = [detection for detection in detections.detections if detection.results]
+    if canvas.changed("aruco/detections_map", bool(seen)) or seen:
+        places = [detection.results[0].pose.pose.position for detection in seen]
+        _frame(canvas, "aruco/detections_map", detections.header.frame_id or MAP_FRAME)
+        canvas.recording.log(
+            "aruco/detections_map",
+            rr.Points3D(
+                [(p.x, p.y, p.z) for p in places],
+                labels=[f"id {detection.id.rpartition(':')[2]}" for detection in seen],
+                colors=_MARKER,
+                radii=0.05,
+            ),
+        )
+
+
+def draw_initial_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
+    """Where a person says the robot is."""
+    canvas.at(estimate.header.stamp)
+    _draw_arrow(canvas, "initialpose", estimate.pose.pose, _ESTIMATE)
+    pose = msg.se2_from_pose(estimate.pose.pose)
+    text = f"the robot is at ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.yaw_rad:.2f}), a person says"
+    _say(canvas, "initialpose", text, stamp=estimate.header.stamp)
+
+
+def draw_goal_pose(canvas: Canvas, goal: msg.PoseStamped) -> None:
+    """Where to drive."""
+    canvas.at(goal.header.stamp)
+    _draw_arrow(canvas, "goal_pose", goal.pose, _PLAN)
+    pose = msg.se2_from_pose(goal.pose)
+    text = f"goal ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.yaw_rad:.2f})"
+    _say(canvas, "goal_pose", text, stamp=goal.header.stamp)
+
+
+def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
+    """The estimated pose's uncertainty (2 sigma), the way by it, and its error."""
+    stamp_ns = canvas.at(estimate.header.stamp)
+    pose = estimate.pose.pose
+    _draw_trail(canvas, "amcl_pose/path", pose, 0.035, _ESTIMATE)
+    if canvas.due("amcl_pose", stamp_ns, _PLOT_NS):
+        covariance = np.asarray(estimate.pose.covariance).reshape(6, 6)[:2, :2]
+        variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
+        turn = math.atan2(float(axes[1, 1]), float(axes[0, 1]))
+        long_m, short_m = 2.0 * np.sqrt(np.maximum(variances[::-1], 1e-8))
+        _frame(canvas, "amcl_pose", estimate.header.frame_id or MAP_FRAME)
+        canvas.recording.log(
+            "amcl_pose",
+            rr.Ellipsoids3D(
+                centers=[(pose.position.x, pose.position.y, 0.02)],
+                half_sizes=[(float(long_m), float(short_m), 0.002)],
+                quaternions=[(0.0, 0.0, math.sin(turn / 2.0), math.cos(turn / 2.0))],
+                colors=_ESTIMATE,
+                fill_mode=rr.components.FillMode.Solid,
+            ),
+        )
+    error = canvas.comparison.localisation(estimate)
+    if error is not None:
+        _scalar(canvas, "error/localisation_m", error.distance_m)
+        _scalar(canvas, "error/localisation_deg", math.degrees(error.angle_rad))
+
+
+def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
+    """The particles as short strokes along their heading; of many, evenly chosen ones."""
+    canvas.at(cloud.header.stamp)
+    stride = max(1, math.ceil(len(cloud.poses) / _MAX_PARTICLES))
+    poses = [msg.se2_from_pose(pose) for pose in cloud.poses[::stride]]
+    xyyaw = np.array(poses, np.float64).reshape(-1, 3)
+    tails = np.column_stack([xyyaw[:, :2], np.full(len(xyyaw), 0.025)])
+    heads = tails + 0.08 * np.column_stack(
+        [np.cos(xyyaw[:, 2]), np.sin(xyyaw[:, 2]), np.zeros(len(xyyaw))]
+    )
+    _frame(canvas, "particle_cloud", cloud.header.frame_id or MAP_FRAME)
+    canvas.recording.log(
+        "particle_cloud",
+        rr.LineStrips3D(
+            np.stack([tails, heads], axis=1).astype(np.float32), colors=_PARTICLE, radii=0.004
+        ),
+    )
+
+
+def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
+    """The costmap, translucent above the floor."""
+    stamp_ns = canvas.at(grid.header.stamp)
+    path = "global_costmap/costmap"
+    if canvas.changed(path, grid.data.tobytes()) or canvas.due(path, stamp_ns, _LATCH_NS):
+        canvas.due(path, stamp_ns, 0)
+        _frame(canvas, path, grid.header.frame_id or MAP_FRAME)
+        colormap = rr.components.Colormap.RvizCostmap
+        canvas.recording.log(path, _grid(grid, 0.006, 0.5, colormap))
+
+
+def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
+    """The path being followed."""
+    canvas.at(plan.header.stamp)
+    points = [(p.pose.position.x, p.pose.position.y, 0.045) for p in plan.poses]
+    _frame(canvas, "plan", plan.header.frame_id or MAP_FRAME)
+    strips = [np.array(points, np.float32)] if len(points) > 1 else []
+    canvas.recording.log("plan", rr.LineStrips3D(strips, colors=_PLAN, radii=0.018))
+
+
+def draw_cmd_vel(canvas: Canvas, command: msg.TwistStamped) -> None:
+    """The commanded velocity."""
+    stamp_ns = canvas.at(command.header.stamp)
+    if canvas.due("cmd_vel", stamp_ns, _PLOT_NS):
+        _draw_twist(canvas, "cmd_vel", command.twist)
+
+
+def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None:
+    """States over time, and how far the goal is."""
+    canvas.recording.at(canvas.now_ns)
+    localization = "active" if status.localization_active else "waiting"
+    state = status.state if status.navigation_active else "waiting"
+    for path, value in (
+        ("navigation/status/localization", localization),
+        ("navigation/status/state", state),
+    ):
+        if canvas.changed(path, value):
+            canvas.recording.log(path, rr.StateChange(state=value))
+    _scalar(canvas, "navigation/status/distance_remaining_m", status.distance_remaining_m)
+    _scalar(canvas, "navigation/status/number_of_recoveries", status.number_of_recoveries)
+
+
+def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None:
+    """How a goal ended, in words and in its colour."""
+    canvas.recording.at(round(result.end_time_s * 1e9))
+    goal = result.goal
+    color = _BAD if result.error_code else _GOOD
+    _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(goal.se2()), color)
+    where = f"goal ({goal.x_m:.2f}, {goal.y_m:.2f}, {goal.yaw_rad:.2f})"
+    if result.error_code:
+        text = f"{where} failed with error {result.error_code}: {result.error_msg}"
+    else:
+        text = f"{where} reached after {result.end_time_s - result.start_time_s:.1f} s"
+    _say(canvas, "navigation/result", text, "WARN" if result.error_code else "INFO")
+
+
+def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
+    """Each service's state over time, and each change in words."""
+    canvas.at(array.header.stamp)
+    for status in array.status:
+        path = f"diagnostics/{status.name}"
+        said = [(v.key, v.value) for v in status.values if v.value]
+        rejected = any(key.startswith("rejected ") for key, _ in said)
+        waiting = status.message.startswith("waiting")
+        state = "waiting" if waiting else "rejecting" if rejected else "active"
+        if canvas.changed(path, state):
+            if state == "waiting" or rejected:
+                configuration = rr.StateConfiguration(
+                    values=list(_STATES), colors=list(_STATES.values())
+                )
+                canvas.recording.log(path, configuration, static=True)
+            canvas.recording.log(path, rr.StateChange(state=state))
+        if canvas.changed(f"{path}/text", (status.message, tuple(said))):
+            details = "; ".join(f"{key}: {value}" for key, value in said if key != "waiting_for")
+            text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
+            level = status.level if isinstance(status.level, int) else status.level[0]
+            canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
+
+
+def draw_rosout(canvas: Canvas, log: msg.Log) -> None:
+    """A line of a service's log."""
+    canvas.at(log.stamp)
+    canvas.recording.log(
+        f"rosout/{log.name}", rr.TextLog(f"[{log.name}]: {log.msg}", level=_level(log.level))
+    )
+
+
+DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
+    CLOCK: draw_clock,
+    WORLD_REQUEST: draw_world_request,
+    WORLD_STATUS: draw_world_status,
+    ASSETS: draw_asset,
+    WORLD: draw_world,
+    MAP: draw_map,
+    DESIRED_ENTITIES: draw_desired_entities,
+    ENTITIES: draw_entities,
+    TF: draw_tf,
+    TF_STATIC: draw_tf_static,
+    ODOM: draw_odom,
+    JOINT_STATES: draw_joint_states,
+    IMU: draw_imu,
+    SCAN: draw_scan,
+    CAMERA_IMAGE: draw_camera_image,
+    CAMERA_INFO: draw_camera_info,
+    GROUND_TRUTH_ODOM: draw_ground_truth_odom,
+    CONTACTS: draw_contact,
+    SIMULATION_STATS: draw_simulation_stats,
+    DETECTIONS: draw_detections,
+    MAP_DETECTIONS: draw_map_detections,
+    INITIAL_POSE: draw_initial_pose,
+    GOAL_POSE: draw_goal_pose,
+    AMCL_POSE: draw_amcl_pose,
+    PARTICLE_CLOUD: draw_particle_cloud,
+    GLOBAL_COSTMAP: draw_global_costmap,
+    PLAN: draw_plan,
+    CMD_VEL: draw_cmd_vel,
+    NAVIGATION_STATUS: draw_navigation_status,
+    NAVIGATION_RESULT: draw_navigation_result,
+    DIAGNOSTICS: draw_diagnostics,
+    ROSOUT: draw_rosout,
+}
+
+_TO_BGR: dict[str, tuple[int, int | None]] = {
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgr8": (3, None),
+    "mono8": (1, None),
+}
+_LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
+
+
+def _level(level: int) -> str:
+    return next(name for least, name in _LEVELS if level >= least)
+
+
+def _say(
+    canvas: Canvas, path: str, text: str, level: str = "INFO", stamp: msg.Time | None = None
+) -> None:
+    if stamp is None:
+        canvas.recording.at(canvas.now_ns)
+    canvas.recording.log(path, rr.TextLog(text, level=level))
+
+
+def _say_refused(canvas: Canvas, path: str, refused: Iterable[doc.Refusal]) -> None:
+    for refusal in refused:
+        _say(canvas, path, f"{refusal.name} refused: {refusal.reason}", "WARN")
+
+
+def _scalar(canvas: Canvas, path: str, value: float) -> None:
+    canvas.recording.log(path, rr.Scalars(value))
+
+
+def _frame(canvas: Canvas, path: str, frame: str) -> None:
+    """Name the frame that an entity's coordinates are in, once."""
+    if canvas.changed(f"{path}#frame", frame):
+        canvas.recording.log(path, rr.CoordinateFrame(frame), static=True)
+
+
+def _draw_twist(canvas: Canvas, path: str, twist: msg.Twist) -> None:
+    _scalar(canvas, f"{path}/linear_m_s", twist.linear.x)
+    _scalar(canvas, f"{path}/angular_rad_s", twist.angular.z)
+
+
+def _draw_trail(
+    canvas: Canvas, path: str, pose: msg.Pose, z_m: float, color: tuple[int, int, int]
+) -> None:
+    """The way so far, drawn twice a second while it grows. The time must be set."""
+    trail = canvas.trails.setdefault(path, Trail())
+    if trail.add(pose.position.x, pose.position.y):
+        canvas.last[f"{path}#grown"] = True
+    if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, _PATH_NS):
+        canvas.last[f"{path}#grown"] = False
+        _frame(canvas, path, MAP_FRAME)
+        strip = rr.LineStrips3D([trail.points(z_m)], colors=color, radii=0.018)
+        canvas.recording.log(path, strip)
+
+
+def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int, int]) -> None:
+    """An arrow along a pose's heading, in a ring of the goal tolerance. The time must be set."""
+    at = msg.se2_from_pose(pose)
+    turn = np.linspace(0.0, 2.0 * math.pi, 33)
+    ring = np.column_stack(
+        [at.x_m + 0.25 * np.cos(turn), at.y_m + 0.25 * np.sin(turn), np.full(33, 0.03)]
+    )
+    _frame(canvas, path, MAP_FRAME)
+    canvas.recording.log(
+        path,
+        rr.Arrows3D(
+            origins=[(at.x_m, at.y_m, 0.05)],
+            vectors=[(0.35 * math.cos(at.yaw_rad), 0.35 * math.sin(at.yaw_rad), 0.0)],
+            colors=color,
+            radii=0.025,
+        ),
+    )
+    _frame(canvas, f"{path}/tolerance", MAP_FRAME)
+    canvas.recording.log(f"{path}/tolerance", rr.LineStrips3D([ring], colors=color, radii=0.012))
+
+
+def _draw_outlines(
+    canvas: Canvas, frame: str, outlines: list[NDArray[np.float64]], names: list[str]
+) -> None:
+    path = "aruco/detections/outline"
+    if canvas.changed(path, bool(outlines)) or outlines:
+        _frame(canvas, path, frame)
+        canvas.recording.log(
+            path,
+            rr.LineStrips2D(
+                outlines, labels=names, colors=_MARKER, radii=1.5, show_labels=True, draw_order=30.0
+            ),
+        )
+
+
+def _draw_walls(canvas: Canvas, world: doc.World, material: doc.Material) -> None:
+    walls = [wall for wall in world.walls if wall.material == material.name]
+    texture = _texture(canvas, material.texture_sha256)
+    rgba = (1.0, 1.0, 1.0, 1.0) if texture is not None else material.diffuse
+    for path, bottom_m, top_m in (
+        (f"world/walls/{material.name}", 0.0, CUT_M),
+        (f"world/walls_above/{material.name}", CUT_M, math.inf),
+    ):
+        mesh = wall_sides(walls, bottom_m, top_m, material.texture_side_m, rgba)
+        _static_mesh(canvas, path, mesh, texture)
+
+
+def _panel_path(name: str) -> str:
+    return f"entities/{name}"
+
+
+def _draw_panel(canvas: Canvas, entity: doc.Entity) -> None:
+    texture = _texture(canvas, entity.texture_sha256)
+    _static_mesh(canvas, _panel_path(entity.name), panel(entity), texture)
+
+
+def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
+    """A texture that has come, as (h, w, 3) RGB of at most 512 pixels a side."""
+    data = canvas.textures.get(sha256)
+    if data is None:
+        return None
+    canvas.changed(f"world/assets/{sha256}", True)
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if pixels is None:
+        return None
+    scale = _TEXTURE_SIDE_PX / max(pixels.shape[:2])
+    if scale < 1.0:
+        pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(pixels[:, :, ::-1], np.uint8)
+
+
+def _static_mesh(
+    canvas: Canvas, path: str, mesh: Mesh | None, texture: NDArray[np.uint8] | None = None
+) -> None:
+    if mesh is not None:
+        drawn = _mesh(mesh, texture)
+        canvas.recording.log(path, rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
+
+
+def _mesh(
+    mesh: Mesh,
+    texture: NDArray[np.uint8] | None = None,
+    tint: tuple[int, int, int, int] | None = None,
+) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=mesh.positions_m,
+        vertex_normals=mesh.normals,
+        vertex_texcoords=None if texture is None else mesh.uvs,
+        vertex_colors=mesh.colors if texture is None and tint is None else None,
+        triangle_indices=mesh.triangles,
+        albedo_texture=texture,
+        albedo_factor=tint,
+    )
+
+
+def _grid(
+    grid: msg.OccupancyGrid, z_m: float, opacity: float, colormap: rr.components.Colormap
+) -> rr.GridMap:
+    # Rerun's first row is the top one, ROS' the one of the smallest y.
+    cells = np.flipud(msg.cells_from_grid(grid))
+    origin, q = grid.info.origin.position, grid.info.origin.orientation
+    return rr.GridMap(
+        data=np.ascontiguousarray(cells).view(np.uint8).tobytes(),
+        format=rr.components.ImageFormat(
+            width=grid.info.width, height=grid.info.height, color_model="L", channel_datatype="U8"
+        ),
+        cell_size=grid.info.resolution,
+        translation=(origin.x, origin.y, z_m),
+        quaternion=rr.Quaternion(xyzw=(q.x, q.y, q.z, q.w)),
+        opacity=opacity,
+        colormap=colormap,
+    )
+
+
+def _transform(entry: msg.TransformStamped) -> rr.Transform3D:
+    t, q = entry.transform.translation, entry.transform.rotation
+    return rr.Transform3D(
+        translation=(t.x, t.y, t.z),
+        quaternion=rr.Quaternion(xyzw=(q.x, q.y, q.z, q.w)),
+        parent_frame=entry.header.frame_id,
+        child_frame=entry.child_frame_id,
+    )
+
+
+def _wheel_frame(robot_frame: str, joint: str) -> str:
+    return f"{robot_frame}/{joint}"
+
+
+def _turn_wheels(canvas: Canvas, angles: dict[str, float]) -> None:
+    """Put the wheels of both robots at their angles. The time must be set."""
+    for wheel in canvas.robot.wheels:
+        if wheel.joint not in angles:
+            continue
+        axis, angle_rad = wheel.axis, angles[wheel.joint]
+        half_sine = math.sin(angle_rad / 2.0)
+        x, y, z = (float(v) * half_sine for v in axis)
+        turn = rotation_from_quaternion(x, y, z, math.cos(angle_rad / 2.0))
+        rotation = wheel.base_from_joint[:3, :3] @ turn
+        for frame in (TRUTH_FRAME, BASE_FOOTPRINT_FRAME):
+            child = _wheel_frame(frame, wheel.joint)
+            canvas.recording.log(
+                f"joint_states/{child}",
+                rr.Transform3D(
+                    translation=wheel.base_from_joint[:3, 3],
+                    quaternion=rr.Quaternion(xyzw=quaternion_from_rotation(rotation)),
+                    parent_frame=frame,
+                    child_frame=child,
+                ),
+            )
+
+
+def _corners(pose: msg.Pose, size_m: Array) -> NDArray[np.float64]:
+    """(5, 3) closed outline of a marker's square at a pose."""
+    matrix = msg.matrix_from_pose(pose)
+    return (_SQUARE * size_m) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _project(k: Array, corners_m: Array) -> NDArray[np.float64]:
+    """(n, 2) pixels of points in an optical frame."""
+    z_m = np.maximum(corners_m[:, 2:], 1e-3)
+    return (corners_m @ k.T)[:, :2] / z_m
+
+
+def _shade(rgba: doc.Rgba, factor: float) -> doc.Rgba:
+    return rgba[0] * factor, rgba[1] * factor, rgba[2] * factor, rgba[3]

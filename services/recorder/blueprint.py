@@ -1,0 +1,127 @@
+"""How the viewer lays a run out when it opens it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from services.common.documents import World
+from services.common.frames import MAP_FRAME
+from services.recorder.archetypes import IMAGE_FRAME
+from services.recorder.recording import TIMELINE
+
+_BACKGROUND = (24, 27, 33)
+_ELEVATION_RAD = math.radians(58.0)
+
+
+def run_blueprint(world: World) -> rrb.Blueprint:
+    """The maze from above, the camera's picture with its markers, plots, states and the log."""
+    maze = rrb.Spatial3DView(
+        name="Maze",
+        origin="/",
+        contents=[
+            "+ /**",
+            "- /world/walls_above/**",
+            "- /map/**",
+            "- /camera/color/image_raw/**",
+            "- /aruco/detections/outline/**",
+        ],
+        background=_BACKGROUND,
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
+        eye_controls=_eye(world),
+    )
+    plan = rrb.Spatial3DView(
+        name="Map",
+        origin="/",
+        contents=[
+            "+ /map/**",
+            "+ /global_costmap/**",
+            "+ /scan/**",
+            "+ /plan/**",
+            "+ /particle_cloud/**",
+            "+ /amcl_pose/**",
+            "+ /goal_pose/**",
+            "+ /ground_truth/odom/**",
+            "+ /tf/**",
+            "+ /tf_static/**",
+            "+ /joint_states/**",
+        ],
+        background=_BACKGROUND,
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
+        eye_controls=_eye(world, math.radians(89.0)),
+    )
+    camera = rrb.Spatial2DView(
+        name="Camera",
+        origin="/camera/color/image_raw",
+        contents=["+ /camera/color/image_raw/**", "+ /aruco/detections/outline/**"],
+        background=_BACKGROUND,
+        spatial_information=rrb.SpatialInformation(target_frame=IMAGE_FRAME),
+    )
+    plots = rrb.Tabs(
+        _plot("Errors (m)", ["/error/localisation_m", "/error/odometry_m", "/error/marker_m"]),
+        _plot("Heading error (deg)", ["/error/localisation_deg"]),
+        _plot("IMU", ["/imu/**"]),
+        _plot("Wheels (rad/s)", ["/joint_states/left_rad_s", "/joint_states/right_rad_s"]),
+        _plot("Real time factor", ["/clock/real_time_factor"]),
+        active_tab=0,
+    )
+    speeds = rrb.Tabs(
+        _plot(
+            "Speed (m/s)",
+            ["/cmd_vel/linear_m_s", "/odom/linear_m_s", "/ground_truth/odom/linear_m_s"],
+        ),
+        _plot(
+            "Turn rate (rad/s)",
+            ["/cmd_vel/angular_rad_s", "/odom/angular_rad_s", "/ground_truth/odom/angular_rad_s"],
+        ),
+        _plot("Distance to goal (m)", ["/navigation/status/distance_remaining_m"]),
+        active_tab=0,
+    )
+    states = rrb.StateTimelineView(
+        name="States", contents=["/navigation/status/**", "/diagnostics/**"]
+    )
+    log = rrb.TextLogView(name="Log", contents=["/**"])
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Tabs(maze, plan, active_tab=0),
+                rrb.Tabs(log, states, active_tab=0),
+                row_shares=[4, 1],
+            ),
+            rrb.Vertical(camera, plots, speeds, row_shares=[5, 3, 3]),
+            column_shares=[5, 3],
+        ),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _plot(name: str, contents: list[str]) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        name=name, contents=contents, plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)
+    )
+
+
+def _eye(world: World, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls3D:
+    """Look at the middle of the walls from the south, from where all of them are in view."""
+    places = np.array([(wall.x_m, wall.y_m) for wall in world.walls]).reshape(-1, 2)
+    low = places.min(axis=0) if len(places) else np.array([-2.0, -2.0])
+    high = places.max(axis=0) if len(places) else np.array([2.0, 2.0])
+    middle, span_m = (low + high) / 2.0, float(np.linalg.norm(high - low))
+    distance_m = 0.95 * max(span_m, 2.0)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=(
+            middle[0],
+            middle[1] - distance_m * math.cos(elevation_rad),
+            distance_m * math.sin(elevation_rad),
+        ),
+        look_target=(middle[0], middle[1], 0.0),
+        eye_up=(0.0, 0.0, 1.0),
+    )

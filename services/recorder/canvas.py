@@ -1,0 +1,89 @@
+"""What drawing one run remembers from message to message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common import messages as msg
+from services.common.documents import Entities, World
+from services.recorder.errors import TruthComparison
+from services.recorder.mesh import RobotMesh
+from services.recorder.recording import Recording
+
+_PATH_STEP_M = 0.03
+_PATH_POINTS = 4000
+
+
+class Trail:
+    """The way something went: a point every 3 cm, the newest 4000 of them."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, float]] = []
+
+    def add(self, x_m: float, y_m: float) -> bool:
+        """Add a point; whether it was far enough from the last one."""
+        if self._points:
+            last_x, last_y = self._points[-1]
+            if (x_m - last_x) ** 2 + (y_m - last_y) ** 2 < _PATH_STEP_M**2:
+                return False
+        self._points.append((x_m, y_m))
+        if len(self._points) > 2 * _PATH_POINTS:
+            del self._points[:_PATH_POINTS]
+        return True
+
+    def points(self, z_m: float) -> NDArray[np.float32]:
+        """(n, 3), oldest first."""
+        xy = np.array(self._points[-_PATH_POINTS:], np.float32).reshape(-1, 2)
+        return np.column_stack([xy, np.full(len(xy), z_m, np.float32)])
+
+
+@dataclass
+class Canvas:
+    """The recording of one run, and what a message needs from those before it to be drawn."""
+
+    recording: Recording
+    robot: RobotMesh
+    world: World
+    textures: dict[str, bytes]
+    """PNG files by their sha256, of every world so far."""
+    wall_clock_s: Callable[[], float]
+    jpeg_quality: int = 75
+    now_ns: int = 0
+    entities: Entities | None = None
+    camera: msg.CameraInfo | None = None
+    comparison: TruthComparison = field(init=False)
+    trails: dict[str, Trail] = field(default_factory=dict)
+    contacts_m: list[tuple[float, float, float]] = field(default_factory=list)
+    last: dict[str, object] = field(default_factory=dict)
+    """The newest value logged to an entity, of those that are logged when they change."""
+    real_time: tuple[float, int] | None = None
+    """Wall time (s) and simulation time (ns) at which the real time factor was last measured."""
+    _drawn_ns: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.comparison = TruthComparison(self.world.start.se2())
+
+    def at(self, time: msg.Time) -> int:
+        """Set the time of what is logged next to a message's stamp; that stamp in nanoseconds."""
+        stamp_ns = msg.ns_from_time(time)
+        self.recording.at(stamp_ns)
+        return stamp_ns
+
+    def due(self, path: str, stamp_ns: int, period_ns: int) -> bool:
+        """Whether an entity that is logged every `period_ns` is to be logged now."""
+        last_ns = self._drawn_ns.get(path)
+        if last_ns is not None and 0 <= stamp_ns - last_ns < period_ns:
+            return False
+        self._drawn_ns[path] = stamp_ns
+        return True
+
+    def changed(self, path: str, value: object) -> bool:
+        """Whether an entity that is logged when it changes is to be logged now."""
+        if path in self.last and self.last[path] == value:
+            return False
+        self.last[path] = value
+        return True

@@ -1,0 +1,39 @@
+"""What the recorder is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+
+from services.common.config import ServiceConfig
+
+
+class RecorderConfig(ServiceConfig):
+    """Where runs are kept, and whether they are shown while they happen."""
+
+    record: bool = Field(
+        True, description="write run.rrd; summary.json and config.yaml are always written"
+    )
+    recordings_dir: Path = Field(
+        Path("recordings"), description="folder in which each run gets one of its own"
+    )
+    out_dir: Path | None = Field(
+        None, description="the run's own folder, in place of a new one in recordings_dir"
+    )
+    repair: bool = Field(
+        True, description="at start, make whole the recordings that a killed recorder left"
+    )
+    live: bool = Field(False, description="show the run in a browser while it happens")
+    bind: str = Field("0.0.0.0", description="address on which the live view listens")
+    web_port: int = Field(9090, ge=1, le=65535, description="port of the live view's page")
+    grpc_port: int = Field(
+        9876, ge=1, le=65535, description="port from which the page reads the recording"
+    )
+    live_memory_mib: int = Field(
+        256, ge=16, description="memory for what late viewers get; the oldest data goes first"
+    )
+    jpeg_quality: int = Field(75, ge=1, le=100, description="of the recorded camera pictures")
+    min_free_mib: int = Field(
+        64, ge=0, description="free disk space below which run.rrd is closed until there is more"
+    )

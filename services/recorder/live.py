@@ -1,0 +1,123 @@
+"""The live view: a server that viewers read the recording from, and the page that shows it."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import shutil
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import ClassVar
+from urllib.parse import quote, urlsplit
+
+import rerun as rr
+
+from services.common.config import ConfigError
+from services.recorder.recording import APPLICATION
+
+_PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
+
+
+def check_port_free(name: str, bind: str, port: int) -> None:
+    """Raise ConfigError with one line where something listens on a port already, or nothing may."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((bind, port))
+        except OSError as error:
+            raise ConfigError(f"{name}: port {port} on {bind}: {error.strerror}") from error
+
+
+class LiveView:
+    """Serves what is recorded to any number of browsers, from before the first run to the last.
+
+    The bare address shows the live recording, by whatever name the machine is called.
+    """
+
+    def __init__(self, bind: str, web_port: int, grpc_port: int, memory_mib: int) -> None:
+        """Raises ConfigError, naming the port, where one is taken."""
+        check_port_free("web_port", bind, web_port)
+        check_port_free("grpc_port", bind, grpc_port)
+        loopback = "127.0.0.1" if bind in ("", "0.0.0.0") else bind
+        self.url = f"rerun+http://{loopback}:{grpc_port}/proxy"
+        self._server = rr.RecordingStream(APPLICATION, recording_id="live", send_properties=False)
+        try:
+            self._server.set_sinks(
+                rr.GrpcServerSink(bind, grpc_port, server_memory_limit=f"{memory_mib}MiB")
+            )
+        except (RuntimeError, OSError) as error:
+            raise ConfigError(f"grpc_port: port {grpc_port} on {bind}: {error}") from error
+        self._page = WebPage(bind, web_port, grpc_port)
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._page.close()
+        self._server.disconnect()
+
+
+class WebPage:
+    """The Rerun web viewer of the installed package, with `/` leading to the recording to show."""
+
+    def __init__(self, bind: str, web_port: int, grpc_port: int) -> None:
+        """Raises ConfigError where the port is taken."""
+        files_port = _serve_viewer_files()
+        handler = type("Handler", (_Handler,), {"grpc_port": grpc_port, "files_port": files_port})
+        try:
+            self._http = ThreadingHTTPServer((bind, web_port), handler)
+        except OSError as error:
+            raise ConfigError(f"web_port: port {web_port} on {bind}: {error.strerror}") from error
+        self._http.daemon_threads = True
+        threading.Thread(target=self._http.serve_forever, name="web", daemon=True).start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._http.shutdown()
+        self._http.server_close()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    grpc_port: ClassVar[int]
+    files_port: ClassVar[int]
+
+    def do_GET(self) -> None:
+        """Lead `/` to the recording; pass everything else on to the package's own file server."""
+        parts = urlsplit(self.path)
+        if parts.path == "/" and "url=" not in parts.query:
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or "localhost"
+            host = f"[{host}]" if ":" in host else host
+            recording = f"rerun+http://{host}:{self.grpc_port}/proxy"
+            self.send_response(302)
+            self.send_header("Location", f"/?url={quote(recording, safe='')}")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+            return
+        with contextlib.suppress(ConnectionError):
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        connection = http.client.HTTPConnection("127.0.0.1", self.files_port, timeout=30.0)
+        try:
+            connection.request("GET", self.path)
+            answer = connection.getresponse()
+            self.send_response(answer.status)
+            for name in _PASSED_HEADERS:
+                value = answer.getheader(name)
+                if value is not None:
+                    self.send_header(name, value)
+            self.end_headers()
+            shutil.copyfileobj(answer, self.wfile)
+        finally:
+            connection.close()
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's news."""
+
+
+def _serve_viewer_files() -> int:
+    """Start the file server inside the Rerun package on a free port; that port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    rr.serve_web_viewer(web_port=port, open_browser=False)
+    return port

@@ -1,0 +1,178 @@
+"""Keeps every run: draws its messages, judges it by the ground truth, keeps both in a folder."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from services.common import documents as doc
+from services.common.node import Inbox, Node, Outbox
+from services.common.topics import (
+    ASSETS,
+    DESIRED_ENTITIES,
+    DIAGNOSTICS,
+    ENTITIES,
+    EVALUATION,
+    MAP,
+    NAVIGATION_RESULT,
+    ROSOUT,
+    TF_STATIC,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    Topic,
+    read_by,
+)
+from services.recorder.config import RecorderConfig
+from services.recorder.repair import Repair
+from services.recorder.run import Run, Setting
+from services.recorder.run_folder import RunFolder, check_unused, check_writable
+from services.recorder.versions import versions
+
+if TYPE_CHECKING:
+    from services.recorder.live import LiveView
+
+_LOG = logging.getLogger("recorder")
+
+EVALUATION_PERIOD_NS = 1_000_000_000
+NEW_RUN_NS = 1_000_000_000
+"""A clock that goes back by more than this belongs to another run."""
+
+_EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, DIAGNOSTICS, ROSOUT)
+"""What is kept for the run until there is one."""
+_FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
+"""What is said once and holds until it is said anew, in the next run as well."""
+
+
+class RecorderNode(Node):
+    """Keeps one folder a run. A run is one world, from one start of its simulation to its end."""
+
+    name = "recorder"
+    period_ns = 100_000_000
+    wakes = tuple(topic for topic in read_by("recorder") if topic.rate_hz is None)
+    depth = 64
+
+    def __init__(
+        self,
+        config: RecorderConfig,
+        wall_clock_s: Callable[[], float] = time.monotonic,
+        local_time: Callable[[], datetime] = datetime.now,
+        run_config: Mapping[str, Any] | None = None,
+    ) -> None:
+        """`run_config` is what config.yaml shall hold beside the recorder's own configuration.
+
+        Raises ConfigError where a folder cannot be written or a port is taken.
+        """
+        self._config = config
+        self._local_time = local_time
+        self._run_config = dict(run_config or {})
+        if config.out_dir is None:
+            check_writable(config.recordings_dir)
+        else:
+            check_unused(config.out_dir)
+            check_writable(config.out_dir.parent)
+        self._live: LiveView | None = None
+        if config.live:
+            from services.recorder.live import LiveView  # noqa: PLC0415 - loads Rerun
+
+            self._live = LiveView(
+                config.bind, config.web_port, config.grpc_port, config.live_memory_mib
+            )
+            _LOG.info("live view on http://localhost:%d", config.web_port)
+        self._setting = Setting(
+            config, wall_clock_s, versions(), self._live.url if self._live else None
+        )
+        self._repair: Repair | None = None
+        if config.record and config.repair and config.out_dir is None:
+            self._repair = Repair(config.recordings_dir)
+            self._repair.start()
+        self._request: doc.WorldRequest | None = None
+        self._early: deque[tuple[Topic[Any], Any]] = deque(maxlen=1000)
+        self._run: Run | None = None
+        self._newest_ns = 0
+        self._evaluated_ns: int | None = None
+
+    def waiting_for(self) -> str | None:
+        """A world, or room for the recording."""
+        return "a world" if self._run is None else self._run.trouble
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Take in everything that came, and say how the run goes."""
+        if now_ns < self._newest_ns - NEW_RUN_NS and self._run is not None:
+            _LOG.info("the simulation began anew")
+            self._begin(self._run.world, now_ns)
+        self._newest_ns = now_ns
+        goal_ended = False
+        for topic in read_by(self.name):
+            for message in inbox.new(topic):
+                self._take(topic, message, now_ns)
+                goal_ended = goal_ended or topic is NAVIGATION_RESULT
+        if self._run is None:
+            return
+        self._run.tick(now_ns, inbox.counts)
+        last_ns = self._evaluated_ns
+        if goal_ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
+            self._evaluated_ns = now_ns
+            outbox.put(EVALUATION, self._run.evaluation())
+
+    def close(self) -> None:
+        """End the run: its summary is written and its recording closed."""
+        if self._repair is not None:
+            self._repair.stop()
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+        if self._live is not None:
+            self._live.close()
+            self._live = None
+
+    def _take(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
+        if topic is WORLD:
+            if self._run is None or message.hash != self._run.world.hash:
+                self._begin(message, now_ns)
+            return
+        if topic is ASSETS:
+            self._setting.textures[message.header.frame_id] = message.data.tobytes()
+        elif topic in _FIXED:
+            self._setting.fixed[topic] = message
+        elif topic is WORLD_REQUEST and message != self._request:
+            self._request = message
+            if self._run is not None:
+                self._run.write_config(self._content(self._run.world))
+        if self._run is not None:
+            self._run.take(topic, message, now_ns)
+        elif topic in _EARLY:
+            self._early.append((topic, message))
+
+    def _begin(self, world: doc.World, now_ns: int) -> None:
+        """Begin a new run in a folder of its own, with what is known already."""
+        if self._run is not None:
+            self._run.close()
+        if self._config.out_dir is not None:
+            folder = RunFolder.exactly(self._config.out_dir)
+        else:
+            recordings_dir = self._config.recordings_dir
+            folder = RunFolder.in_folder(recordings_dir, self._local_time(), world.name)
+        self.world_hash = world.hash
+        self._evaluated_ns = None
+        self._run = Run(self._setting, folder, world, now_ns)
+        self._run.write_config(self._content(world))
+        _LOG.info("recording to %s", folder.path)
+        while self._early:
+            topic, message = self._early.popleft()
+            self._run.take(topic, message, now_ns)
+
+    def _content(self, world: doc.World) -> dict[str, Any]:
+        """What config.yaml holds."""
+        return {
+            "world_request": self._request.model_dump(mode="json") if self._request else None,
+            "world": world.name,
+            "world_hash": world.hash,
+            "seed": self._config.seed,
+            "recorder": self._config.model_dump(mode="json"),
+            **self._run_config,
+        }

@@ -1,0 +1,78 @@
+"""The summary of a run, as its summary.json holds it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from services.common.documents import Evaluation, SimulationStats, World
+from services.common.node import TopicCounts
+
+Summary = dict[str, Any]
+RejectedElsewhere = Mapping[tuple[str, str, str], int]
+"""Messages that other services rejected: by service, topic and reason."""
+
+
+def build_summary(
+    *,
+    world: World,
+    seed: int,
+    stats: SimulationStats | None,
+    sim_time_s: float,
+    recorded_s: float,
+    wall_time_s: float,
+    evaluation: Evaluation,
+    counts: Mapping[str, TopicCounts],
+    rejected_elsewhere: RejectedElsewhere,
+    versions: Mapping[str, str],
+) -> Summary:
+    """Everything about a run that a script may want, as JSON values.
+
+    `wall_time_s` runs from the first tick of the clock that came here to the newest message, and
+    `recorded_s` is the simulation time between them; the real time factor is None before any has
+    passed. `messages` counts by topic what its publishers sent, what came here, what was lost on
+    the way here, and what any service rejected, with the service and the reason.
+    """
+    judged = evaluation.model_dump(mode="json")
+    contacts = judged.pop("contacts")
+    return {
+        "world": world.name,
+        "world_hash": world.hash,
+        "seed": seed,
+        "state_hash": stats.state_hash if stats else "",
+        "sim_time_s": sim_time_s,
+        "wall_time_s": wall_time_s,
+        "real_time_factor": recorded_s / wall_time_s if wall_time_s > 0.0 else None,
+        "renderer": stats.renderer if stats else "",
+        "goals": judged.pop("goals"),
+        "contacts": {"count": len(contacts), "list": contacts},
+        **judged,
+        "messages": _messages(counts, rejected_elsewhere),
+        "versions": dict(versions),
+    }
+
+
+def summary_text(summary: Summary) -> str:
+    """The text of summary.json."""
+    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
+
+
+def _messages(counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere) -> Summary:
+    rejected: dict[str, dict[str, int]] = {}
+    for topic, seen in counts.items():
+        for reason, count in seen.rejected.items():
+            rejected.setdefault(topic, {})[f"recorder: {reason}"] = count
+    for (service, topic, reason), count in elsewhere.items():
+        rejected.setdefault(topic, {})[f"{service}: {reason}"] = count
+    topics = dict.fromkeys((*counts, *rejected))
+    return {
+        topic: {
+            "sent": counts[topic].sent if topic in counts else 0,
+            "received": counts[topic].received if topic in counts else 0,
+            "lost": counts[topic].lost if topic in counts else 0,
+            "rejected": sum(rejected.get(topic, {}).values()),
+            "rejected_by": dict(sorted(rejected.get(topic, {}).items())),
+        }
+        for topic in topics
+    }
