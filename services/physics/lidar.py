@@ -17,6 +17,9 @@ class Lidar:
     As in REP 117 a range is inf where there is no echo up to `range_max_m`, and -inf where
     something is nearer than `range_min_m`. All other ranges have Gaussian noise and stay within the
     two limits.
+
+    Without noise, ranges away from a wall's edges are within 0.2 mm of geometry, but for 4 rays in
+    1000, which Bullet's ray cast ends up to 1.7 mm early: a sixth of the sensor's own noise.
     """
 
     def __init__(
