@@ -1,0 +1,28 @@
+#!/bin/sh
+# Takes out of a site-packages folder what no service needs at run time. Half of what pip installs
+# here is debug symbols, sample data, headers and other packages' tests.
+set -eu
+cd "$1"
+
+# Robots and textures for PyBullet's examples, and the examples.
+rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils
+rm -rf eglRenderer.*.so
+
+# Arrow as Rerun uses it: columns in memory. No network, no object stores, no building against it.
+rm -rf pyarrow/include pyarrow/src pyarrow/tests pyarrow/libarrow_flight.* \
+  pyarrow/libarrow_python_flight.* pyarrow/_flight.*
+find pyarrow -name '*.pxi' -delete -o -name '*.pxd' -delete -o -name '*.pyx' -delete
+
+find numba numpy scipy shapely -type d -name tests -prune -exec rm -rf {} +
+find . -name '*.pyi' -delete
+
+# Only these: a wheel's bundled libraries have been rewritten by auditwheel, which strip may break.
+strip --strip-unneeded pybullet.*.so rerun_bindings/*.so llvmlite/binding/*.so zenoh/*.so
+if [ -e rerun_cli/rerun ]; then strip --strip-unneeded rerun_cli/rerun; fi
+
+# What is left must still load.
+cd /
+"$1/../../../bin/python" -c '
+import cv2, moderngl, numba, pybullet, pydantic_settings, rerun, rosbags.typesys, scipy.ndimage
+import scipy.optimize, scipy.spatial, shapely, typer, zenoh
+'

@@ -1,0 +1,37 @@
+"""The Zenoh router: the one process that every service connects to."""
+
+from __future__ import annotations
+
+import json
+
+import zenoh
+
+from services.common.bus import ALIVE_PREFIX
+from services.common.config import ROOT, ConfigError
+from services.router.config import RouterConfig
+
+SETTINGS_FILE = ROOT / "docker" / "router.json5"
+
+
+class Router:
+    """A router that is open; it works in threads of its own until it is closed."""
+
+    def __init__(self, config: RouterConfig, prefix: str = "") -> None:
+        """Open it, and declare the token by which it is known to be alive.
+
+        Raises ConfigError where it cannot listen.
+        """
+        settings = zenoh.Config.from_file(SETTINGS_FILE)
+        settings.insert_json5("listen/endpoints", json.dumps([config.listen]))
+        settings.insert_json5("listen/exit_on_failure", "true")
+        try:
+            self._session = zenoh.open(settings)
+        except zenoh.ZError as error:
+            reason = "address in use" if "Address already in use" in str(error) else "cannot listen"
+            raise ConfigError(f"router: listen: {config.listen}: {reason}") from error
+        self._token = self._session.liveliness().declare_token(f"{prefix}{ALIVE_PREFIX}router")
+
+    def close(self) -> None:
+        """Cut every connection."""
+        self._token.undeclare()  # type: ignore[no-untyped-call]
+        self._session.close()  # type: ignore[no-untyped-call]
