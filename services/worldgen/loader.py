@@ -1,4 +1,4 @@
-"""World recipes and textures from files: the one place that reads them, and words what is wrong with them."""
+"""World recipes and textures from files: the one place that reads them, and says what is wrong."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _Chain = list[tuple[Path, dict[Any, Any]]]
 
 
 class WorldError(ConfigError):
-    """A world that cannot be loaded: one line that names file, field and value, and what would be right."""
+    """A world that cannot be loaded: one line with file, field, value, and what would be right."""
 
 
 @dataclass(frozen=True)
 class LoadedWorld:
-    """A world and what it needs: its textures, and its map as (rows, columns) cells of -1, 0 or 100."""
+    """A world, its textures, and its map as (rows, columns) cells of -1, 0 or 100."""
 
     world: World
     assets: dict[str, bytes]
@@ -66,7 +66,7 @@ def load_world(
     """Load a world by the name of its recipe, or by a short name.
 
     `texture_base` is the folder of the textures where that is not `textures` in `worlds_dir`.
-    Raises WorldError, in one line, for anything that is wrong with the name, the recipe or a texture.
+    Raises WorldError for anything that is wrong with the name, the recipe or a texture.
     """
     chain = _read_chain(name, worlds_dir)
     path = chain[0][0]
@@ -188,11 +188,11 @@ def _read_chain(name: str, worlds_dir: Path) -> _Chain:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as people expect it: 1e-3 is a number, a key given twice is a mistake, nothing is aliased."""
+    """YAML as people expect it: 1e-3 is a number, a key given twice a mistake, nothing aliased."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            event = self.get_event()
+            event = self.get_event()  # type: ignore[no-untyped-call]
             raise yaml.composer.ComposerError(
                 None, None, "an alias (*name): must be written out", event.start_mark
             )
@@ -209,15 +209,19 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+def _construct_tuple(loader: _Loader, node: yaml.Node) -> tuple[Any, ...]:
+    if not isinstance(node, yaml.SequenceNode):
+        raise yaml.constructor.ConstructorError(None, None, "must be a list", node.start_mark)
+    return tuple(loader.construct_sequence(node, deep=True))
+
+
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
     "-+0123456789",
 )
-# Strict validation takes tuples for tuples.
-_Loader.add_constructor(
-    "tag:yaml.org,2002:seq", lambda loader, node: tuple(loader.construct_sequence(node, deep=True))
-)
+# Strict validation takes tuples, and no lists, for tuples.
+_Loader.add_constructor("tag:yaml.org,2002:seq", _construct_tuple)
 
 
 def _read_yaml(path: Path) -> dict[Any, Any]:
@@ -248,8 +252,10 @@ def _merge(base: dict[Any, Any], over: dict[Any, Any]) -> dict[Any, Any]:
     merged = dict(base)
     for key, value in over.items():
         below = merged.get(key)
-        both = isinstance(below, dict) and isinstance(value, dict)
-        merged[key] = _merge(below, value) if both else value
+        if isinstance(below, dict) and isinstance(value, dict):
+            merged[key] = _merge(below, value)
+        else:
+            merged[key] = value
     return merged
 
 
@@ -325,7 +331,7 @@ def _value(value: object) -> str:
 
 
 def _file_of(location: _Location, chain: _Chain) -> Path:
-    """The file of the chain in which the value at a place is written; the deepest mapping decides."""
+    """The file of the chain that holds the value at a place, or most of the way to it."""
     best, deepest = chain[0][0], 0
     for path, content in chain:
         here: Any = content

@@ -1,4 +1,4 @@
-"""World generator: answers the request for a world with its textures, its description and its map."""
+"""World generator: answers a request for a world with its textures, description and map."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class WorldgenNode(Node):
         if asked.hash == running.hash:
             return ""
         return (
-            f"world_name: {asked.name!r} ({_about(loaded)}): {running.name!r} ({_about(self._running)}) "
-            "is running: stop it first (docker compose down), or ask for it"
+            f"world_name: {asked.name!r} ({_about(loaded)}): must be the world that is running, "
+            f"{running.name!r} ({_about(self._running)}): stop that one first (docker compose down)"
         )
 
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:

@@ -1,8 +1,8 @@
 """Walls to an occupancy map.
 
-A cell is occupied where a wall reaches into it, however little: a lidar's hit on a wall then always falls
-into an occupied cell, as in a map made by SLAM, and no planner sees a gap wider than it is. Free is the floor
-that is connected, over the sides of cells, to the start; all else is unknown.
+A cell is occupied where a wall reaches into it, however little: a lidar's hit on a wall then always
+falls into an occupied cell, as in a map made by SLAM, and no planner sees a gap wider than it is.
+Free is the floor that is connected, over the sides of cells, to the start; all else is unknown.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TOUCH_M = 1e-6
 
 
 class Grid:
-    """Where the cells of a map lie: row 0 at the smallest y, the origin a multiple of the resolution."""
+    """Where a map's cells lie: row 0 at the smallest y, the origin on multiples of resolution."""
 
     def __init__(
         self, walls: Iterable[Wall], resolution_m: float, margin_m: float = MARGIN_M
@@ -83,7 +83,7 @@ def rasterise(walls: Sequence[Wall], grid: Grid) -> NDArray[np.bool_]:
 
 
 def occupancy(walls: Sequence[Wall], grid: Grid, start: tuple[int, int]) -> NDArray[np.int8]:
-    """(rows, columns) of int8: 100 walls, 0 the floor connected to the cell `start`, -1 all else."""
+    """(rows, columns) of int8: 100 walls, 0 the floor connected to cell `start`, -1 all else."""
     occupied = rasterise(walls, grid)
     rooms, _ = ndimage.label(~occupied)
     cells = np.full(occupied.shape, UNKNOWN, np.int8)

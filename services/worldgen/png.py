@@ -40,7 +40,7 @@ def problem(data: bytes) -> str:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether the chunks run, each with a right checksum, from IHDR to IEND (PNG specification, 5)."""
+    """Whether chunks with right checksums run from IHDR to IEND (PNG specification, section 5)."""
     at, first = len(_SIGNATURE), True
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

@@ -1,4 +1,4 @@
-"""What a world recipe (`worlds/*.yaml`) may say, field by field, and the mistakes that types cannot see.
+"""What a world recipe (`worlds/*.yaml`) may say, and the mistakes that types cannot see.
 
 Everything is in the frame `map`: metres, radians, x and y on the floor, z up.
 """
@@ -28,7 +28,7 @@ Colour = tuple[Component, Component, Component, Component]
 
 
 class Part(BaseModel):
-    """A mapping in a recipe: nothing is converted, unknown keys and non-finite numbers are refused."""
+    """A mapping in a recipe: nothing is converted, unknown keys and NaN are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -90,8 +90,8 @@ class Recipe(Part):
     about: str = Field("", max_length=200, description="one line for people")
     extends: FileName | None = Field(
         None,
-        description="file name of another recipe in the same folder; mappings are merged key by key, "
-        "everything else given here replaces what is given there",
+        description="file name of another recipe in the same folder; mappings are merged key by "
+        "key, everything else given here replaces what is given there",
     )
     wall_height_m: Length = Field(description="of every wall that has none of its own, metres")
     wall_thickness_m: Length = Field(

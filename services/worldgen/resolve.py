@@ -1,4 +1,4 @@
-"""A recipe to a world: every default and every material put in its place, and the hash over all of it."""
+"""A recipe to a world: each default and material put in its place, and the hash over it all."""
 
 from __future__ import annotations
 

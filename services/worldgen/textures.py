@@ -1,8 +1,8 @@
 """The three wall textures, drawn from noise: `python -m services.worldgen.textures OUT_DIR`.
 
-A tile is about one metre of wall and repeats without a seam: all noise is periodic, and every distance is
-measured around the tile's edges. Coordinates run from 0 to 1 over the tile, x to the right, y down. Pictures
-are (side, side, 3) float64 RGB in 0..255 until they are written.
+A tile is about one metre of wall and repeats without a seam: all noise is periodic, and every
+distance is measured around the tile's edges. Coordinates run from 0 to 1 over the tile, x to the
+right, y down. Pictures are (side, side, 3) float64 RGB in 0..255 until they are written.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def bricks(side_px: int = SIDE_PX) -> Picture:
 
 
 def concrete(side_px: int = SIDE_PX) -> Picture:
-    """Cast concrete: cloudy grey with fine speckle, pores of 1 to 5 mm, and stains that have run down."""
+    """Cast concrete: cloudy grey, fine speckle, pores of 1 to 5 mm, stains that have run down."""
     rng = np.random.default_rng([SEED, 2])
     clouds = 7.0 * noise(rng, side_px, 3, 4, octaves=5)
     mottle = 3.6 * noise(rng, side_px, 40, 40, octaves=3)
@@ -169,8 +169,8 @@ def noise(
 ) -> Field:
     """(side, side) smooth noise that repeats at the tile's edges, of mean 0 and deviation 1.
 
-    The coarsest octave has `cells_x` by `cells_y` random values over the tile; each further one has twice as
-    many and half the strength.
+    The coarsest octave has `cells_x` by `cells_y` random values over the tile; each further one has
+    twice as many a side and half the strength.
     """
     total = np.zeros((side_px, side_px))
     for octave in range(octaves):
@@ -183,7 +183,7 @@ def noise(
 
 
 def _upsample(values: Field, side_px: int) -> Field:
-    """Periodic Catmull-Rom interpolation of (rows, columns) values at the centres of (side, side) pixels."""
+    """(side, side) pixels of (rows, columns) values by periodic Catmull-Rom interpolation."""
     for axis in (0, 1):
         count = values.shape[axis]
         at = (np.arange(side_px) + 0.5) / side_px * count
@@ -251,7 +251,7 @@ def _stamp(depth: Field, at: NDArray[np.float64], radius: float, squash: float) 
 
 
 def _with_mean(picture: Picture, mean_rgb: tuple[int, int, int]) -> Picture:
-    """The picture with each channel scaled until its mean, after clipping to 0..255, is the given one."""
+    """The picture, each channel scaled until its mean after clipping to 0..255 is the given one."""
     picture = np.clip(picture, 0.0, None)
     for _ in range(4):
         mean = np.clip(picture, 0.0, 255.0).mean((0, 1))

@@ -1,0 +1,71 @@
+"""A world's markers to the entities that should stand in it."""
+
+from __future__ import annotations
+
+import hashlib
+
+from services.common.documents import Entities, Entity, Marker, Refusal, World
+from services.common.frames import quaternion_from_rotation
+from services.spawner import texture
+from services.spawner.config import SpawnerConfig
+from services.spawner.placement import Panel, Placement, hang
+
+
+def furnish(
+    world: World, config: SpawnerConfig, max_markers: int = 64
+) -> tuple[Entities, dict[str, bytes]]:
+    """The entities that a world's markers make, and their textures as PNG by sha256.
+
+    A marker that cannot hang is refused, and the others hang all the same; of two with one id, or
+    in one place, the first hangs.
+    """
+    placement = Placement(world.walls, world.start, config.clear_view_m)
+    walls = {wall.name: wall for wall in world.walls}
+    entities: list[Entity] = []
+    refused: list[Refusal] = []
+    hanging: list[Panel] = []
+    textures: dict[str, bytes] = {}
+    on_wall: dict[int, str] = {}
+    for marker in world.markers:
+        name = f"aruco_{marker.id}"
+        reason = texture.identity_problem(marker)
+        if not reason and marker.id in on_wall:
+            # The small dictionaries are the beginnings of the large ones: an id is one marker.
+            reason = f"id: {marker.id}: must be unique: it hangs on {on_wall[marker.id]}"
+        if not reason and marker.wall not in walls:
+            reason = f"wall: {marker.wall!r:.60}: there is none of this name"
+        if not reason and len(entities) >= max_markers:
+            reason = f"there are {max_markers} markers already: no more fit"
+        if not reason:
+            side_m = texture.panel_side_m(marker)
+            panel = hang(name, marker, walls[marker.wall], side_m, config.panel_gap_m)
+            reason = placement.problem(panel, hanging, marker.wall)
+        if not reason:
+            reason = texture.texture_problem(marker)
+        if reason:
+            refused.append(Refusal(name=name, reason=reason))
+            continue
+        data = texture.draw(marker, config.module_px)
+        sha256 = hashlib.sha256(data).hexdigest()
+        textures[sha256] = data
+        on_wall[marker.id] = marker.wall
+        hanging.append(panel)
+        entities.append(_entity(marker, panel, sha256))
+    return (
+        Entities(world_hash=world.hash, entities=tuple(entities), refused=tuple(refused)),
+        textures,
+    )
+
+
+def _entity(marker: Marker, panel: Panel, sha256: str) -> Entity:
+    x, y, z = (float(value) for value in panel.centre_m)
+    return Entity(
+        name=panel.name,
+        position_m=(x, y, z),
+        orientation_xyzw=quaternion_from_rotation(panel.map_from_panel[:3, :3]),
+        panel_side_m=panel.side_m,
+        texture_sha256=sha256,
+        marker_id=marker.id,
+        marker_size_m=marker.size_m,
+        dictionary=marker.dictionary,
+    )

@@ -1,0 +1,72 @@
+"""The picture of an ArUco marker on white paper, as PNG with whole pixels a module."""
+
+from __future__ import annotations
+
+import functools
+
+import cv2
+import numpy as np
+
+from services.common.documents import Marker
+
+MAX_SIDE_PX = 2048
+"""As large as a renderer takes."""
+MIN_MODULE_PX = 4
+
+# OpenCV has some of the AprilTag families under two spellings.
+_DICTIONARIES = {
+    name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")
+}
+
+
+@functools.cache
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(_DICTIONARIES[name])
+
+
+def identity_problem(marker: Marker) -> str:
+    """Why there is no such marker; empty where there is."""
+    if marker.dictionary not in _DICTIONARIES:
+        return f"dictionary: {marker.dictionary!r:.60}: must be one of {', '.join(_DICTIONARIES)}"
+    count = len(_dictionary(marker.dictionary).bytesList)
+    if marker.id >= count:
+        return f"id: {marker.id}: must be less than {count} in {marker.dictionary}"
+    return ""
+
+
+def modules(marker: Marker) -> int:
+    """Modules along the side of the black square, its border of one on each side among them."""
+    return int(_dictionary(marker.dictionary).markerSize) + 2
+
+
+def panel_side_m(marker: Marker) -> float:
+    """Side of the panel: the black square and the quiet zone around it."""
+    black = modules(marker)
+    return marker.size_m * (black + 2 * marker.quiet_zone_modules) / black
+
+
+def texture_problem(marker: Marker) -> str:
+    """Why the marker cannot be drawn; empty where it can."""
+    most = MAX_SIDE_PX // MIN_MODULE_PX
+    side = modules(marker) + 2 * marker.quiet_zone_modules
+    if side > most:
+        at_most = (most - modules(marker)) // 2
+        return f"quiet_zone_modules: {marker.quiet_zone_modules}: must be at most {at_most}"
+    return ""
+
+
+def draw(marker: Marker, module_px: int) -> bytes:
+    """PNG of a marker that has no problem, its top row up as one looks at it.
+
+    Each module is `module_px` pixels a side, or as many as `MAX_SIDE_PX` leaves room for.
+    """
+    black, quiet = modules(marker), marker.quiet_zone_modules
+    module_px = min(module_px, MAX_SIDE_PX // (black + 2 * quiet))
+    square = cv2.aruco.generateImageMarker(
+        _dictionary(marker.dictionary), marker.id, black * module_px, borderBits=1
+    )
+    paper = np.pad(square, quiet * module_px, constant_values=255)
+    done, data = cv2.imencode(".png", cv2.cvtColor(paper, cv2.COLOR_GRAY2BGR))
+    if not done:
+        raise RuntimeError("OpenCV cannot write PNG")
+    return bytes(data.tobytes())
