@@ -142,3 +142,6 @@ class Wait(Behavior):
 
 ROUND_ROBIN: tuple[type[Behavior], ...] = (ClearCostmap, Spin, Wait, BackUp)
 """The order of navigate_to_pose_w_replanning_and_recovery."""
+
+FOR_THE_LOST: tuple[type[Behavior], ...] = (Spin, Wait)
+"""For a robot that does not know where it is: to look round, and to go nowhere."""

@@ -103,8 +103,8 @@ def _first_contact_s(
     rows, columns = clearance_m.shape
     if not (0 <= row < rows and 0 <= column < columns):
         return 0.0
-    last_map_m = clearance_m[int(row), int(column)]
-    last_echo_m = _nearest_echo_m(echoes_m, 0.0, 0.0)
+    here_map_m = clearance_m[int(row), int(column)]
+    here_echo_m = _nearest_echo_m(echoes_m, 0.0, 0.0)
     cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
     for i in range(1, int(horizon_s / step_s + 0.5) + 1):
         t = i * step_s
@@ -119,11 +119,9 @@ def _first_contact_s(
         if not (0 <= at_row < rows and 0 <= at_column < columns):
             return t
         map_m = clearance_m[int(at_row), int(at_column)]
-        if map_m <= robot_radius_m and map_m < last_map_m:
+        if map_m <= robot_radius_m and map_m < here_map_m:
             return t
         echo_m = _nearest_echo_m(echoes_m, x, y)
-        if echo_m < echo_radius_m and echo_m < last_echo_m - _SLACK_M:
+        if echo_m < echo_radius_m and echo_m < here_echo_m - _SLACK_M:
             return t
-        last_map_m = min(last_map_m, map_m)
-        last_echo_m = min(last_echo_m, echo_m)
     return np.inf

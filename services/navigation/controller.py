@@ -52,7 +52,7 @@ class Control:
 
 _ALIGNED_RAD = 0.2
 """A turn on the spot that has begun goes on until the heading is this good."""
-_TURNED_RAD_S = 0.2
+_TURNED_RAD_S = 0.1
 """The final turn is over once it is slower than this."""
 _SPEEDS = (1.0, 0.7, 0.4, 0.2)
 """Fractions of the wanted speed that are tried, fastest first."""
@@ -154,7 +154,7 @@ class Controller:
         error_rad = wrap_angle(goal.yaw_rad - around.map_from_base.yaw_rad)
         slow = (
             abs(self.velocity.linear_m_s) <= p.max_linear_accel_m_s2 * p.control_period_s
-            and abs(self.velocity.angular_rad_s) <= _TURNED_RAD_S
+            and abs(self.velocity.angular_rad_s) <= _TURNED_RAD_S + 1e-9
         )
         if abs(error_rad) <= p.yaw_goal_tolerance_rad and slow:
             self.velocity = STOP

@@ -12,6 +12,7 @@ import numpy as np
 
 from services.common.frames import SE2
 from services.navigation.behaviors import (
+    FOR_THE_LOST,
     ROUND_ROBIN,
     Behavior,
     BehaviorParams,
@@ -261,7 +262,8 @@ class Navigator:
             result = self._end(now_ns, error.code, error.message)
             self._to_idle()
             return Outcome(STOP, None, result)
-        self._behavior = ROUND_ROBIN[self._recoveries % len(ROUND_ROBIN)](self._params.behaviors)
+        behaviors = FOR_THE_LOST if error.code is ErrorCode.CONTROLLER_TF_ERROR else ROUND_ROBIN
+        self._behavior = behaviors[self._recoveries % len(behaviors)](self._params.behaviors)
         self._recoveries += 1
         self._state = "recovering"
         _LOG.warning(

@@ -72,7 +72,8 @@ class Planner:
             raise NavigationError(
                 ErrorCode.NO_VALID_PATH,
                 f"no way from ({start.x_m:.2f}, {start.y_m:.2f}) "
-                f"to ({goal.x_m:.2f}, {goal.y_m:.2f}) for a robot of radius {costmap.robot_radius_m:.2f} m",
+                f"to ({goal.x_m:.2f}, {goal.y_m:.2f}) "
+                f"for a robot of radius {costmap.robot_radius_m:.2f} m",
             )
         # In units of cells, with cell centres at whole numbers.
         offset = np.array([frame.origin_x_m, frame.origin_y_m]) + 0.5 * frame.resolution_m
@@ -90,7 +91,7 @@ class Planner:
             dense,
             costmap.costs,
             costmap.clearance_m,
-            frame.resolution_m,
+            costmap.robot_radius_m + frame.resolution_m,
             self._params.smoothing_iterations,
         )
         in_map = smooth * frame.resolution_m + offset
@@ -121,8 +122,8 @@ class Planner:
 
 
 def check_goal(costmap: Costmap, goal: SE2) -> None:
-    """Raise NavigationError with GOAL_OUTSIDE_MAP or GOAL_OCCUPIED where the robot cannot stand at
-    a goal.
+    """Raise NavigationError where the robot cannot stand at a goal: GOAL_OUTSIDE_MAP,
+    GOAL_OCCUPIED, or NO_VALID_PATH in space the map does not know, where no path leads.
     """
     if costmap.frame.cell(goal.x_m, goal.y_m) is None:
         raise NavigationError(
@@ -130,20 +131,27 @@ def check_goal(costmap: Costmap, goal: SE2) -> None:
             f"goal ({goal.x_m:.4g}, {goal.y_m:.4g}) lies outside the map: "
             f"it covers {costmap.frame.extent()}",
         )
+    unknown = costmap.cost_at(goal.x_m, goal.y_m) == NO_INFORMATION
+    if unknown and costmap.clearance_at(goal.x_m, goal.y_m) > costmap.robot_radius_m:
+        raise NavigationError(
+            ErrorCode.NO_VALID_PATH,
+            f"goal ({goal.x_m:.2f}, {goal.y_m:.2f}) is in unknown space: "
+            "must be on floor the map shows as free",
+        )
     if costmap.cost_at(goal.x_m, goal.y_m) >= INSCRIBED_INFLATED_OBSTACLE:
         raise NavigationError(
             ErrorCode.GOAL_OCCUPIED,
             f"goal ({goal.x_m:.2f}, {goal.y_m:.2f}) is {_what_is_there(costmap, goal)}: "
-            f"must be more than {costmap.robot_radius_m:.2f} m from every obstacle, in known space",
+            f"must be more than {costmap.robot_radius_m:.2f} m from every obstacle",
         )
 
 
 def _what_is_there(costmap: Costmap, pose: SE2) -> str:
     cost = costmap.cost_at(pose.x_m, pose.y_m)
-    if cost == NO_INFORMATION:
-        return "in unknown space"
     if cost == LETHAL_OBSTACLE:
         return "inside an obstacle"
+    if cost == NO_INFORMATION:
+        return "in unknown space"
     return f"{costmap.clearance_at(pose.x_m, pose.y_m):.2f} m from an obstacle"
 
 
@@ -353,18 +361,17 @@ def _cheapest_polyline(points: Array, costs: Costs, weight: float) -> Indices:
 
 @numba.njit(cache=True)
 def _smooth(
-    points: Array, costs: Costs, clearance_m: Clearance, resolution_m: float, iterations: int
+    points: Array, costs: Costs, clearance_m: Clearance, safe_m: float, passes: int
 ) -> Array:
     """Round the corners of (n, 2) points, in cells, by Gauss-Seidel relaxation held to the
     original.
 
-    No point is moved to a dearer cell than the dearest within its neighbourhood, nor towards an
-    obstacle that is near: what is smooth must also be safe.
+    No point is moved nearer to an obstacle than `safe_m`, or than it was where that is nearer.
     """
     pull_to_neighbours, pull_to_original = 0.45, 0.02
     original = points.copy()
     rows, columns = costs.shape
-    for _ in range(iterations):
+    for _ in range(passes):
         for i in range(1, len(points) - 1):
             x = (
                 points[i, 0]
@@ -379,10 +386,8 @@ def _smooth(
             row, column = math.floor(y + 0.5), math.floor(x + 0.5)
             if not (0 <= row < rows and 0 <= column < columns) or costs[row, column] >= 253:
                 continue
-            old_row = math.floor(original[i, 1] + 0.5)
-            old_column = math.floor(original[i, 0] + 0.5)
-            lowest_m = clearance_m[old_row, old_column] - resolution_m
-            if clearance_m[row, column] < lowest_m and costs[row, column] > 0:
-                continue
-            points[i, 0], points[i, 1] = x, y
+            there_m = clearance_m[row, column]
+            here_m = clearance_m[math.floor(points[i, 1] + 0.5), math.floor(points[i, 0] + 0.5)]
+            if there_m >= safe_m or there_m >= here_m:
+                points[i, 0], points[i, 1] = x, y
     return points

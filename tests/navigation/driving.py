@@ -1,0 +1,295 @@
+"""A robot without physics: a unicycle with the waffle's limits, exact walls, and the node driven
+through its boxes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common import messages as msg
+from services.common.documents import Entities, NavigationResult, World
+from services.common.frames import SE2, Array
+from services.common.node import Envelope, Inbox, Outbox
+from services.common.topics import (
+    CMD_VEL,
+    ENTITIES,
+    GOAL_POSE,
+    MAP,
+    NAVIGATION_RESULT,
+    ODOM,
+    SCAN,
+    TF_STATIC,
+    WORLD,
+    Topic,
+)
+from services.navigation.collision import STOP, Surroundings, Velocity
+from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from services.navigation.costmap import LayeredCostmap, frame_of
+from services.navigation.navigator import Goal, GoalResult, Navigator
+from services.navigation.node import NavigationNode
+from tests.navigation.house_tour import (
+    ANGLE_INCREMENT_RAD,
+    BASE_FROM_SCAN,
+    RANGE_MAX_M,
+    RANGE_MIN_M,
+    as_ranges,
+    cast,
+    house,
+    wall_segments,
+)
+
+M = TypeVar("M")
+
+MAX_ACCEL_M_S2, MAX_ANGULAR_ACCEL_RAD_S2 = 1.0, 2.0
+MAX_VEL_M_S, MAX_ANGULAR_VEL_RAD_S = 0.46, 1.9
+_SUBSTEPS = 6
+IDENTITY = SE2(0.0, 0.0, 0.0)
+NO_ECHOES: Array = np.empty((0, 2))
+
+LOCATIONS = {place.name: place.se2() for place in house().world.locations}
+START = house().world.start.se2()
+TOUR = [LOCATIONS[f"location{i}"] for i in (1, 2, 3, 4)] + [START]
+
+
+def wall_distance_m(points_m: Array) -> Array:
+    """(n,) exact distances of (n, 2) points outside the walls to the nearest of their faces."""
+    a, b = wall_segments()[:, :2], wall_segments()[:, 2:]
+    along = b - a
+    ratio = np.einsum("nsi,si->ns", points_m[:, None] - a, along) / (along**2).sum(1)
+    feet = a + ratio.clip(0.0, 1.0)[..., None] * along
+    return np.asarray(np.linalg.norm(points_m[:, None] - feet, axis=2).min(1))
+
+
+def house_costmap(config: NavigationConfig) -> LayeredCostmap:
+    """The costmap of the house."""
+    cells, origin = house().map_cells, house().map_origin
+    frame = frame_of(house().world.map_resolution_m, origin, cells)
+    return LayeredCostmap(frame, cells, config.inflation(), config.obstacle())
+
+
+def box_segments(x_m: float, y_m: float, side_m: float) -> Array:
+    """(4, 4) faces of an upright box."""
+    h = side_m / 2.0
+    corners = [(x_m - h, y_m - h), (x_m + h, y_m - h), (x_m + h, y_m + h), (x_m - h, y_m + h)]
+    return np.array([(*p, *q) for p, q in zip(corners, corners[1:] + corners[:1], strict=True)])
+
+
+@dataclass
+class Unicycle:
+    """A differential drive that follows commands within its limits of acceleration."""
+
+    map_from_base: SE2
+    velocity: Velocity = STOP
+    stuck: bool = False
+    """Its wheels turn on air: neither pose nor odometry move."""
+
+    def drive(self, command: Velocity, seconds: float) -> None:
+        """Advance while one command holds."""
+        dt = seconds / _SUBSTEPS
+        for _ in range(_SUBSTEPS):
+            v, w = self.velocity
+            dv, dw = MAX_ACCEL_M_S2 * dt, MAX_ANGULAR_ACCEL_RAD_S2 * dt
+            v = min(max(command.linear_m_s, v - dv), v + dv)
+            w = min(max(command.angular_rad_s, w - dw), w + dw)
+            self.velocity = Velocity(v, w)
+            if not self.stuck:
+                half = w * dt / 2.0
+                step = SE2(v * dt * math.cos(half), v * dt * math.sin(half), w * dt)
+                self.map_from_base = self.map_from_base @ step
+
+
+@dataclass
+class Log:
+    """What happened, one entry a control period."""
+
+    poses: list[SE2] = field(default_factory=list)
+    commands: list[Velocity] = field(default_factory=list)
+
+    def points_m(self) -> Array:
+        """(n, 2) true places."""
+        return np.array([pose[:2] for pose in self.poses])
+
+    def length_m(self) -> float:
+        """Length of the way driven."""
+        return float(np.linalg.norm(np.diff(self.points_m(), axis=0), axis=1).sum())
+
+
+def drive_navigator(
+    navigator: Navigator,
+    robot: Unicycle,
+    goal: SE2,
+    costmap: LayeredCostmap,
+    now_ns: int = 0,
+    limit_s: float = 60.0,
+    each_period: Callable[[int], None] = lambda now_ns: None,
+) -> tuple[GoalResult, Log]:
+    """Drive to a goal with a pose that is exact; its result, and what happened."""
+    assert navigator.accept(now_ns, Goal(goal, now_ns), robot.map_from_base) is None
+    log = Log()
+    for _ in range(int(limit_s * 20)):
+        each_period(now_ns)
+        around = Surroundings(robot.map_from_base, costmap.master, NO_ECHOES)
+        outcome = navigator.step(now_ns, around, localized=True)
+        command = outcome.command or STOP
+        log.poses.append(robot.map_from_base)
+        log.commands.append(command)
+        robot.drive(command, CONTROL_PERIOD_NS * 1e-9)
+        now_ns += CONTROL_PERIOD_NS
+        if outcome.result is not None:
+            return outcome.result, log
+    raise AssertionError(f"still {navigator.state} at {robot.map_from_base} after {limit_s} s")
+
+
+class NodeDriver:
+    """The node with a robot about it: odometry, scans and commands go through its boxes."""
+
+    def __init__(
+        self,
+        config: NavigationConfig | None = None,
+        start: SE2 = START,
+        odom_from_base: SE2 = IDENTITY,
+        slip: float = 0.01,
+    ) -> None:
+        self.node = NavigationNode(config or NavigationConfig())
+        self.inbox = Inbox(self.node)
+        self.sent: list[tuple[str, object]] = []
+        self.outbox = Outbox(self.node, lambda topic, message, _: self._keep(topic, message))
+        self.robot = Unicycle(start)
+        self.odom_from_base = odom_from_base
+        self.now_ns = 0
+        self.log = Log()
+        self.extra_segments: Array = np.empty((0, 4))
+        self.blind = False
+        """No scans come."""
+        self._slip = 1.0 + slip
+        self._rng = np.random.default_rng(1)
+        self._sequence: dict[str, int] = {}
+        self._command = STOP
+        self._odometry: deque[int] = deque()
+
+    def deliver(self, topic: Topic[M], message: M) -> None:
+        """Put a message into the node's inbox."""
+        number = self._sequence.get(topic.name, 0)
+        self._sequence[topic.name] = number + 1
+        world_hash = house().world.hash
+        self.inbox.deliver(topic, message, Envelope("test", number, self.now_ns, world_hash))
+
+    def of(self, topic: Topic[M]) -> list[M]:
+        """What the node has put out on a topic."""
+        return [message for name, message in self.sent if name == topic.name]  # type: ignore[misc]
+
+    def results(self) -> list[NavigationResult]:
+        """How goals have ended."""
+        return self.of(NAVIGATION_RESULT)
+
+    def learn(self, world: World | None = None, entities: Entities | None = None) -> None:
+        """Give the node what is latched."""
+        loaded = house()
+        self.deliver(WORLD, world or loaded.world)
+        self.deliver(
+            MAP,
+            msg.occupancy_grid(
+                0, loaded.world.map_resolution_m, loaded.map_origin, loaded.map_cells
+            ),
+        )
+        self.deliver(ENTITIES, entities or Entities(world_hash=loaded.world.hash))
+        self.deliver(TF_STATIC, fixed_frames())
+
+    def goal(self, goal: SE2, frame_id: str = "map") -> None:
+        """Ask for a goal."""
+        header = msg.header(self.now_ns, frame_id)
+        self.deliver(GOAL_POSE, msg.PoseStamped(header=header, pose=msg.pose_from_se2(goal)))
+
+    def step(self) -> None:
+        """One control period: the robot drives, the sensors see, the node steps."""
+        before = self.robot.map_from_base
+        self.robot.drive(self._command, CONTROL_PERIOD_NS * 1e-9)
+        moved = before.inverse() @ self.robot.map_from_base
+        self.odom_from_base = self.odom_from_base @ SE2(
+            moved.x_m * self._slip, moved.y_m * self._slip, moved.yaw_rad * self._slip
+        )
+        self.now_ns += CONTROL_PERIOD_NS
+        self.deliver(ODOM, odometry(self.now_ns, self.odom_from_base, self.robot.velocity))
+        if not self.blind and self.now_ns % 100_000_000 == 0:
+            segments = np.concatenate([wall_segments(), self.extra_segments])
+            exact_m = cast(self.robot.map_from_base @ BASE_FROM_SCAN, segments)
+            self.deliver(SCAN, scan(self.now_ns, as_ranges(exact_m, self._rng)))
+        self.node.step(self.now_ns, self.inbox, self.outbox)
+        self.log.poses.append(self.robot.map_from_base)
+        self.log.commands.append(self._command)
+
+    def run(self, seconds: float) -> None:
+        """Several control periods."""
+        for _ in range(round(seconds * 1e9 / CONTROL_PERIOD_NS)):
+            self.step()
+
+    def drive_to(self, goal: SE2, limit_s: float = 60.0) -> NavigationResult:
+        """Ask for a goal and step until it has ended."""
+        count = len(self.results())
+        self.goal(goal)
+        for _ in range(int(limit_s * 20)):
+            self.step()
+            if len(self.results()) > count:
+                return self.results()[-1]
+        raise AssertionError(f"no result after {limit_s} s, robot at {self.robot.map_from_base}")
+
+    def _keep(self, topic: Topic[object], message: object) -> None:
+        self.sent.append((topic.name, message))
+        if topic.name == CMD_VEL.name:
+            assert isinstance(message, msg.TwistStamped)
+            self._command = Velocity(message.twist.linear.x, message.twist.angular.z)
+
+
+def odometry(stamp_ns: int, odom_from_base: SE2, velocity: Velocity) -> msg.Odometry:
+    """Message of odometry."""
+    return msg.Odometry(
+        header=msg.header(stamp_ns, "odom"),
+        child_frame_id="base_footprint",
+        pose=msg.PoseWithCovariance(
+            pose=msg.pose_from_se2(odom_from_base), covariance=np.zeros(36)
+        ),
+        twist=msg.TwistWithCovariance(
+            twist=msg.Twist(
+                linear=msg.Vector3(velocity.linear_m_s, 0.0, 0.0),
+                angular=msg.Vector3(0.0, 0.0, velocity.angular_rad_s),
+            ),
+            covariance=np.zeros(36),
+        ),
+    )
+
+
+def scan(stamp_ns: int, ranges_m: NDArray[np.float32]) -> msg.LaserScan:
+    """Message of a scan."""
+    return msg.LaserScan(
+        header=msg.header(stamp_ns, "base_scan"),
+        angle_min=0.0,
+        angle_max=msg.float32(ANGLE_INCREMENT_RAD * (len(ranges_m) - 1)),
+        angle_increment=msg.float32(ANGLE_INCREMENT_RAD),
+        time_increment=0.0,
+        scan_time=msg.float32(0.1),
+        range_min=msg.float32(RANGE_MIN_M),
+        range_max=msg.float32(RANGE_MAX_M),
+        ranges=ranges_m,
+        intensities=np.empty(0, np.float32),
+    )
+
+
+def fixed_frames() -> msg.TFMessage:
+    """The robot's fixed frames: base_link on the wheels' axis, the lidar and the camera on it."""
+    optical = np.array(
+        [[0.0, 0.0, 1.0, 0.07], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0]]
+    )
+    return msg.TFMessage(
+        transforms=[
+            msg.transform_stamped(0, "base_footprint", "base_link", IDENTITY.matrix(0.01)),
+            msg.transform_stamped(0, "base_link", "base_scan", BASE_FROM_SCAN.matrix(0.14)),
+            msg.transform_stamped(0, "base_link", "camera_rgb_optical_frame", optical),
+        ]
+    )

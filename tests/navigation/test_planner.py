@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2
+from services.navigation.config import NavigationConfig
+from services.navigation.costmap import Cells, LayeredCostmap, frame_of
+from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.path import PlannedPath
+from services.navigation.planner import Planner
+from tests.navigation.driving import LOCATIONS, START, house_costmap, wall_distance_m
+
+CONFIG = NavigationConfig()
+PLANNER = Planner(CONFIG.navigator(0.05).planner)
+HOUSE = house_costmap(CONFIG).static
+
+SHORTEST_M = {
+    ("start", "location1"): 2.07,
+    ("start", "location2"): 3.48,
+    ("start", "location3"): 3.67,
+    ("start", "location4"): 8.55,
+    ("location1", "location2"): 4.85,
+    ("location1", "location3"): 5.24,
+    ("location1", "location4"): 10.12,
+    ("location2", "location3"): 7.14,
+    ("location2", "location4"): 12.02,
+    ("location3", "location4"): 4.96,
+}
+"""Collision-free geodesics of a circle of radius 0.22 m, on a grid of 2.5 cm."""
+
+Point = tuple[float, float]
+
+POSES = {"start": START, **LOCATIONS}
+
+
+def grid(*rows: str) -> LayeredCostmap:
+    """A map of blocks of 0.5 m: `#` wall, `.` free, `?` unknown; the first row is the highest."""
+    values = {"#": 100, ".": 0, "?": -1}
+    cells: Cells = np.array([[values[c] for c in row] for row in reversed(rows)], np.int8)
+    cells = np.kron(cells, np.ones((10, 10), np.int8))
+    frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
+    return LayeredCostmap(frame, cells, CONFIG.inflation(), CONFIG.obstacle())
+
+
+def plan(
+    costmap: LayeredCostmap, start: tuple[float, float], goal: tuple[float, float]
+) -> PlannedPath:
+    return PLANNER.plan(costmap.static, SE2(*start, 0.0), SE2(*goal, 0.0))
+
+
+def failure(
+    costmap: LayeredCostmap, start: tuple[float, float], goal: tuple[float, float]
+) -> NavigationError:
+    with pytest.raises(NavigationError) as caught:
+        plan(costmap, start, goal)
+    assert "\n" not in caught.value.message
+    assert re.search(r"\d", caught.value.message)
+    return caught.value
+
+
+@pytest.mark.parametrize(("start", "goal"), sorted(SHORTEST_M))
+def test_paths_through_the_house_are_short_and_keep_off_the_walls(start: str, goal: str) -> None:
+    path = PLANNER.plan(HOUSE, POSES[start], POSES[goal])
+    shortest_m = SHORTEST_M[start, goal]
+    # A way that need not follow a grid may be a little shorter than the shortest that must.
+    assert 0.98 * shortest_m <= path.length_m <= 1.09 * shortest_m
+    assert wall_distance_m(path.points_m).min() > 0.28
+    assert np.linalg.norm(np.diff(path.points_m, axis=0), axis=1).max() < 0.06
+    assert tuple(path.points_m[0]) == POSES[start][:2]
+    assert path.goal == pytest.approx(POSES[goal])
+
+
+def test_on_average_a_path_is_within_five_percent_of_the_shortest() -> None:
+    ratios = [
+        PLANNER.plan(HOUSE, POSES[a], POSES[b]).length_m / shortest
+        for (a, b), shortest in SHORTEST_M.items()
+    ]
+    assert np.mean(ratios) < 1.05
+
+
+def test_paths_have_no_sharp_bends() -> None:
+    for a, b in sorted(SHORTEST_M):
+        path = PLANNER.plan(HOUSE, POSES[a], POSES[b])
+        bends = np.abs(np.angle(np.exp(1j * np.diff(path.yaws_rad[:-1]))))
+        # 0.05 m of path: a radius of 0.15 m at the least.
+        assert bends.max() < 0.33
+
+
+def test_a_straight_way_is_straight() -> None:
+    room = grid("........", "........", "........", "........")
+    path = plan(room, (0.53, 0.51), (3.41, 1.77))
+    assert path.length_m == pytest.approx(math.hypot(2.88, 1.26), rel=1e-3)
+
+
+def test_the_same_question_has_the_same_answer() -> None:
+    first = PLANNER.plan(HOUSE, START, LOCATIONS["location4"])
+    again = PLANNER.plan(HOUSE, START, LOCATIONS["location4"])
+    assert np.array_equal(first.points_m, again.points_m)
+
+
+def test_start_outside_the_map() -> None:
+    error = failure(grid("....", "...."), (-0.2, 0.5), (1.0, 0.5))
+    assert error.code is ErrorCode.START_OUTSIDE_MAP == 203
+    assert "-0.20" in error.message
+    assert "0.00 to 2.00" in error.message
+
+
+@pytest.mark.parametrize("x_m", [2.2, -1e308, 1e308])
+def test_goal_outside_the_map(x_m: float) -> None:
+    error = failure(grid("....", "...."), (0.5, 0.5), (x_m, 0.5))
+    assert error.code is ErrorCode.GOAL_OUTSIDE_MAP == 204
+
+
+def test_start_inside_a_wall() -> None:
+    error = failure(grid("#...", "#..."), (0.25, 0.5), (1.5, 0.5))
+    assert error.code is ErrorCode.START_OCCUPIED == 205
+
+
+@pytest.mark.parametrize(
+    ("x_m", "what"), [(0.25, "inside an obstacle"), (0.62, "from an obstacle")]
+)
+def test_goal_in_a_wall_or_too_near_to_one(x_m: float, what: str) -> None:
+    error = failure(grid("#...", "#..."), (1.5, 0.5), (x_m, 0.5))
+    assert error.code is ErrorCode.GOAL_OCCUPIED == 206
+    assert what in error.message
+
+
+def test_goal_in_a_closed_room_is_unreachable() -> None:
+    error = failure(grid("...#...", "...#...", "...#..."), (0.75, 0.75), (2.75, 0.75))
+    assert error.code is ErrorCode.NO_VALID_PATH == 208
+
+
+def test_goal_in_unknown_space_is_unreachable() -> None:
+    error = failure(grid("...????", "...????", "...????"), (0.75, 0.75), (2.75, 0.75))
+    assert error.code is ErrorCode.NO_VALID_PATH
+    assert "unknown" in error.message
+
+
+def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
+    costmap = grid("...#...", "...#...", "...#...")
+    cells = np.where(costmap.static.costs == 254, 100, 0).astype(np.int8)
+    for half_width, passable in ((4, False), (7, True)):
+        opened = cells.copy()
+        opened[15 - half_width : 15 + half_width] = 0
+        gap = LayeredCostmap(costmap.frame, opened, CONFIG.inflation(), CONFIG.obstacle())
+        if passable:
+            assert plan(gap, (0.75, 0.75), (2.75, 0.75)).length_m < 2.2
+        else:
+            error = failure(gap, (0.75, 0.75), (2.75, 0.75))
+            assert error.code is ErrorCode.NO_VALID_PATH
+
+
+def test_planning_gives_up_after_so_many_cells() -> None:
+    config = NavigationConfig(max_planning_iterations=50)
+    planner = Planner(config.navigator(0.05).planner)
+    with pytest.raises(NavigationError) as caught:
+        planner.plan(HOUSE, START, LOCATIONS["location4"])
+    assert caught.value.code is ErrorCode.PLANNER_TIMEOUT == 207
+
+
+def test_a_start_too_near_to_a_wall_is_led_out() -> None:
+    costmap = grid("#...", "#...", "#...")
+    path = plan(costmap, (0.6, 0.75), (1.6, 0.75))
+    assert tuple(path.points_m[0]) == pytest.approx((0.6, 0.75))
+    costs = [costmap.static.cost_at(*point) for point in path.points_m]
+    assert costs[0] == 253
+    assert max(costs[5:]) < 253
+
+
+def test_a_goal_where_the_robot_stands_has_a_path() -> None:
+    path = plan(grid("....", "...."), (0.5, 0.5), (0.5, 0.5))
+    assert path.length_m == 0.0
