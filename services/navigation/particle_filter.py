@@ -1,0 +1,249 @@
+"""The arithmetic of a particle filter on planar poses: motion, weights, resampling, mean.
+
+Particles are (n, 3) float64 rows of x in metres, y in metres and yaw in radians. Random numbers come in as arrays.
+Formulas and tables: Thrun, Burgard, Fox, Probabilistic Robotics (2005).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from services.common.frames import SE2, Array, wrap_angle
+from services.navigation.likelihood_field import LikelihoodField
+
+_NO_TURN_BELOW_M = 0.01
+"""A shorter move has no direction of its own: its first turn is taken as none, as AMCL does."""
+
+
+@dataclass(frozen=True)
+class OdometryNoise:
+    """Table 5.6 in AMCL's units: variance of a turn or a move for each unit of its square."""
+
+    alpha1: float
+    """of a turn, by turning"""
+    alpha2: float
+    """of a turn, by moving, in rad^2/m^2"""
+    alpha3: float
+    """of a move, by moving"""
+    alpha4: float
+    """of a move, by turning, in m^2/rad^2"""
+
+
+@dataclass(frozen=True)
+class OdometryMotion:
+    """A motion as a turn, a straight move and a second turn, with the standard deviation of each."""
+
+    rotation1_rad: float
+    translation_m: float
+    rotation2_rad: float
+    rotation1_std_rad: float
+    translation_std_m: float
+    rotation2_std_rad: float
+
+
+def odometry_motion(before_from_after: SE2, noise: OdometryNoise) -> OdometryMotion:
+    """The motion that odometry reports, with its noise (table 5.6)."""
+    moved = math.hypot(before_from_after.x_m, before_from_after.y_m)
+    turn1 = (
+        math.atan2(before_from_after.y_m, before_from_after.x_m)
+        if moved >= _NO_TURN_BELOW_M
+        else 0.0
+    )
+    turn2 = wrap_angle(before_from_after.yaw_rad - turn1)
+    # Driving backwards is no half turn: its noise is that of the smaller angle, as in AMCL.
+    small1 = min(abs(turn1), abs(wrap_angle(turn1 - math.pi)))
+    small2 = min(abs(turn2), abs(wrap_angle(turn2 - math.pi)))
+    return OdometryMotion(
+        turn1,
+        moved,
+        turn2,
+        math.sqrt(noise.alpha1 * small1**2 + noise.alpha2 * moved**2),
+        math.sqrt(noise.alpha3 * moved**2 + noise.alpha4 * (small1**2 + small2**2)),
+        math.sqrt(noise.alpha1 * small2**2 + noise.alpha2 * moved**2),
+    )
+
+
+def move_particles(particles: Array, motion: OdometryMotion, standard_normal: Array) -> None:
+    """Move each particle, in place, by the motion and its own draw; `standard_normal` is (n, 3)."""
+    _move(
+        particles, standard_normal, motion.rotation1_rad, motion.translation_m,
+        motion.rotation2_rad, motion.rotation1_std_rad, motion.translation_std_m,
+        motion.rotation2_std_rad,
+    )  # fmt: skip
+
+
+def scan_log_weights(
+    field: LikelihoodField, particles: Array, points_m: Array, beam_weight: float
+) -> Array:
+    """(n,) log-likelihood of a scan at each particle: the likelihood field model of table 6.3.
+
+    `particles` are in the map frame; `points_m` (m, 2) are the ends of the beams in the base's frame. Each beam's
+    term is multiplied by `beam_weight`.
+    """
+    weights = np.empty(len(particles))
+    points_m = np.ascontiguousarray(points_m)
+    pose = field.map_from_field
+    _score(
+        particles, points_m, field.log_likelihood, 1.0 / field.cell_m, pose.x_m, pose.y_m,
+        pose.yaw_rad, float(field.log_likelihood.min()), weights,
+    )  # fmt: skip
+    weights *= beam_weight
+    return weights
+
+
+def fraction_near_walls(
+    field: LikelihoodField, map_from_base: SE2, points_m: Array, tolerance_m: float
+) -> float:
+    """Fraction of (n, 2) ends of beams, in the base's frame, that are within `tolerance_m` of a wall's face."""
+    pose = field.map_from_field.inverse() @ map_from_base
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    columns = np.floor((pose.x_m + points_m @ (c, -s)) / field.cell_m).astype(np.int64)
+    rows = np.floor((pose.y_m + points_m @ (s, c)) / field.cell_m).astype(np.int64)
+    height, width = field.distance_m.shape
+    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    near = np.abs(field.distance_m[rows[inside], columns[inside]]) <= tolerance_m
+    return int(np.count_nonzero(near)) / max(len(points_m), 1)
+
+
+def normalised(log_weights: Array) -> Array:
+    """(n,) weights that sum to one, of logarithms of any scale."""
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum(), np.float64)
+
+
+def effective_sample_size(weights: Array) -> float:
+    """How many equal weights these normalised ones are worth: one over the sum of squares."""
+    return 1.0 / float(np.square(weights).sum())
+
+
+def low_variance_resample(weights: Array, uniform: float, count: int) -> NDArray[np.int64]:
+    """(count,) indices drawn in proportion to the normalised weights with one number in [0, 1), table 4.4."""
+    indices: NDArray[np.int64] = _systematic(weights, uniform, count)
+    return indices
+
+
+def kld_sample_size(
+    particles: Array, bin_m: float, bin_rad: float, error: float, quantile: float
+) -> int:
+    """Particles needed for the given Kullback-Leibler `error` at the standard normal `quantile` (table 8.4).
+
+    It grows with the number of bins in which particles lie.
+    """
+    column = np.floor(particles[:, 0] / bin_m).astype(np.int64)
+    row = np.floor(particles[:, 1] / bin_m).astype(np.int64)
+    turn = np.floor(particles[:, 2] / bin_rad).astype(np.int64)
+    k = len(np.unique((column * 1_000_003 + row) * 1_009 + turn))
+    if k <= 1:
+        return 1
+    b = 2.0 / (9.0 * (k - 1))
+    return math.ceil((k - 1) / (2.0 * error) * (1.0 - b + math.sqrt(b) * quantile) ** 3)
+
+
+def mean_and_covariance(particles: Array, weights: Array) -> tuple[SE2, Array]:
+    """Weighted mean pose, its yaw a circular mean, and the (3, 3) covariance of (x, y, yaw) about it."""
+    x_m, y_m = (float(v) for v in weights @ particles[:, :2])
+    yaw_rad = math.atan2(
+        float(weights @ np.sin(particles[:, 2])), float(weights @ np.cos(particles[:, 2]))
+    )
+    offsets = particles - (x_m, y_m, yaw_rad)
+    offsets[:, 2] = (offsets[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    covariance = (offsets * weights[:, None]).T @ offsets
+    return SE2(x_m, y_m, wrap_angle(yaw_rad)), covariance
+
+
+def heaviest_cluster(
+    particles: Array, weights: Array, bin_m: float, bin_rad: float
+) -> NDArray[np.bool_]:
+    """(n,) which particles lie within one bin of the mean of the heaviest bin.
+
+    The mean of two far hypotheses would be a place that neither of them means.
+    """
+    column = np.floor(particles[:, 0] / bin_m).astype(np.int64)
+    row = np.floor(particles[:, 1] / bin_m).astype(np.int64)
+    turn = np.floor(particles[:, 2] / bin_rad).astype(np.int64)
+    _, index = np.unique((column * 1_000_003 + row) * 1_009 + turn, return_inverse=True)
+    inside = index == np.argmax(np.bincount(index, weights))
+    total = weights[inside].sum()
+    centre, _ = mean_and_covariance(particles[inside], weights[inside] / total)
+    turned = (particles[:, 2] - centre.yaw_rad + math.pi) % (2.0 * math.pi) - math.pi
+    near = np.hypot(particles[:, 0] - centre.x_m, particles[:, 1] - centre.y_m) <= bin_m
+    return np.asarray(near & (np.abs(turned) <= bin_rad))
+
+
+@njit(
+    "void(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64, float64, float64)",
+    cache=True,
+)
+def _move(
+    particles: Array,
+    draws: Array,
+    turn1: float,
+    moved: float,
+    turn2: float,
+    turn1_std: float,
+    moved_std: float,
+    turn2_std: float,
+) -> None:
+    for i in range(particles.shape[0]):
+        heading = particles[i, 2] + turn1 + turn1_std * draws[i, 0]
+        distance = moved + moved_std * draws[i, 1]
+        particles[i, 0] += distance * math.cos(heading)
+        particles[i, 1] += distance * math.sin(heading)
+        yaw = heading + turn2 + turn2_std * draws[i, 2]
+        particles[i, 2] = (yaw + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@njit(
+    "void(float64[:, ::1], float64[:, ::1], float32[:, ::1], float64, float64, float64, float64, "
+    "float64, float64[::1])",
+    cache=True,
+)
+def _score(
+    particles: Array,
+    points_m: Array,
+    log_likelihood: NDArray[np.float32],
+    cells_per_m: float,
+    field_x_m: float,
+    field_y_m: float,
+    field_yaw_rad: float,
+    outside: float,
+    weights: Array,
+) -> None:
+    rows, columns = log_likelihood.shape
+    cf, sf = math.cos(field_yaw_rad), math.sin(field_yaw_rad)
+    for i in range(particles.shape[0]):
+        mx = particles[i, 0] - field_x_m
+        my = particles[i, 1] - field_y_m
+        x = (cf * mx + sf * my) * cells_per_m
+        y = (cf * my - sf * mx) * cells_per_m
+        c = math.cos(particles[i, 2] - field_yaw_rad) * cells_per_m
+        s = math.sin(particles[i, 2] - field_yaw_rad) * cells_per_m
+        total = 0.0
+        for j in range(points_m.shape[0]):
+            u = x + c * points_m[j, 0] - s * points_m[j, 1]
+            v = y + s * points_m[j, 0] + c * points_m[j, 1]
+            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                total += log_likelihood[int(v), int(u)]
+            else:
+                total += outside
+        weights[i] = total
+
+
+@njit("int64[::1](float64[::1], float64, int64)", cache=True)
+def _systematic(weights: Array, uniform: float, count: int) -> NDArray[np.int64]:
+    indices = np.empty(count, np.int64)
+    last = weights.shape[0] - 1
+    i = 0
+    cumulative = weights[0]
+    for m in range(count):
+        target = (m + uniform) / count
+        while target > cumulative and i < last:
+            i += 1
+            cumulative += weights[i]
+        indices[m] = i
+    return indices
