@@ -114,18 +114,29 @@ def make_renderer(kind: RendererKind, intrinsics: Intrinsics) -> Renderer | None
     `auto` takes OpenGL where a context can be made, else PyBullet's TinyRenderer, and logs why.
     Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
     """
-    # Each renderer loads a library that a machine set up for the other one may lack.
     if kind == "none":
         return None
-    if kind != "tiny":
-        from services.physics.gl_camera import GlCamera  # noqa: PLC0415
+    renderer = _tiny_camera(intrinsics) if kind == "tiny" else _gl_camera(kind, intrinsics)
+    _log.info("Rendering with %s", renderer.name)
+    return renderer
 
-        try:
-            return GlCamera(intrinsics)
-        except ConfigError as error:
-            if kind == "gl":
-                raise
-            _log.warning("%s; using tiny_renderer, which is slower", error)
+
+# Imported where they are used: they know this module, and a machine may lack the other's libraries.
+
+
+def _gl_camera(kind: RendererKind, intrinsics: Intrinsics) -> Renderer:
+    from services.physics.gl_camera import GlCamera  # noqa: PLC0415
+
+    try:
+        return GlCamera(intrinsics)
+    except ConfigError as error:
+        if kind == "gl":
+            raise
+        _log.warning("%s; using tiny_renderer, which is slower", error)
+        return _tiny_camera(intrinsics)
+
+
+def _tiny_camera(intrinsics: Intrinsics) -> Renderer:
     from services.physics.tiny_camera import TinyCamera  # noqa: PLC0415
 
     return TinyCamera(intrinsics)

@@ -166,7 +166,7 @@ class _Side:
         return _rectangle(centre, (right_m - left_m) / 2.0 * self.right, half_up)
 
     def uvs(self, left_m: float, right_m: float) -> Array:
-        """Tiles from the bottom left; v counts down from a whole number, so as not to be negative."""
+        """Tiles from the bottom left; v counts down from a whole number, to stay positive."""
         left, right = (
             max(place + self.width_m / 2.0, 0.0) / self.tile_side_m for place in (left_m, right_m)
         )

@@ -1,0 +1,564 @@
+"""The camera's pictures: where things show, in which colours, and that both renderers agree."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from services.common.config import ROOT, ConfigError
+from services.common.documents import Entity, Material, Planar, Wall, World
+from services.common.frames import (
+    LINK_FROM_OPTICAL,
+    SE2,
+    Array,
+    inverse_matrix,
+    quaternion_from_rotation,
+    rotation_from_rpy,
+    transform_matrix,
+)
+from services.physics.camera import Intrinsics, Renderer, make_renderer
+from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene, decode_png
+
+Picture = NDArray[np.uint8]
+
+INTRINSICS = Intrinsics.from_horizontal_fov(320, 240, 1.047)
+SKY = 0.7, 0.7, 0.7, 1.0
+
+
+def new_renderer(kind: str, intrinsics: Intrinsics = INTRINSICS) -> Renderer:
+    try:
+        renderer = make_renderer("gl" if kind == "gl" else "tiny", intrinsics)
+    except ConfigError as error:
+        pytest.skip(str(error))
+    assert renderer is not None
+    return renderer
+
+
+@pytest.fixture(params=["gl", "tiny"])
+def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
+    made = new_renderer(request.param)
+    yield made
+    made.close()
+
+
+def world(
+    walls: tuple[Wall, ...] = (), materials: tuple[Material, ...] = (), **changes: Any
+) -> World:
+    return World(
+        name="test",
+        recipe="test.yaml",
+        hash="",
+        walls=walls,
+        materials=materials,
+        start=Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+        **{"sky": SKY, "floor_diffuse": (0.0, 0.0, 0.3, 1.0), **changes},
+    )
+
+
+def wall(name: str = "wall", material: str = "plain", **changes: float) -> Wall:
+    """A wall 2 m ahead of the map's origin, across the view: its near face is at x = 2."""
+    shape = {"length_m": 1.0, "thickness_m": 0.15, "height_m": 1.0}
+    pose = {"x_m": 2.075, "y_m": 0.0, "yaw_rad": math.pi / 2}
+    return Wall(name=name, material=material, **{**shape, **pose, **changes})
+
+
+def png(rgb: Picture) -> tuple[str, bytes]:
+    data = cv2.imencode(".png", np.ascontiguousarray(rgb[:, :, ::-1]))[1].tobytes()
+    return hashlib.sha256(data).hexdigest(), data
+
+
+def flat(rgb: tuple[int, int, int], side_px: int = 4) -> Picture:
+    return np.full((side_px, side_px, 3), rgb, np.uint8)
+
+
+def marker_picture(marker_id: int, module_px: int = 24) -> Picture:
+    """A marker with a quiet zone of one module: eight modules a side."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+    black_square = cv2.aruco.generateImageMarker(dictionary, marker_id, 6 * module_px)
+    grey = np.pad(np.asarray(black_square, np.uint8), module_px, constant_values=255)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def panel(sha256: str, map_from_panel: Array, side_m: float = 0.4) -> Entity:
+    x, y, z = (float(value) for value in map_from_panel[:3, 3])
+    return Entity(
+        name="panel",
+        position_m=(x, y, z),
+        orientation_xyzw=quaternion_from_rotation(map_from_panel[:3, :3]),
+        panel_side_m=side_m,
+        texture_sha256=sha256,
+        marker_id=0,
+        marker_size_m=side_m * 6 / 8,
+        dictionary="DICT_4X4_100",
+    )
+
+
+def facing_back(x_m: float, y_m: float = 0.0, z_m: float = 0.25, yaw_rad: float = 0.0) -> Array:
+    """Pose of an upright panel that looks along -x, turned by yaw."""
+    upright = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return transform_matrix(rotation_from_rpy(0.0, 0.0, yaw_rad) @ upright, (x_m, y_m, z_m))
+
+
+def view(x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.117, yaw_rad: float = 0.0) -> Array:
+    """map_from_optical of a level camera."""
+    return SE2(x_m, y_m, yaw_rad).matrix(z_m) @ LINK_FROM_OPTICAL
+
+
+TILTED_VIEW = (
+    transform_matrix(rotation_from_rpy(0.15, -0.1, 0.12), (0.1, -0.2, 0.3)) @ LINK_FROM_OPTICAL
+)
+
+
+def projected(
+    points_m: Array, map_from_optical: Array, intrinsics: Intrinsics = INTRINSICS
+) -> Array:
+    """(n, 2) pixel coordinates by OpenCV's camera model."""
+    optical_from_map = inverse_matrix(map_from_optical)
+    rotation, _ = cv2.Rodrigues(optical_from_map[:3, :3])
+    pixels, _ = cv2.projectPoints(
+        np.ascontiguousarray(points_m),
+        rotation,
+        optical_from_map[:3, 3],
+        camera_matrix(intrinsics),
+        None,
+    )
+    return np.asarray(pixels, np.float64).reshape(-1, 2)
+
+
+def camera_matrix(intrinsics: Intrinsics = INTRINSICS) -> Array:
+    i = intrinsics
+    return np.array([[i.fx, 0.0, i.cx], [0.0, i.fy, i.cy], [0.0, 0.0, 1.0]])
+
+
+def colour_at(picture: Picture, point_m: tuple[float, float, float], pose: Array) -> Picture:
+    u, v = projected(np.array([point_m]), pose)[0]
+    colour: Picture = picture[round(v), round(u)]
+    return colour
+
+
+def depth_inside(outline: Array) -> Array:
+    """(height, width): how far inside a convex outline each pixel's centre is; negative outside."""
+    hull = cv2.convexHull(outline.astype(np.float32), clockwise=False)[:, 0].astype(np.float64)
+    edges = np.roll(hull, -1, axis=0) - hull
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    v, u = np.mgrid[: INTRINSICS.height, : INTRINSICS.width]
+    depths = [
+        edge[0] * (v - corner[1]) - edge[1] * (u - corner[0])
+        for corner, edge in zip(hull, edges, strict=True)
+    ]
+    return np.asarray(np.min(depths, axis=0), np.float64)
+
+
+def assert_fills(mask: NDArray[np.bool_], outline: Array, tolerance_px: float) -> None:
+    """The mask's edges lie where the outline's do."""
+    inside = depth_inside(outline)
+    assert (inside > tolerance_px).sum() > 200
+    assert mask[inside > tolerance_px].all()
+    assert not mask[inside < -tolerance_px].any()
+
+
+@pytest.mark.parametrize("pose", [view(), TILTED_VIEW], ids=["level", "tilted"])
+def test_panel_shows_where_opencv_projects_it(renderer: Renderer, pose: Array) -> None:
+    sha256, data = png(flat((255, 255, 255)))
+    map_from_panel = facing_back(1.3, 0.1, 0.3, yaw_rad=0.4)
+    renderer.set_scene(build_scene(world(), {sha256: data}, [panel(sha256, map_from_panel)]))
+    corners = np.array([[-0.2, -0.2, 0], [0.2, -0.2, 0], [0.2, 0.2, 0], [-0.2, 0.2, 0]])
+    corners_m = corners @ map_from_panel[:3, :3].T + map_from_panel[:3, 3]
+    white = (renderer.render(pose) == 255).all(axis=2)
+    assert_fills(white, projected(corners_m, pose), tolerance_px=0.05)
+
+
+@pytest.mark.parametrize("pose", [view(), TILTED_VIEW], ids=["level", "tilted"])
+def test_wall_shows_where_opencv_projects_it(renderer: Renderer, pose: Array) -> None:
+    plain = Material(name="plain", ambient=(1, 0, 0, 1), diffuse=(1, 0, 0, 1))
+    there = wall(x_m=2.4, y_m=0.2, yaw_rad=1.2, height_m=0.6)
+    renderer.set_scene(build_scene(world((there,), (plain,)), {}))
+    corners_m = [
+        there.map_from_wall().matrix() @ (sx * 0.5, sy * 0.075, z, 1.0)
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+        for z in (0.0, 0.6)
+    ]
+    picture = renderer.render(pose).astype(int)
+    red = (picture[:, :, 0] > 60) & (picture[:, :, 1] == 0)
+    assert_fills(red, projected(np.array(corners_m)[:, :3], pose), tolerance_px=0.05)
+
+
+@pytest.mark.parametrize("distance_m", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("kind", ["gl", "tiny"])
+def test_marker_is_read_with_its_pose(kind: str, distance_m: float) -> None:
+    intrinsics = Intrinsics.from_horizontal_fov(640, 480, 1.047)
+    renderer = new_renderer(kind, intrinsics)
+    sha256, data = png(marker_picture(60))
+    map_from_panel = facing_back(distance_m, 0.1, yaw_rad=0.5)
+    side_m = 0.3
+    renderer.set_scene(
+        build_scene(world(), {sha256: data}, [panel(sha256, map_from_panel, side_m=side_m * 8 / 6)])
+    )
+    picture = renderer.render(view())
+    renderer.close()
+
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
+    assert ids is not None
+    assert ids.ravel().tolist() == [60]
+    half = side_m / 2
+    square_m = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    _, _, places, _ = cv2.solvePnPGeneric(
+        square_m, corners[0], camera_matrix(intrinsics), None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    optical_from_panel = inverse_matrix(view()) @ map_from_panel
+    error_m = np.linalg.norm(places[0].ravel() - optical_from_panel[:3, 3])
+    assert error_m < 0.01 * distance_m
+    expected = projected(
+        square_m @ map_from_panel[:3, :3].T + map_from_panel[:3, 3], view(), intrinsics
+    )
+    # TinyRenderer's edges are stairs of whole pixels.
+    assert np.abs(corners[0][0] - expected).max() < (0.5 if kind == "gl" else 0.8)
+
+
+def test_texture_repeats_by_the_metre_from_the_bottom_left(renderer: Renderer) -> None:
+    tile = np.zeros((64, 64, 3), np.uint8)
+    tile[:32, :32], tile[:32, 32:] = (200, 0, 0), (0, 200, 0)
+    tile[32:, :32], tile[32:, 32:] = (0, 0, 200), (200, 200, 0)
+    sha256, data = png(tile)
+    material = Material(name="plain", texture_sha256=sha256, texture_side_m=0.4)
+    renderer.set_scene(
+        build_scene(world((wall(),), (material,), light_diffuse=0.0), {sha256: data})
+    )
+    picture = renderer.render(view(z_m=0.3))
+    # As one looks along +x, the face's left end is at y = 0.5.
+    for column in range(5):
+        for row in range(4):
+            y_m, z_m = 0.5 - 0.1 - 0.2 * column, 0.1 + 0.2 * row
+            across, up = column % 2, row % 2
+            expected = tile[16 if up else 48, 48 if across else 16]
+            seen = colour_at(picture, (2.0, y_m, z_m), view(z_m=0.3))
+            assert np.abs(seen.astype(int) - expected).max() <= 1, (column, row)
+
+
+def test_plain_wall_has_its_colour_under_the_light(renderer: Renderer) -> None:
+    plain = Material(name="plain", ambient=(0.2, 0.4, 0.6, 1), diffuse=(0.8, 0.4, 0.2, 1))
+    lit_by = {"light_ambient": 0.5, "light_diffuse": 0.5, "light_direction": (0.6, 0.0, -0.8)}
+    renderer.set_scene(build_scene(world((wall(),), (plain,), **lit_by), {}))
+    seen = colour_at(renderer.render(view()), (2.0, 0.0, 0.3), view()).astype(int)
+    # The light falls on the near face at a cosine of 0.6, as much as on any upright face.
+    expected = [
+        255 * (0.5 * a + 0.5 * 0.6 * d) / 0.8 for a, d in ((0.2, 0.8), (0.4, 0.4), (0.6, 0.2))
+    ]
+    assert np.abs(seen - expected).max() <= 1
+    behind = view(4.0, yaw_rad=math.pi)
+    seen = colour_at(renderer.render(behind), (2.15, 0.0, 0.3), behind).astype(int)
+    assert np.abs(seen - [255 * 0.5 * a / 0.8 for a in (0.2, 0.4, 0.6)]).max() <= 1
+
+
+def test_sky_and_floor_have_the_colours_of_the_world(renderer: Renderer) -> None:
+    floor = (0.1, 0.5, 0.3, 1.0)
+    plains = world(light_diffuse=0.0, floor_diffuse=floor, sky=(0.2, 0.4, 0.8, 1.0))
+    renderer.set_scene(build_scene(plains, {}))
+    picture = renderer.render(view())
+    assert (picture[:118] == (51, 102, 204)).all()
+    assert np.abs(picture[130:].astype(int) - (25.5, 127.5, 76.5)).max() <= 1
+
+
+def test_panel_is_not_lit_and_has_a_plain_back(renderer: Renderer) -> None:
+    half_black = flat((255, 255, 255), 64)
+    half_black[:, :32] = 0
+    sha256, data = png(half_black)
+    dim = world(light_ambient=0.1, light_diffuse=0.0)
+    renderer.set_scene(build_scene(dim, {sha256: data}, [panel(sha256, facing_back(1.0))]))
+    picture = renderer.render(view())
+    # The picture's left is the viewer's left, at +y.
+    assert colour_at(picture, (1.0, 0.1, 0.25), view()).tolist() == [0, 0, 0]
+    assert colour_at(picture, (1.0, -0.1, 0.25), view()).tolist() == [255, 255, 255]
+    behind = view(2.0, yaw_rad=math.pi)
+    back = colour_at(renderer.render(behind), (1.0, 0.1, 0.25), behind).astype(int)
+    assert np.abs(back - 255 * np.array(PANEL_BACK[:3])).max() <= 1
+
+
+def test_faces_in_one_plane_show_the_first_wall_only(renderer: Renderer) -> None:
+    red = Material(name="red", ambient=(1, 0, 0, 1), diffuse=(1, 0, 0, 1))
+    green = Material(name="green", ambient=(0, 1, 0, 1), diffuse=(0, 1, 0, 1))
+    walls = (
+        wall("first", "red"),
+        wall("second", "green", y_m=0.4, x_m=2.075 + 1e-5, yaw_rad=-1.5708),
+    )
+    renderer.set_scene(build_scene(world(walls, (red, green)), {}))
+    picture = renderer.render(view())
+    row = round(projected(np.array([[2.0, 0.0, 0.3]]), view())[0, 1])
+    u_of = {y: projected(np.array([[2.0, y, 0.3]]), view())[0, 0] for y in (0.9, 0.5, -0.5)}
+    second = picture[row, math.ceil(u_of[0.9]) : math.floor(u_of[0.5])]
+    first = picture[row, math.ceil(u_of[0.5]) : math.floor(u_of[-0.5])]
+    assert (second[:, 0] == 0).all()
+    assert (second[:, 1] > 100).all()
+    assert (first[:, 0] > 100).all()
+    assert (first[:, 1] == 0).all()
+
+
+def test_a_higher_wall_is_not_cut_by_a_lower_one() -> None:
+    walls = wall("low", height_m=0.5), wall("high", height_m=2.0, y_m=0.2)
+    scene = build_scene(world(walls, (Material(name="plain"),)), {})
+    near_faces = [quad for quad in scene.corners_m if np.abs(quad[:, 0] - 2.0).max() < 1e-9]
+    spans = sorted(
+        (float(quad[:, 1].min()), float(quad[:, 1].max()), float(quad[:, 2].max()))
+        for quad in near_faces
+    )
+    assert np.allclose(spans, [(-0.5, -0.3, 0.5), (-0.3, 0.7, 2.0)])
+
+
+def textured_room() -> Scene:
+    """Three walls with a pattern as fine as a real one's, and a marker."""
+    grain = np.random.default_rng(1).integers(90, 160, (32, 32, 3), np.uint8)
+    bricks = cv2.resize(grain, (512, 512), interpolation=cv2.INTER_CUBIC)
+    bricks[::64] = bricks[:, ::128] = 220
+    sha256, data = png(np.asarray(bricks, np.uint8))
+    marker_sha256, marker_data = png(marker_picture(80))
+    material = Material(name="bricks", texture_sha256=sha256)
+    walls = (
+        wall("ahead", "bricks", length_m=3.0),
+        wall("left", "bricks", length_m=3.0, x_m=1.0, y_m=1.2, yaw_rad=0.2),
+        wall("right", "bricks", length_m=3.0, x_m=1.0, y_m=-1.0, yaw_rad=0.0),
+    )
+    assets = {sha256: data, marker_sha256: marker_data}
+    return build_scene(world(walls, (material,)), assets, [panel(marker_sha256, facing_back(1.99))])
+
+
+def test_renderers_agree() -> None:
+    pictures = []
+    for kind in ("gl", "tiny"):
+        renderer = new_renderer(kind)
+        renderer.set_scene(textured_room())
+        pictures.append(renderer.render(TILTED_VIEW).astype(int))
+        renderer.close()
+    gl, tiny = pictures
+    # TinyRenderer rounds down, and shows one pixel of a texture where OpenGL mixes several.
+    assert np.abs(gl.mean(axis=(0, 1)) - tiny.mean(axis=(0, 1))).max() < 2.0
+    assert np.abs(gl - tiny).mean() < 4.0
+    blurred = [cv2.blur(picture.astype(np.float32), (7, 7)) for picture in pictures]
+    assert np.abs(blurred[0] - blurred[1]).max() < 40.0
+
+
+def test_pictures_are_the_callers_own(renderer: Renderer) -> None:
+    renderer.set_scene(textured_room())
+    first = renderer.render(view())
+    assert first.shape == (240, 320, 3)
+    assert first.dtype == np.uint8
+    assert first.flags.c_contiguous
+    copy = first.copy()
+    second = renderer.render(view(yaw_rad=0.5))
+    assert (first == copy).all()
+    assert (second != first).any()
+    assert (renderer.render(view()) == first).all()
+
+
+def test_there_is_nothing_to_see_before_the_first_scene(renderer: Renderer) -> None:
+    assert not renderer.render(view()).any()
+
+
+def test_a_new_scene_takes_the_place_of_the_old(renderer: Renderer) -> None:
+    renderer.set_scene(build_scene(world(), {}))
+    empty = renderer.render(view())
+    renderer.set_scene(textured_room())
+    room = renderer.render(view())
+    renderer.set_scene(build_scene(world(), {}))
+    assert (renderer.render(view()) == empty).all()
+    renderer.set_scene(textured_room())
+    assert (renderer.render(view()) == room).all()
+
+
+def test_two_cameras_of_one_process_do_not_mix(renderer: Renderer) -> None:
+    other = new_renderer("gl" if renderer.name.startswith("moderngl") else "tiny")
+    renderer.set_scene(textured_room())
+    alone = renderer.render(view())
+    other.set_scene(build_scene(world(), {}))
+    empty = other.render(view())
+    assert (renderer.render(view()) == alone).all()
+    assert (other.render(view()) == empty).all()
+    other.close()
+    other.close()
+    assert (renderer.render(view()) == alone).all()
+
+
+def resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def test_scenes_do_not_pile_up(renderer: Renderer) -> None:
+    scenes = []
+    for shade in (100, 200):
+        sha256, data = png(flat((shade, 0, 0), 1024))
+        material = Material(name="plain", texture_sha256=sha256)
+        scenes.append(build_scene(world((wall(),), (material,)), {sha256: data}))
+    for scene in scenes:
+        renderer.set_scene(scene)
+        renderer.render(view())
+    before_mb = resident_mb()
+    for _ in range(15):
+        for scene in scenes:
+            renderer.set_scene(scene)
+            renderer.render(view())
+    # Kept, 30 textures would be 160 MB in OpenGL, and 12 MB in TinyRenderer, which gets small ones.
+    # Mesa frees one some frames after it was let go.
+    limit_mb = 25.0 if renderer.name.startswith("moderngl") else 4.0
+    assert resident_mb() - before_mb < limit_mb
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_pose_that_is_none_is_refused(renderer: Renderer, value: float) -> None:
+    pose = view()
+    pose[0, 3] = value
+    with pytest.raises(ValueError, match="map_from_optical: must be a finite"):
+        renderer.render(pose)
+
+
+def run_python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def picture_hash(kind: str) -> str:
+    renderer = new_renderer(kind)
+    renderer.set_scene(textured_room())
+    digest = hashlib.sha256()
+    for yaw_rad in (-0.6, 0.0, 0.6):
+        digest.update(renderer.render(view(yaw_rad=yaw_rad)).tobytes())
+    renderer.close()
+    return digest.hexdigest()
+
+
+@pytest.mark.parametrize("kind", ["gl", "tiny"])
+def test_pixels_are_the_same_in_every_process(kind: str) -> None:
+    code = f"from tests.physics.test_camera import picture_hash; print(picture_hash({kind!r}))"
+    expected = picture_hash(kind)
+    # Mesa draws with as many threads as it likes: that must not show.
+    other = run_python(code, LP_NUM_THREADS="1")
+    assert other.stdout.split()[-1:] == [expected], other.stderr
+
+
+def test_without_opengl_gl_says_so_and_auto_takes_the_other(tmp_path: Path) -> None:
+    code = """
+import logging
+logging.basicConfig(format="%(levelname)s %(message)s", level="INFO")
+from services.common.config import ConfigError
+from services.physics.camera import Intrinsics, make_renderer
+intrinsics = Intrinsics.from_horizontal_fov(32, 24, 1.0)
+try:
+    make_renderer("gl", intrinsics)
+except ConfigError as error:
+    print(error)
+print(make_renderer("auto", intrinsics).name)
+"""
+    # No driver is registered in an empty folder.
+    result = run_python(code, __EGL_VENDOR_LIBRARY_DIRS=str(tmp_path))
+    lines = [line for line in result.stdout.splitlines() if "build time" not in line]
+    assert len(lines) == 2, result.stderr
+    assert lines[0].startswith("renderer: gl: no OpenGL context could be made (")
+    assert lines[0].endswith("install libegl1 and libgl1-mesa-dri, or use --renderer auto")
+    assert lines[1] == "tiny_renderer"
+    assert f"WARNING {lines[0]}; using tiny_renderer" in result.stderr
+    assert "INFO Rendering with tiny_renderer" in result.stderr
+
+
+def test_none_renders_nothing() -> None:
+    assert make_renderer("none", INTRINSICS) is None
+
+
+def test_intrinsics_are_those_of_the_reference_camera() -> None:
+    assert math.isclose(INTRINSICS.fx, 277.13, abs_tol=0.1)
+    assert INTRINSICS.fx == INTRINSICS.fy
+    assert (INTRINSICS.cx, INTRINSICS.cy) == (160.0, 120.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"width": 0}, "width"),
+        ({"height": -5}, "height"),
+        ({"width": 20_000}, "width"),
+        ({"fx": math.nan}, "fx"),
+        ({"fy": 0.0}, "fy"),
+        ({"cx": math.inf}, "cx"),
+    ],
+)
+def test_impossible_intrinsics_are_refused(changes: dict[str, Any], field: str) -> None:
+    good = {"width": 32, "height": 24, "fx": 30.0, "fy": 30.0, "cx": 16.0, "cy": 12.0}
+    with pytest.raises(ValueError, match=f"^{field}: must be "):
+        Intrinsics(**{**good, **changes})
+
+
+def header_of(width: int) -> bytes:
+    """A whole PNG that claims a width."""
+    _, data = png(flat((1, 2, 3)))
+    body = b"IHDR" + width.to_bytes(4, "big") + data[20:29]
+    return data[:12] + body + checksum(body) + data[33:]
+
+
+def checksum(body: bytes) -> bytes:
+    return zlib.crc32(body).to_bytes(4, "big")
+
+
+def damaged_pngs() -> list[tuple[bytes, str]]:
+    _, whole = png(flat((10, 20, 30), 64))
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1
+    return [
+        (b"", "is no PNG"),
+        (b"\xff\xd8\xff\xe0 a JPEG", "is no PNG"),
+        (whole[:-20], "is cut short"),
+        (whole[:8], "is cut short"),
+        (bytes(flipped), "is damaged"),
+        (header_of(4096), "is 4096 x 4: at most 2048 x 2048"),
+    ]
+
+
+@pytest.mark.parametrize(("data", "reason"), damaged_pngs())
+def test_a_damaged_texture_gives_the_plain_colour_and_a_reason(data: bytes, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        decode_png(data)
+    sha256 = hashlib.sha256(data).hexdigest()
+    plain = Material(name="plain", texture_sha256=sha256, ambient=(0.25, 0.5, 0.75, 1.0))
+    scene = build_scene(world((wall(),), (plain,), light_diffuse=0.0), {sha256: data})
+    assert scene.problems == (
+        f"material plain: texture {sha256[:12]} {reason}; shown as a plain colour",
+    )
+    assert scene.textures == ()
+    assert (scene.texture_of_quad == PLAIN).all()
+    assert np.allclose(scene.tints[0], (0.25, 0.5, 0.75))
+
+
+def test_a_texture_that_is_not_there_or_not_itself_is_named() -> None:
+    sha256, data = png(flat((10, 20, 30)))
+    plain = Material(name="plain", texture_sha256="f" * 64)
+    scene = build_scene(
+        world((wall(), wall(material="marble")), (plain,)),
+        {"f" * 64: data},
+        [panel("0" * 64, facing_back(1.0)), panel(sha256, facing_back(1.5))],
+    )
+    assert scene.problems == (
+        "material plain: texture ffffffffffff does not have that sha256; shown as a plain colour",
+        "wall wall: material 'marble' is not in the world",
+        "entity panel: texture 000000000000 is not there; shown as a plain colour",
+        f"entity panel: texture {sha256[:12]} is not there; shown as a plain colour",
+    )
