@@ -1,0 +1,5 @@
+from services.common.serve import main
+from services.perception.config import PerceptionConfig
+from services.perception.node import PerceptionNode
+
+main(PerceptionConfig, PerceptionNode)

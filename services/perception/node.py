@@ -1,0 +1,261 @@
+"""Perception: the camera's pictures in, the markers in them out."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from services.common import messages as msg
+from services.common.documents import Entities, Entity
+from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, ODOM_FRAME, Array
+from services.common.node import Inbox, Node, Outbox
+from services.common.pose_history import PoseHistory
+from services.common.topics import (
+    CAMERA_IMAGE,
+    CAMERA_INFO,
+    DETECTIONS,
+    ENTITIES,
+    MAP_DETECTIONS,
+    TF,
+    TF_STATIC,
+    WORLD,
+)
+from services.perception.config import PerceptionConfig
+from services.perception.detect import (
+    Detector,
+    dictionary_exists,
+    grey_from_rgb,
+    smallest_perimeter_px,
+)
+from services.perception.pose import Camera, Solution, solve
+
+_INFOS_KEPT = 10
+_ODOMETRY_KEPT = 100
+_DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
+
+_log = logging.getLogger("perception")
+
+
+class PerceptionNode(Node):
+    """Detects the markers that stand in the world, each with every pose its corners allow.
+
+    Detections are in the frame of their picture, which is the camera's optical frame; the same ones
+    in the map are for people, by the pose navigation estimates.
+    """
+
+    name = "perception"
+    wakes = (CAMERA_IMAGE, CAMERA_INFO)
+    depth = 4
+
+    def __init__(self, config: PerceptionConfig) -> None:
+        self._config = config
+        self._entities: Entities | None = None
+        self._side_m: dict[str, dict[int, float]] = {}
+        self._detectors: dict[str, Detector] = {}
+        self._strangers: set[tuple[str, int]] = set()
+        self._infos: dict[int, msg.CameraInfo] = {}
+        self._image: msg.Image | None = None
+        self._published = False
+        self._static: dict[str, msg.TransformStamped] = {}
+        self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
+        self._map_from_odom: Array | None = None
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Detect what is in each picture that has come with its intrinsics."""
+        self._take_world(inbox)
+        self._take_transforms(inbox)
+        for info in inbox.new(CAMERA_INFO):
+            self._take_info(info, inbox)
+        images = inbox.new(CAMERA_IMAGE)
+        if self._image is not None:
+            images.insert(0, self._image)
+            self._image = None
+        for index, image in enumerate(images):
+            info_ = self._infos.get(msg.ns_from_time(image.header.stamp))
+            if info_ is not None:
+                self._perceive(image, info_, inbox, outbox)
+            elif index == len(images) - 1:
+                # Its intrinsics may still be on their way.
+                self._image = image
+            else:
+                inbox.reject(CAMERA_IMAGE, "no camera_info of its stamp")
+
+    def waiting_for(self) -> str | None:
+        """The one thing detections need first."""
+        if not self.world_hash:
+            return "the world"
+        if self._entities is None or self._entities.world_hash != self.world_hash:
+            return "the entities of the world"
+        if self._published:
+            return None
+        return "a picture" if self._image is None else "the camera's intrinsics"
+
+    def _take_world(self, inbox: Inbox) -> None:
+        world = inbox.latest(WORLD)
+        if world is not None and world.hash != self.world_hash:
+            self.world_hash = world.hash
+            self._image = None
+            self._published = False
+            self._infos.clear()
+            self._odom_from_base.clear()
+            self._map_from_odom = None
+            self._strangers.clear()
+        entities = inbox.latest(ENTITIES)
+        if entities is not None:
+            self._entities = entities
+        elif world is None:
+            return
+        self._side_m = {}
+        if self._entities is not None and self._entities.world_hash == self.world_hash:
+            for entity in self._entities.entities:
+                self._register(entity, inbox)
+
+    def _register(self, entity: Entity, inbox: Inbox) -> None:
+        name = entity.dictionary
+        if not dictionary_exists(name):
+            inbox.reject(ENTITIES, "unknown dictionary")
+            _log.warning("Entity %s: dictionary: OpenCV has none named %r", entity.name, name)
+            return
+        if name not in self._detectors:
+            self._detectors[name] = Detector(
+                name, self._config.threshold_window_px, self._config.threshold_contrast
+            )
+        self._side_m.setdefault(name, {})[entity.marker_id] = entity.marker_size_m
+
+    def _take_transforms(self, inbox: Inbox) -> None:
+        for transforms in inbox.new(TF_STATIC):
+            self._static.update({entry.child_frame_id: entry for entry in transforms.transforms})
+        for transforms in inbox.new(TF):
+            for entry in transforms.transforms:
+                pair = entry.header.frame_id, entry.child_frame_id
+                if pair == (ODOM_FRAME, BASE_FOOTPRINT_FRAME):
+                    stamp_ns = msg.ns_from_time(entry.header.stamp)
+                    self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
+                elif pair == (MAP_FRAME, ODOM_FRAME):
+                    self._map_from_odom = msg.matrix_from_transform(entry.transform)
+
+    def _take_info(self, info: msg.CameraInfo, inbox: Inbox) -> None:
+        if not (info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0):
+            inbox.reject(CAMERA_INFO, "intrinsics of no pinhole camera")
+        elif len(info.d) and len(info.d) not in _DISTORTION_LENGTHS:
+            inbox.reject(CAMERA_INFO, "unknown number of distortion coefficients")
+        else:
+            self._infos[msg.ns_from_time(info.header.stamp)] = info
+            while len(self._infos) > _INFOS_KEPT:
+                del self._infos[next(iter(self._infos))]
+
+    def _perceive(
+        self, image: msg.Image, info: msg.CameraInfo, inbox: Inbox, outbox: Outbox
+    ) -> None:
+        if image.encoding != "rgb8":
+            inbox.reject(CAMERA_IMAGE, "encoding is not rgb8")
+            return
+        if (image.width, image.height) != (info.width, info.height):
+            inbox.reject(CAMERA_IMAGE, "size is not that of camera_info")
+            return
+        if image.step < 3 * image.width or image.width * image.height == 0:
+            inbox.reject(CAMERA_IMAGE, "rows shorter than the width")
+            return
+        found = self._detect(image, info)
+        stamp_ns, frame = msg.ns_from_time(image.header.stamp), image.header.frame_id
+        outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
+        map_from_camera = self._map_from_camera(stamp_ns, frame)
+        if map_from_camera is not None:
+            outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
+        self._published = True
+
+    def _detect(self, image: msg.Image, info: msg.CameraInfo) -> list[_Found]:
+        if not self._side_m:
+            return []
+        config = self._config
+        camera = Camera(
+            np.asarray(info.k, np.float64).reshape(3, 3),
+            np.asarray(info.d if len(info.d) else np.zeros(5), np.float64),
+        )
+        grey = grey_from_rgb(image.data, image.height, image.width, image.step)
+        found: list[_Found] = []
+        for dictionary, side_m_by_id in self._side_m.items():
+            min_perimeter_px = smallest_perimeter_px(
+                min(side_m_by_id.values()),
+                float(min(camera.matrix[0, 0], camera.matrix[1, 1])),
+                config.max_range_m,
+                config.max_view_angle_rad,
+            )
+            for sighting in self._detectors[dictionary].detect(grey, min_perimeter_px):
+                side_m = side_m_by_id.get(sighting.marker_id)
+                if side_m is None:
+                    self._meet_stranger(dictionary, sighting.marker_id)
+                    continue
+                solutions = solve(
+                    sighting.corners,
+                    side_m,
+                    camera,
+                    config.corner_sigma_px,
+                    config.min_ambiguous_score,
+                )
+                if solutions:
+                    found.append(_Found(dictionary, sighting.marker_id, side_m, solutions))
+        return found
+
+    def _meet_stranger(self, dictionary: str, marker_id: int) -> None:
+        if (dictionary, marker_id) not in self._strangers:
+            self._strangers.add((dictionary, marker_id))
+            _log.warning("Ignoring marker %s:%d, which is not registered", dictionary, marker_id)
+
+    def _map_from_camera(self, stamp_ns: int, camera_frame: str) -> Array | None:
+        tolerance_ns = round(self._config.transform_tolerance_s * 1e9)
+        odom_from_base = self._odom_from_base.at(stamp_ns, tolerance_ns)
+        base_from_camera = msg.chain_transforms(
+            self._static.values(), BASE_FOOTPRINT_FRAME, camera_frame
+        )
+        if self._map_from_odom is None or odom_from_base is None or base_from_camera is None:
+            return None
+        return self._map_from_odom @ odom_from_base @ base_from_camera
+
+
+class _Found:
+    """A registered marker in a picture, with its poses, best first."""
+
+    def __init__(
+        self, dictionary: str, marker_id: int, side_m: float, solutions: list[Solution]
+    ) -> None:
+        self.dictionary = dictionary
+        self.marker_id = marker_id
+        self.side_m = side_m
+        self.solutions = solutions
+
+
+def _detections(
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: list[_Found]
+) -> msg.Detection3DArray:
+    """The message of what was found, carried into a frame."""
+    return msg.Detection3DArray(
+        header=msg.header(stamp_ns, frame),
+        detections=[_detection(stamp_ns, frame, frame_from_camera, one) for one in found],
+    )
+
+
+def _detection(
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: _Found
+) -> msg.Detection3D:
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = frame_from_camera[:3, :3]
+    results = [
+        msg.ObjectHypothesisWithPose(
+            hypothesis=msg.ObjectHypothesis(class_id=str(found.marker_id), score=solution.score),
+            pose=msg.PoseWithCovariance(
+                pose=msg.pose_from_matrix(frame_from_camera @ solution.camera_from_marker),
+                covariance=np.ascontiguousarray((turn @ solution.covariance @ turn.T).reshape(36)),
+            ),
+        )
+        for solution in found.solutions
+    ]
+    return msg.Detection3D(
+        header=msg.header(stamp_ns, frame),
+        results=results,
+        bbox=msg.BoundingBox3D(
+            center=results[0].pose.pose, size=msg.Vector3(found.side_m, found.side_m, 0.0)
+        ),
+        id=f"{found.dictionary}:{found.marker_id}",
+    )
