@@ -95,10 +95,12 @@ class Spin(Behavior):
             return BehaviorStatus.SUCCEEDED, STOP
         if elapsed_s > p.spin_time_allowance_s:
             return BehaviorStatus.FAILED, STOP
-        braking_rad_s = math.sqrt(2.0 * p.rotational_acc_lim_rad_s2 * left_rad)
-        faster_rad_s = self._rate_rad_s + p.rotational_acc_lim_rad_s2 * p.control_period_s
-        self._rate_rad_s = max(
-            min(p.max_rotational_vel_rad_s, braking_rad_s, faster_rad_s), min(0.2, faster_rad_s)
+        # Braking harder than this would ask more of the robot than it can, for it lags behind.
+        braking_rad_s = math.sqrt(p.rotational_acc_lim_rad_s2 * left_rad)
+        wanted_rad_s = min(p.max_rotational_vel_rad_s, max(braking_rad_s, 0.1))
+        change_rad_s = p.rotational_acc_lim_rad_s2 * p.control_period_s
+        self._rate_rad_s = min(
+            max(wanted_rad_s, self._rate_rad_s - change_rad_s), self._rate_rad_s + change_rad_s
         )
         velocity = Velocity(0.0, self._rate_rad_s)
         if self._collides(around, velocity):

@@ -586,12 +586,14 @@ def _path_message(now_ns: int, path: PlannedPath) -> msg.Path:
 
 
 def _cloud(now_ns: int, particles: Array) -> msg.PoseArray:
-    stride = -(-len(particles) // _MAX_PARTICLES_SHOWN)
+    shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
+    half_yaws = shown[:, 2] / 2.0
+    rows = np.stack([shown[:, 0], shown[:, 1], np.sin(half_yaws), np.cos(half_yaws)], axis=1)
     return msg.PoseArray(
         header=msg.header(now_ns, MAP_FRAME),
         poses=[
-            msg.pose_from_se2(SE2(*(float(value) for value in particle)))
-            for particle in particles[::stride]
+            msg.Pose(position=msg.Point(x, y, 0.0), orientation=msg.Quaternion(0.0, 0.0, z, w))
+            for x, y, z, w in rows.tolist()
         ],
     )
 

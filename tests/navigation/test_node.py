@@ -1,0 +1,495 @@
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from services.common import messages as msg
+from services.common import wire
+from services.common.documents import Entities, Entity, NavigationResult
+from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
+from services.common.node import Envelope
+from services.common.topics import (
+    AMCL_POSE,
+    BY_NAME,
+    CMD_VEL,
+    DETECTIONS,
+    ENTITIES,
+    GLOBAL_COSTMAP,
+    GOAL_POSE,
+    INITIAL_POSE,
+    MAP,
+    NAVIGATION_STATUS,
+    ODOM,
+    PARTICLE_CLOUD,
+    PLAN,
+    TF,
+    WORLD,
+)
+from services.navigation.config import NavigationConfig
+from services.navigation.error_codes import ErrorCode
+from services.navigation.node import NavigationNode
+from tests.navigation.driving import (
+    IDENTITY,
+    LOCATIONS,
+    START,
+    TOUR,
+    NodeDriver,
+    box_segments,
+    fixed_frames,
+    wall_distance_m,
+)
+from tests.navigation.house_tour import house
+
+
+def ready(**options: object) -> NodeDriver:
+    driver = NodeDriver(**options)  # type: ignore[arg-type]
+    driver.learn()
+    driver.run(0.5)
+    assert driver.node.waiting_for() is None
+    return driver
+
+
+def estimate_error_m(driver: NodeDriver) -> float:
+    pose = msg.se2_from_pose(driver.of(AMCL_POSE)[-1].pose.pose)
+    return pose.distance_m(driver.robot.map_from_base)
+
+
+@pytest.fixture(scope="module")
+def tour() -> NodeDriver:
+    driver = ready()
+    for goal in TOUR:
+        result = driver.drive_to(goal)
+        assert (result.error_code, result.number_of_recoveries) == (0, 0)
+        driver.run(0.5)
+        truth = driver.robot.map_from_base
+        assert truth.distance_m(goal) < 0.15
+        assert abs(wrap_angle(truth.yaw_rad - goal.yaw_rad)) < 0.15
+    return driver
+
+
+def test_the_tour_takes_less_than_ninety_seconds_and_touches_nothing(tour: NodeDriver) -> None:
+    assert sum(r.end_time_s - r.start_time_s for r in tour.results()) < 90.0
+    assert wall_distance_m(tour.log.points_m()).min() > 0.27
+
+
+def test_the_estimate_follows_the_truth(tour: NodeDriver) -> None:
+    assert estimate_error_m(tour) < 0.1
+
+
+def test_everything_put_out_survives_the_wire(tour: NodeDriver) -> None:
+    assert tour.outbox.rejected == Counter()
+    seen: Counter[str] = Counter()
+    for name, message in tour.sent:
+        seen[name] += 1
+        if seen[name] > 5:
+            continue
+        topic = BY_NAME[name]
+        data = wire.encode(topic, message)
+        again = wire.decode(topic, data)
+        wire.validate(topic, again)
+        assert wire.encode(topic, again) == data
+
+
+def test_each_topic_has_its_rate(tour: NodeDriver) -> None:
+    seconds = tour.now_ns * 1e-9
+    for topic in (TF, AMCL_POSE, PARTICLE_CLOUD):
+        rate_hz = {"/tf": 20.0}.get(topic.name, topic.rate_hz)
+        assert len(tour.of(topic)) / seconds == pytest.approx(rate_hz, rel=0.05)
+    assert 2.0 * seconds <= len(tour.of(NAVIGATION_STATUS)) <= 3.0 * seconds
+    assert len(tour.of(GLOBAL_COSTMAP)) == 1
+    assert len(tour.of(PLAN)) >= len(TOUR)
+    assert all(len(cloud.poses) <= 500 for cloud in tour.of(PARTICLE_CLOUD))
+
+
+def test_map_from_odom_and_odometry_make_the_estimate(tour: NodeDriver) -> None:
+    (entry,) = tour.of(TF)[-1].transforms
+    assert (entry.header.frame_id, entry.child_frame_id) == ("map", "odom")
+    matrix = msg.matrix_from_transform(entry.transform)
+    map_from_odom = SE2(matrix[0, 3], matrix[1, 3], math.atan2(matrix[1, 0], matrix[0, 0]))
+    pose = map_from_odom @ tour.odom_from_base
+    assert pose.distance_m(tour.robot.map_from_base) < 0.1
+
+
+def test_commands_come_while_driving_end_with_a_stop_and_cease(tour: NodeDriver) -> None:
+    commands = tour.of(CMD_VEL)
+    last = commands[-1].twist
+    assert (last.linear.x, last.angular.z) == (0.0, 0.0)
+    ended_s = tour.results()[-1].end_time_s
+    assert msg.ns_from_time(commands[-1].header.stamp) * 1e-9 <= ended_s + 0.05
+    driving_s = sum(r.end_time_s - r.start_time_s for r in tour.results())
+    assert len(commands) == pytest.approx(20.0 * driving_s, rel=0.02)
+
+
+def test_the_status_tells_of_the_goal(tour: NodeDriver) -> None:
+    states = tour.of(NAVIGATION_STATUS)
+    driving = [status for status in states if status.goal is not None]
+    assert {status.state for status in driving} == {"controlling"}
+    assert all(status.localization_active and status.navigation_active for status in driving)
+    assert driving[0].distance_remaining_m > 1.5
+    assert states[-1].state == "idle"
+    assert states[-1].goal is None
+
+
+def test_the_same_run_gives_the_same_bytes() -> None:
+    def run() -> list[bytes]:
+        driver = ready()
+        driver.goal(LOCATIONS["location1"])
+        driver.run(5.0)
+        return [wire.encode(BY_NAME[name], message) for name, message in driver.sent]
+
+    assert run() == run()
+
+
+def reply(driver: NodeDriver, goal: SE2, frame_id: str = "map") -> NavigationResult:
+    """The answer within one period."""
+    driver.goal(goal, frame_id)
+    stamp_ns = driver.now_ns
+    driver.step()
+    (result,) = driver.results()
+    assert result.goal_stamp_ns == stamp_ns
+    assert "\n" not in result.error_msg
+    return result
+
+
+@pytest.mark.parametrize(
+    ("goal", "code", "says"),
+    [
+        (SE2(99.0, 0.0, 0.0), 204, "(99, 0)"),
+        (SE2(1e300, 0.0, 0.0), 204, "1e+300"),
+        (SE2(0.4, 0.55, 0.0), 206, "(0.40, 0.55) is inside an obstacle"),
+        (SE2(0.4, 0.3, 0.0), 206, "0.2"),
+        (SE2(5.0, -2.5, 0.0), 208, "unknown"),
+    ],
+)
+def test_a_bad_goal_is_answered_at_once_and_moves_nothing(goal: SE2, code: int, says: str) -> None:
+    driver = ready()
+    result = reply(driver, goal)
+    assert result.error_code == code
+    assert says in result.error_msg
+    driver.run(1.0)
+    assert driver.robot.map_from_base == START
+    assert driver.of(CMD_VEL) == []
+
+
+def test_a_goal_in_another_frame_is_refused_by_its_name() -> None:
+    result = reply(ready(), LOCATIONS["location1"], "odom")
+    assert result.error_code == ErrorCode.TF_ERROR
+    assert "'odom'" in result.error_msg
+    assert "'map'" in result.error_msg
+
+
+def test_a_goal_without_a_frame_is_in_the_map() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"], "")
+    driver.run(0.2)
+    assert driver.results() == []
+    assert driver.of(NAVIGATION_STATUS)[-1].state == "controlling"
+
+
+def test_a_goal_that_is_not_finite_is_counted_and_moves_nothing() -> None:
+    driver = ready()
+    driver.goal(SE2(math.nan, 0.0, 0.0))
+    driver.run(0.5)
+    assert driver.inbox.counts[GOAL_POSE.name].rejected["not finite"] == 1
+    assert driver.of(CMD_VEL) == []
+
+
+def test_a_bad_goal_does_not_disturb_the_one_being_driven_to() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    driver.goal(SE2(99.0, 0.0, 0.0))
+    driver.run(0.1)
+    assert [result.error_code for result in driver.results()] == [204]
+    assert driver.of(NAVIGATION_STATUS)[-1].state == "controlling"
+    driver.run(6.0)
+    assert [result.error_code for result in driver.results()] == [204, 0]
+
+
+def test_before_navigation_is_active_a_goal_is_refused_with_what_it_waits_for() -> None:
+    driver = NodeDriver()
+    result = reply(driver, LOCATIONS["location1"])
+    assert result.error_code == ErrorCode.GOAL_REJECTED
+    assert "the world" in result.error_msg
+
+
+def test_a_new_goal_preempts() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    first_ns = driver.now_ns
+    driver.run(2.0)
+    driver.goal(LOCATIONS["location3"])
+    driver.run(0.1)
+    (result,) = driver.results()
+    assert (result.goal_stamp_ns, result.error_code) == (first_ns, ErrorCode.PREEMPTED)
+    assert driver.of(NAVIGATION_STATUS)[-1].goal is not None
+
+
+def test_it_says_what_it_waits_for_in_the_order_it_comes() -> None:
+    driver = NodeDriver()
+    driver.blind = True
+    said = [driver.node.waiting_for()]
+    for topic, message in (
+        (WORLD, house().world),
+        (MAP, msg.occupancy_grid(0, 0.05, house().map_origin, house().map_cells)),
+    ):
+        driver.deliver(topic, message)  # type: ignore[arg-type]
+        driver.node.step(0, driver.inbox, driver.outbox)
+        said.append(driver.node.waiting_for())
+    driver.learn()
+    driver.step()
+    said.append(driver.node.waiting_for())
+    driver.blind = False
+    driver.run(0.2)
+    said.append(driver.node.waiting_for())
+    assert said == ["the world", "the map", "the robot's fixed frames", "a scan", None]
+
+
+def test_a_turned_map_is_refused_and_counted() -> None:
+    driver = NodeDriver()
+    turned = msg.occupancy_grid(0, 0.05, SE2(0.0, 0.0, 0.5), house().map_cells)
+    driver.deliver(WORLD, house().world)
+    driver.deliver(MAP, turned)
+    driver.step()
+    assert driver.inbox.counts[MAP.name].rejected["not a map to drive in"] == 1
+    assert driver.node.waiting_for() == "the map"
+
+
+def test_the_same_world_and_map_latched_again_change_nothing() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(2.0)
+    driver.learn()
+    driver.run(0.2)
+    assert driver.results() == []
+    assert driver.of(NAVIGATION_STATUS)[-1].state == "controlling"
+
+
+def test_another_world_aborts_the_goal_and_begins_at_its_start() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(3.0)
+    other = house().world.model_copy(update={"hash": "0123456789abcdef"})
+    driver.deliver(WORLD, other)
+    driver.step()
+    assert [r.error_code for r in driver.results()] == [ErrorCode.WORLD_RESTARTED]
+    assert driver.node.world_hash == other.hash
+    last = driver.of(CMD_VEL)[-1].twist
+    assert (last.linear.x, last.angular.z) == (0.0, 0.0)
+    # Odometry of the world before counts no longer.
+    assert driver.node.waiting_for() == "odometry"
+    driver.run(0.2)
+    assert driver.inbox.counts[ODOM.name].rejected["other world"] > 0
+
+
+def test_time_going_back_begins_anew_at_the_start() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(5.0)
+    driver.now_ns = 0
+    driver.robot.map_from_base = START
+    driver.odom_from_base = IDENTITY
+    driver.step()
+    assert [r.error_code for r in driver.results()] == [ErrorCode.WORLD_RESTARTED]
+    driver.run(0.5)
+    assert driver.node.waiting_for() is None
+    assert estimate_error_m(driver) < 0.05
+    assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
+
+
+def test_a_process_that_comes_up_on_the_way_finds_itself_by_odometry() -> None:
+    """The robot has driven to location 3; wheels slipped by 2 % and the heading by 3 degrees."""
+    true_pose = LOCATIONS["location3"]
+    odometry = SE2(true_pose.x_m * 1.02, true_pose.y_m + 0.08, true_pose.yaw_rad + 0.05)
+    driver = NodeDriver(start=true_pose, odom_from_base=odometry)
+    driver.learn()
+    driver.run(3.0)
+    assert driver.node.waiting_for() is None
+    assert estimate_error_m(driver) < 0.05
+    assert driver.drive_to(LOCATIONS["location4"]).error_code == 0
+
+
+def test_a_pose_by_a_persons_word_is_taken() -> None:
+    """The robot is not where it should have started."""
+    true_pose = LOCATIONS["location3"]
+    driver = NodeDriver(start=true_pose)
+    driver.learn()
+    driver.run(1.0)
+    covariance = np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07]).reshape(36)
+    told = SE2(true_pose.x_m + 0.15, true_pose.y_m - 0.1, true_pose.yaw_rad + 0.1)
+    driver.deliver(
+        INITIAL_POSE,
+        msg.PoseWithCovarianceStamped(
+            header=msg.header(driver.now_ns, "map"),
+            pose=msg.PoseWithCovariance(pose=msg.pose_from_se2(told), covariance=covariance),
+        ),
+    )
+    driver.run(4.0)
+    assert driver.node.waiting_for() is None
+    assert estimate_error_m(driver) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("frame_id", "x_m", "reason"),
+    [("odom", 0.0, "frame is not map"), ("map", 99.0, "outside the map")],
+)
+def test_a_bad_initial_pose_is_counted_and_changes_nothing(
+    frame_id: str, x_m: float, reason: str
+) -> None:
+    driver = ready()
+    driver.deliver(
+        INITIAL_POSE,
+        msg.PoseWithCovarianceStamped(
+            header=msg.header(driver.now_ns, frame_id),
+            pose=msg.PoseWithCovariance(
+                pose=msg.pose_from_se2(SE2(x_m, 1.0, 0.0)), covariance=np.zeros(36)
+            ),
+        ),
+    )
+    driver.run(0.2)
+    assert driver.inbox.counts[INITIAL_POSE.name].rejected[reason] == 1
+    assert estimate_error_m(driver) < 0.05
+
+
+def test_a_doorway_closed_on_the_way_ends_in_a_stop_and_a_code() -> None:
+    driver = ready(config=NavigationConfig(number_of_retries=2))
+    driver.goal(LOCATIONS["location3"])
+    driver.run(2.5)
+    driver.extra_segments = box_segments(1.33, -0.87, 0.85)
+    driver.run(20.0)
+    (result,) = driver.results()
+    assert result.error_code == ErrorCode.NO_VALID_PATH
+    assert result.number_of_recoveries == 2
+    from_box = np.maximum(np.abs(driver.log.points_m() - [1.33, -0.87]) - 0.425, 0.0)
+    assert np.linalg.norm(from_box, axis=1).min() > 0.2
+    assert wall_distance_m(driver.log.points_m()).min() > 0.23
+    assert len(driver.of(GLOBAL_COSTMAP)) > 1
+
+
+def test_without_scans_the_robot_stands_until_they_come_back() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(4.0)
+    driver.blind = True
+    driver.run(1.5)
+    assert driver.robot.velocity.linear_m_s == 0.0
+    assert driver.results() == []
+    driver.blind = False
+    driver.run(8.0)
+    assert [r.error_code for r in driver.results()] == [0]
+
+
+def marker_entity(name: str, marker_id: int, x_m: float, y_m: float) -> Entity:
+    """A marker that faces +x."""
+    # Its columns are right, up and out of the wall, as one looks at it.
+    rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return Entity(
+        name=name,
+        position_m=(x_m, y_m, 0.3),
+        orientation_xyzw=quaternion_from_rotation(rotation),
+        panel_side_m=0.4,
+        texture_sha256="",
+        marker_id=marker_id,
+        marker_size_m=0.3,
+        dictionary="DICT_4X4_100",
+    )
+
+
+def sighting(stamp_ns: int, marker_id: int, camera_from_marker: np.ndarray) -> msg.Detection3DArray:
+    header = msg.header(stamp_ns, "camera_rgb_optical_frame")
+    pose = msg.pose_from_matrix(camera_from_marker)
+    covariance = np.diag([1e-4] * 3 + [1e-3] * 3).reshape(36)
+    result = msg.ObjectHypothesisWithPose(
+        hypothesis=msg.ObjectHypothesis(class_id=str(marker_id), score=1.0),
+        pose=msg.PoseWithCovariance(pose=pose, covariance=covariance),
+    )
+    box = msg.BoundingBox3D(center=pose, size=msg.Vector3(0.3, 0.3, 0.0))
+    detection = msg.Detection3D(header=header, results=[result], bbox=box, id=str(marker_id))
+    return msg.Detection3DArray(header=header, detections=[detection])
+
+
+def test_a_marker_of_the_world_is_used_and_others_are_counted() -> None:
+    entities = Entities(
+        world_hash=house().world.hash,
+        entities=(marker_entity("marker_80", 80, -1.8, 0.427),),
+    )
+    driver = NodeDriver(start=SE2(-0.8, 0.427, math.pi))
+    driver.learn(entities=entities)
+    driver.blind = True
+    driver.run(0.2)
+    driver.blind = False
+    frames = fixed_frames().transforms
+    base_from_camera = msg.chain_transforms(frames, "base_footprint", "camera_rgb_optical_frame")
+    assert base_from_camera is not None
+    rotation = msg.matrix_from_pose(
+        msg.Pose(
+            position=msg.Point(-1.8, 0.427, 0.3),
+            orientation=msg.Quaternion(*entities.entities[0].orientation_xyzw),
+        )
+    )
+    camera_from_map = np.linalg.inv(driver.robot.map_from_base.matrix() @ base_from_camera)
+    for _ in range(40):
+        seen = camera_from_map @ rotation
+        driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, seen))
+        driver.deliver(DETECTIONS, sighting(driver.now_ns, 81, seen))
+        driver.step()
+    rejected = driver.inbox.counts[DETECTIONS.name].rejected
+    assert rejected["unknown marker"] == 40
+    assert estimate_error_m(driver) < 0.1
+
+
+def test_a_marker_that_hangs_twice_is_not_used() -> None:
+    entities = Entities(
+        world_hash=house().world.hash,
+        entities=(marker_entity("a", 80, -1.8, 0.427), marker_entity("b", 80, 1.5, 2.1)),
+    )
+    driver = NodeDriver()
+    driver.learn(entities=entities)
+    driver.run(0.3)
+    driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
+    driver.step()
+    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+    assert estimate_error_m(driver) < 0.05
+
+
+def test_markers_of_another_world_are_not_used() -> None:
+    entities = Entities(
+        world_hash="0123456789abcdef", entities=(marker_entity("a", 80, -1.8, 0.427),)
+    )
+    driver = NodeDriver()
+    driver.learn(entities=entities)
+    driver.run(0.3)
+    driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
+    driver.step()
+    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+    driver.deliver(ENTITIES, entities.model_copy(update={"world_hash": house().world.hash}))
+    driver.step()
+    driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
+    driver.step()
+    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+
+
+def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
+    driver = ready()
+    late = msg.Odometry(
+        header=msg.header(driver.now_ns + 10_000_000_000, "odom"),
+        child_frame_id="base_footprint",
+        pose=msg.PoseWithCovariance(
+            pose=msg.pose_from_se2(SE2(5.0, 5.0, 0.0)), covariance=np.zeros(36)
+        ),
+        twist=msg.TwistWithCovariance(
+            twist=msg.Twist(linear=msg.Vector3(0.0, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, 0.0)),
+            covariance=np.zeros(36),
+        ),
+    )
+    driver.inbox.deliver(ODOM, late, Envelope("old", 0, 0, house().world.hash))
+    driver.run(0.5)
+    assert driver.inbox.counts[ODOM.name].rejected["later than now"] == 1
+    assert estimate_error_m(driver) < 0.05
+
+
+def test_the_node_is_made_from_its_defaults_and_waits() -> None:
+    assert NavigationNode(NavigationConfig()).waiting_for() == "the world"
