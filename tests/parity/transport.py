@@ -1,4 +1,5 @@
-"""A transport through CDR and a real router, and a record of everything that any transport carries."""
+"""A transport through CDR and a real router, and a record of everything that any transport carries.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,9 @@ from services.embedded.executive import MemoryTransport
 DEADLINE_S = 20.0
 
 Record = list[tuple[str, int, str, bytes]]
-"""Topic, simulation time, world and CDR bytes of each message, in the order in which they were sent."""
+"""Topic, simulation time, world and CDR bytes of each message, in the order in which they were
+sent.
+"""
 
 
 def _note(record: Record, topic: Topic[object], message: object, envelope: Envelope) -> None:
@@ -61,7 +64,9 @@ class ZenohTransport:
         return inbox, Outbox(node, send, bus.source)
 
     def settle(self, node: Node, outbox: Outbox) -> None:
-        """Wait until each reader has what the node has sent. Raises TimeoutError where one never does."""
+        """Wait until each reader has what the node has sent. Raises TimeoutError where one never
+        does.
+        """
         deadline_s = time.monotonic() + DEADLINE_S
         (bus,) = (bus for bus in self._buses if bus.node_name == node.name)
         for topic in owned_by(node.name):

@@ -1,0 +1,94 @@
+"""One episode in process, and through CDR and a real router: every message is the same."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from services.common import log
+from services.common.topics import BY_NAME, EVALUATION, ROSOUT, SIMULATION_STATS, WORLD
+from services.common.wire import decode
+from services.embedded.demo import DemoOptions, build_nodes
+from services.embedded.executive import Executive
+from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
+from tests.router import running_router
+
+EPISODE_S = 4.0
+
+
+def episode(
+    transport: RecordedMemoryTransport | ZenohTransport, out_dir: Path, seed: int = 7
+) -> Record:
+    """Four seconds of driving in the enhanced world, with the camera on."""
+    options = DemoOptions(seed=seed, out_dir=out_dir, record=False)
+    executive = Executive(build_nodes(options), transport, log.configure())
+    try:
+        if isinstance(transport, ZenohTransport):
+            transport.wait_until_matched()
+        assert executive.run(lambda: executive.now_ns >= EPISODE_S * 1e9) is None
+    finally:
+        executive.close()
+    return transport.record
+
+
+def comparable(record: Record) -> list[tuple[str, int, str, bytes]]:
+    """The record without the name of the run's folder, which the clock of the wall gives."""
+    return [
+        entry
+        for entry in record
+        if entry[0] not in {EVALUATION.name, ROSOUT.name} and entry[0] in BY_NAME
+    ]
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return episode(RecordedMemoryTransport(), tmp_path_factory.mktemp("memory") / "run")
+
+
+def test_the_episode_is_one(in_process: Record) -> None:
+    counts = {name: sum(entry[0] == name for entry in in_process) for name in BY_NAME}
+    assert counts["/world"] == 1
+    assert counts["/scan"] == EPISODE_S * 10
+    assert counts["/camera/color/image_raw"] == EPISODE_S * 10
+    assert counts["/aruco/detections"] == EPISODE_S * 10
+    assert counts["/cmd_vel"] > 40
+    assert counts["/imu"] == EPISODE_S * 120
+
+
+def test_every_message_is_the_same_over_a_router(in_process: Record, tmp_path: Path) -> None:
+    with running_router() as endpoint:
+        over_router = episode(ZenohTransport(endpoint), tmp_path / "run")
+    ours, theirs = comparable(in_process), comparable(over_router)
+    for index, (mine, other) in enumerate(zip(ours, theirs, strict=False)):
+        assert mine[:3] == other[:3], f"message {index}"
+        assert mine[3] == other[3], f"message {index} on {mine[0]} at {mine[1]} ns differs"
+    assert len(ours) == len(theirs)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
+    in_process: Record, tmp_path: Path
+) -> None:
+    again = episode(RecordedMemoryTransport(), tmp_path / "again")
+    assert comparable(again) == comparable(in_process)
+    other = episode(RecordedMemoryTransport(), tmp_path / "other", seed=8)
+    assert last_state_hash(other) != last_state_hash(in_process)
+    assert world_hash(other) == world_hash(in_process)
+
+
+def last_state_hash(record: Record) -> str:
+    """The hash that stands for the whole motion of the robot."""
+    data = [entry[3] for entry in record if entry[0] == SIMULATION_STATS.name][-1]
+    return decode(SIMULATION_STATS, data).state_hash
+
+
+def world_hash(record: Record) -> str:
+    """Hash of the world that ran."""
+    data = next(entry[3] for entry in record if entry[0] == WORLD.name)
+    return decode(WORLD, data).hash
+
+
+def test_the_summary_says_the_same(tmp_path: Path) -> None:
+    record = episode(RecordedMemoryTransport(), tmp_path / "run")
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["state_hash"] == last_state_hash(record)
+    assert summary["seed"] == 7

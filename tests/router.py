@@ -1,0 +1,48 @@
+"""A real router on the loopback, for tests."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from services.common.bus import BusConfig, BusUnavailableError, open_session
+
+DEADLINE_S = 20.0
+
+
+def free_port() -> int:
+    """A port that nothing listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def running_router(port: int | None = None) -> Iterator[str]:
+    """The endpoint of a router in a process of its own, which takes connections."""
+    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
+    command = [sys.executable, "-m", "services.router", "--listen", endpoint]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        wait_for_router(endpoint)
+        yield endpoint
+    finally:
+        process.terminate()
+        process.wait(DEADLINE_S)
+
+
+def wait_for_router(endpoint: str) -> None:
+    """Return when a session can be opened. Raises TimeoutError where none can be."""
+    deadline_s = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline_s:
+        try:
+            session = open_session(BusConfig(connect=endpoint))
+        except BusUnavailableError:
+            continue
+        session.close()  # type: ignore[no-untyped-call]
+        return
+    raise TimeoutError(f"no router at {endpoint}")
