@@ -28,7 +28,7 @@ RADIUS_M = 0.23
 def run(
     behavior: Behavior, robot: Unicycle, echoes_m: Array = NO_ECHOES, costmap: Costmap = HOUSE
 ) -> tuple[BehaviorStatus, list[Velocity]]:
-    commands = []
+    commands: list[Velocity] = []
     for i in range(400):
         around = Surroundings(robot.map_from_base, costmap, echoes_m)
         status, velocity = behavior.step(i * CONTROL_PERIOD_NS, around)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from services.common.frames import SE2
 from services.navigation.costmap import (
@@ -76,7 +77,7 @@ def test_a_turned_map_is_refused_by_its_yaw() -> None:
         frame_of(0.05, SE2(0.0, 0.0, 0.3), np.zeros((2, 2), np.int8))
 
 
-def ranges_to(x_m: float, y_m: float, radius_m: float, sensor: SE2) -> np.ndarray:
+def ranges_to(x_m: float, y_m: float, radius_m: float, sensor: SE2) -> NDArray[np.float32]:
     """Scan of the room's walls with a round post in it."""
     angles = sensor.yaw_rad + STEP_RAD * np.arange(360)
     dx, dy = np.cos(angles), np.sin(angles)
@@ -89,7 +90,8 @@ def ranges_to(x_m: float, y_m: float, radius_m: float, sensor: SE2) -> np.ndarra
     beside = np.abs((x_m - sensor.x_m) * dy - (y_m - sensor.y_m) * dx)
     hit = (beside < radius_m) & (along > 0)
     post = along - np.sqrt(np.maximum(radius_m**2 - beside**2, 0.0))
-    return np.where(hit, np.minimum(post, walls), walls).astype(np.float32)
+    ranges = np.where(hit, np.minimum(post, walls), walls)
+    return np.asarray(ranges, np.float32)
 
 
 def test_a_scan_marks_a_post_and_clears_it_when_it_is_gone() -> None:
