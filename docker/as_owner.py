@@ -2,12 +2,12 @@
 
     as_owner.py REFERENCE FOLDER COMMAND...
 
-The container that writes recordings cannot know, before it starts, who has cloned the repository:
-Docker may be driven by root or by anyone of the group `docker`. So it starts as root, with no
-capability but CHOWN, SETGID and SETUID, learns the owner from a file of the clone (REFERENCE), gives
-FOLDER to that owner where Docker had to make it (then root owns it), and becomes the owner for good
-before anything of the service is loaded. Where the owner is root, the capabilities go all the same,
-and `no-new-privileges` keeps them from coming back.
+The container that writes recordings cannot know, before it starts, who has cloned the
+repository: Docker may be driven by root or by anyone of the group `docker`. So it starts as root,
+with no capability but CHOWN, SETGID and SETUID, learns the owner from a file of the clone
+(REFERENCE), gives FOLDER to that owner where Docker had to make it (then root owns it), and becomes
+the owner for good before anything of the service is loaded. Where the owner is root, the
+capabilities go all the same, and `no-new-privileges` keeps them from coming back.
 """
 
 from __future__ import annotations

@@ -26,3 +26,6 @@ class BringupConfig(ServiceConfig):
     resend_after_s: float = Field(
         2.0, gt=0, description="simulation time without a sign of the goal; then it is sent again"
     )
+    only_ask: bool = Field(
+        False, description="end with the answer to the request: an error where another world runs"
+    )

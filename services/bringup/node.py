@@ -108,10 +108,17 @@ class BringupNode(Node):
 
     def _listen(self, now_ns: int, inbox: Inbox) -> None:
         for status in inbox.new(WORLD_STATUS):
-            if status.request == self._request and status.error:
+            if status.request != self._request:
+                continue
+            if self._config.only_ask:
+                other = bool(status.error and status.world_hash)
+                self.exit_code = EXIT_REFUSED if other else 0
+                if not other:
+                    continue
+            if status.error:
                 _LOG.error("%s", status.error)
                 self.exit_code = EXIT_REFUSED
-            elif status.request == self._request:
+            else:
                 self.world_hash = status.world_hash
         self._offered = inbox.latest(WORLD) or self._offered
         if self._world is None and self._offered and self._offered.hash == self.world_hash:
