@@ -1,8 +1,8 @@
 """The likelihood field of a map: how probable a lidar return is at each place.
 
-After Thrun, Burgard, Fox, Probabilistic Robotics (2005), section 6.4, with two differences. Returns come from the
-faces of walls, so the distance is signed and zero on the border between free and occupied cells, not at the centres
-of occupied ones. And the tables are finer than the map, so that a nearest look-up keeps a centimetre.
+After Thrun, Burgard, Fox, Probabilistic Robotics (2005), section 6.4, with two differences. Returns
+come from the faces of walls, so the distance is signed and zero where a face most probably lies in
+its cells. And the tables are finer than the map, so that a nearest look-up keeps a centimetre.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ OCCUPIED = 50
 """Cells from this value on are walls; ROS maps hold 0 free to 100 occupied, -1 unknown."""
 
 TABLE_CELL_M = 0.0125
-"""Size of a table's cell where the map's resolution allows it: about the noise of one lidar return."""
+"""Size of a table's cell at best: about the noise of one lidar return."""
 
 
 @dataclass(frozen=True)
 class LikelihoodField:
-    """Tables over the map, (rows, columns) float32, row 0 at the smallest y of the map's own axes."""
+    """Tables over the map, (rows, columns) float32, row 0 at the smallest y of the map's axes."""
 
     distance_m: NDArray[np.float32]
-    """Distance to the nearest face of a wall; negative inside walls, limited to the model's maximum."""
+    """Distance to the nearest face of a wall; negative inside walls, and limited."""
     log_likelihood: NDArray[np.float32]
     """Logarithm of a return's probability density, in 1/m, at that place."""
     cell_m: float
@@ -50,7 +50,8 @@ def likelihood_field(
 ) -> LikelihoodField:
     """Tables of a map with (rows, columns) cells. Unknown cells count as free, as they do in AMCL.
 
-    The density is `z_hit * N(distance; 0, sigma_hit) + z_rand / range_max` (Probabilistic Robotics, table 6.3).
+    The density is `z_hit * N(distance; 0, sigma_hit) + z_rand / range_max` (table 6.3). A wall's
+    face lies `wall_inset_cells` inside its occupied cells.
 
     Raises ValueError where the map holds no wall, or its size or resolution is unusable.
     """
@@ -73,19 +74,20 @@ def _signed_distance(
 ) -> tuple[NDArray[np.float32], float]:
     factor = max(1, min(8, round(resolution_m / TABLE_CELL_M)))
     rows, columns = occupied.shape
-    # Interpolating before the threshold turns the stairs of slanted walls into slopes and leaves the edges of
-    # upright ones on the border of their cells.
+    # Interpolating before the threshold turns the stairs of slanted walls into slopes and leaves
+    # the edges of the others on the border of their cells.
     fine = cv2.resize(occupied, (columns * factor, rows * factor), interpolation=cv2.INTER_LINEAR)
     wall = (fine >= 0.5).astype(np.uint8)
     if wall.all():
         wall[0, 0] = 0
     to_wall = cv2.distanceTransform(1 - wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     to_free = cv2.distanceTransform(wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # Both count from cell centre to cell centre; the border lies half a cell before the first of the other kind.
+    # Both count from centre to centre; the border lies half a cell before the other kind's first.
     signed = np.where(wall > 0, 0.5 - to_free, to_wall - 0.5)
     cell_m = resolution_m / factor
     distance_m = np.asarray(signed * cell_m, np.float32)
     along_y, along_x = np.gradient(distance_m, cell_m)
     steepness = np.maximum(np.hypot(along_x, along_y), 1e-6)
+    # A square cell reaches further out of a slanted wall than of one along its sides.
     inset = wall_inset_cells * resolution_m * (np.abs(along_x) + np.abs(along_y)) / steepness
     return np.asarray(distance_m + inset, np.float32), cell_m

@@ -1,8 +1,8 @@
-"""Monte Carlo localisation: where the robot is in the map, from odometry, lidar scans and marker sightings.
+"""Monte Carlo localisation: where the robot is in the map, by odometry, lidar scans and markers.
 
 A particle filter after AMCL. Each update holds at its measurement's stamp and is carried forward by
-the odometry since. With a field that is sharp to a centimetre the mean of the particles is as exact
-as a scan match from it would be.
+the odometry since. The field is sharp to a centimetre, so the mean of the particles needs no scan
+matching behind it.
 """
 
 from __future__ import annotations
@@ -11,36 +11,48 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from services.common.frames import SE2, Array, wrap_angle
 from services.navigation import particle_filter as pf
 from services.navigation.likelihood_field import likelihood_field
+from services.navigation.marker_model import (
+    MarkerCandidate,
+    MarkerNoise,
+    Sighting,
+    mixture_likelihood,
+    sightings,
+)
 
-MarkerCandidate = tuple[Array, Array, float]
-"""camera_from_marker (4, 4), its (6, 6) covariance of (x, y, z, rotations about x, y, z), and its score."""
+__all__ = ["Localization", "LocalizationParams", "MarkerCandidate"]
 
 _HISTORY = 90
+"""Samples of odometry: 3 s."""
 _EXTRAPOLATE_NS = 200_000_000
 _CLUSTER_M, _CLUSTER_RAD = 0.6, math.radians(45.0)
 _KLD_BIN_M, _KLD_BIN_RAD = 0.1, math.radians(10.0)
+_INJECT_ABOVE = 0.2
+_INJECT_AT_MOST = 0.5
+_INJECT_STD = (0.1, 0.1, 0.1)
 
 
 class LocalizationParams(BaseModel):
-    """Parameters, under AMCL's names where it has one. The defaults fit a lidar with 0.01 m of noise, wheels that
-    slip by a few percent and a map with 0.05 m cells; AMCL's own fit a far worse robot.
+    """Parameters, under AMCL's names where it has one.
+
+    The defaults fit a lidar with 0.01 m of noise, wheels that slip by a few percent and a map with
+    cells of 0.05 m; AMCL's own (sigma_hit 0.2, z_rand 0.5, alpha 0.2) fit a far worse robot.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     min_particles: int = Field(500, ge=10, description="particles while the pose is certain")
-    max_particles: int = Field(2000, ge=10, description="particles at the start")
+    max_particles: int = Field(2000, ge=10, description="particles at the start, and at most")
     pf_err: float = Field(0.05, gt=0, description="KLD sampling: error of the distribution")
-    pf_z: float = Field(2.33, gt=0, description="KLD sampling: quantile; 2.33 is 99 %")
+    pf_z: float = Field(2.33, gt=0, description="KLD sampling: normal quantile; 2.33 is 99 %")
     alpha1: float = Field(0.02, ge=0, description="variance of a turn for each rad^2 of turn")
     alpha2: float = Field(0.02, ge=0, description="variance of a turn for each m^2 of move")
     alpha3: float = Field(0.02, ge=0, description="variance of a move for each m^2 of move")
@@ -48,19 +60,23 @@ class LocalizationParams(BaseModel):
     max_beams: int = Field(90, ge=1, description="beams of a scan that weight the particles")
     z_hit: float = Field(0.9, gt=0, le=1, description="share of returns that come from the map")
     z_rand: float = Field(0.1, gt=0, le=1, description="share of returns from anything else")
-    sigma_hit_m: float = Field(
+    sigma_hit: float = Field(
         0.04,
         gt=0,
-        description="scatter of returns about the map's walls: lidar noise and the map's raster",
+        description="m; scatter of returns about the map's walls: lidar noise (0.01) and where in "
+        "its cell a wall's face lies (0.05 / sqrt 12), twice over for what else there is",
     )
+    laser_max_range: float = Field(
+        3.5, gt=0, description="m; over which returns from anything else are spread"
+    )
+    laser_likelihood_max_dist: float = Field(2.0, gt=0, description="m; limit of the field")
     wall_inset_cells: float = Field(
         0.5,
         ge=0,
         le=1,
-        description="how far inside the occupied cells their wall's face lies: 0.5 where a cell counts as occupied "
-        "when a wall or a lidar's return lies anywhere in it, 0 where its centre decides",
+        description="how far inside its occupied cells a wall's face lies: 0.5 where a cell is "
+        "occupied when a wall or a return lies anywhere in it, 0 where its centre decides",
     )
-    laser_likelihood_max_dist_m: float = Field(2.0, gt=0, description="limit of the field")
     beam_weight: float = Field(
         0.15,
         gt=0,
@@ -68,45 +84,48 @@ class LocalizationParams(BaseModel):
         description="information of one beam: neighbours share the raster's error on their wall",
     )
     min_returns: int = Field(10, ge=1, description="a scan with fewer returns is not used")
-    update_min_d_m: float = Field(0.05, ge=0, description="move between updates by scans")
-    update_min_a_rad: float = Field(0.05, ge=0, description="turn between updates by scans")
-    still_update_period_s: float = Field(1.0, gt=0, description="updates of a robot at rest")
+    update_min_d: float = Field(0.05, ge=0, description="m; move between updates")
+    update_min_a: float = Field(0.05, ge=0, description="rad; turn between updates")
+    still_update_period_s: float = Field(1.0, gt=0, description="between updates at rest")
     resample_share: float = Field(
         0.5, gt=0, le=1, description="resample below this share of effective particles"
     )
     roughening_m: float = Field(0.004, ge=0, description="spread added by each resampling")
     roughening_rad: float = Field(0.004, ge=0, description="spread added by each resampling")
     scan_match_tolerance_m: float = Field(0.1, gt=0, description="a beam this near a wall fits")
-    recovery_alpha_slow: float = Field(0.001, gt=0, le=1, description="of the long scan match")
-    recovery_alpha_fast: float = Field(0.2, gt=0, le=1, description="of the short scan match")
-    converged_std_m: float = Field(0.15, gt=0, description="particles this close have converged")
-    converged_std_rad: float = Field(0.1, gt=0, description="particles this close have converged")
+    recovery_alpha_slow: float = Field(
+        0.001, gt=0, le=1, description="gain of the long mean of the scan match"
+    )
+    recovery_alpha_fast: float = Field(
+        0.2, gt=0, le=1, description="gain of the short mean of the scan match"
+    )
+    converged_std_m: float = Field(0.15, gt=0, description="spread of particles that agree")
+    converged_std_rad: float = Field(0.1, gt=0, description="spread of particles that agree")
     marker_std_m: float = Field(0.02, gt=0, description="of a marker's place, at any range")
-    marker_range_ratio: float = Field(0.02, gt=0, description="of its range, for each metre")
-    marker_bearing_std_rad: float = Field(0.015, gt=0, description="of its bearing")
-    marker_yaw_std_rad: float = Field(0.1, gt=0, description="of its heading")
+    marker_range_ratio_per_m: float = Field(
+        0.02, ge=0, description="of a marker's range, as a ratio of it, for each metre of it"
+    )
+    marker_bearing_std_rad: float = Field(0.015, ge=0, description="of a marker's bearing")
+    marker_yaw_std_rad: float = Field(0.1, gt=0, description="of a marker's heading")
     marker_outlier: float = Field(
-        1e-3, gt=0, lt=1, description="likelihood of a sighting that has nothing to do with the map"
+        1e-3, gt=0, lt=1, description="likelihood of a sighting that is wrong altogether"
     )
 
-
-class _Sighting(NamedTuple):
-    """A marker as one candidate has it: its place and heading in the base's frame, with their information."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-    information: Array
-    heading_std_rad: float
-    weight: float
-    map_from_base: SE2
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.min_particles > self.max_particles:
+            raise ValueError(
+                f"min_particles: must be at most max_particles, {self.max_particles}, "
+                f"not {self.min_particles}"
+            )
+        return self
 
 
 class Localization:
     """The robot's pose in the map.
 
-    Frames: `map_from_odom` is the correction; `odom_from_base` comes from odometry. Stamps are nanoseconds of
-    simulation. The same calls with the same generator give the same bits.
+    Frames: `map_from_odom` is the correction; `odom_from_base` comes from odometry. Stamps are
+    nanoseconds of simulation. The same calls with the same generator give the same bits.
     """
 
     def __init__(
@@ -117,15 +136,34 @@ class Localization:
         origin: SE2,
         rng: np.random.Generator,
     ) -> None:
-        """`cells` (rows, columns): 0 free to 100 occupied, -1 unknown; `origin`: map_from_grid, row 0 lowest.
+        """`cells` (rows, columns): 0 free to 100 occupied, -1 unknown, row 0 at the smallest y of
+        `origin`, which is map_from_grid.
 
         Raises ValueError where the map cannot be localised in.
         """
         self._params = params
-        self._map = (cells, resolution_m, origin)
         self._rng = rng
         self._noise = pf.OdometryNoise(params.alpha1, params.alpha2, params.alpha3, params.alpha4)
-        self._set_range(3.5)
+        self._marker_noise = MarkerNoise(
+            params.marker_std_m,
+            params.marker_range_ratio_per_m,
+            params.marker_bearing_std_rad,
+            params.marker_yaw_std_rad,
+        )
+        self._field = likelihood_field(
+            cells,
+            resolution_m,
+            origin,
+            z_hit=params.z_hit,
+            z_rand=params.z_rand,
+            sigma_hit_m=params.sigma_hit,
+            max_distance_m=params.laser_likelihood_max_dist,
+            wall_inset_cells=params.wall_inset_cells,
+            range_max_m=params.laser_max_range,
+        )
+        # What no number of scans averages out: about two faces fix each coordinate, and each lies
+        # anywhere in its cell.
+        self._raster_covariance = np.diag([1.0, 1.0, 0.0]) * resolution_m**2 / 24.0
         self._history: deque[tuple[int, SE2]] = deque(maxlen=_HISTORY)
         self._particles = np.empty((0, 3))
         self._log_weights = np.empty(0)
@@ -147,12 +185,17 @@ class Localization:
 
     @property
     def converged(self) -> bool:
-        """Whether the particles agree on one pose. They may agree on a wrong one: see `scan_match`."""
+        """Whether the particles agree on one pose. It may be a wrong one: see `scan_match`."""
         return self._converged
 
     @property
     def scan_match(self) -> float:
-        """Running mean, over about half a second of scans, of the fraction of beams that fit the map (0 to 1)."""
+        """Fraction of the returns that lie near the map's walls, 0 to 1, as a running mean.
+
+        Its gain is `recovery_alpha_fast`: half a second of scans. In the house maze it is above
+        0.95 all along a drive, above 0.65 with a third of the beams blocked, and below 0.6 one
+        second after the robot was put elsewhere.
+        """
         return self._match_fast
 
     def initialize(self, map_from_base: SE2, covariance: Array) -> None:
@@ -179,6 +222,8 @@ class Localization:
         self._converged = self._is_narrow(covariance)
         if self._history:
             self._stamp_ns, self._odom_from_base = self._history[-1]
+            # What was seen before now was seen from somewhere else.
+            self._history = deque([self._history[-1]], maxlen=_HISTORY)
         self._last_scan = None
         self._last_marker.clear()
         self._match_slow = self._match_fast = 1.0
@@ -205,13 +250,15 @@ class Localization:
     ) -> bool:
         """Correct the pose by a scan (n,), counter-clockwise; True where the scan was used.
 
-        What lies outside [range_min, range_max) or is not finite is no return. A scan is left out where the robot
-        hardly moved since the last one, where it has few returns, and where there is no odometry for its stamp.
+        What lies outside [range_min, range_max) or is not finite is no return. A scan is left out
+        where the robot hardly moved since the last one, where it has few returns, and where there
+        is no odometry for its stamp.
         """
         odom_from_base = self._odometry_at(stamp_ns)
         if odom_from_base is None or self._odom_from_base is None:
             return False
-        self._set_range(range_max_m)
+        if not (math.isfinite(angle_min_rad) and math.isfinite(angle_increment_rad)):
+            return False
         points_m = _beam_ends(
             ranges_m, angle_min_rad, angle_increment_rad, range_min_m, range_max_m, base_from_scan
         )
@@ -239,11 +286,13 @@ class Localization:
         candidates: Sequence[MarkerCandidate],
         base_from_camera_optical: Array,
     ) -> bool:
-        """Correct the pose by a sighting of a marker whose place (4, 4) is known; True where it was used.
+        """Correct the pose by a sighting of a marker whose place, rigid (4, 4), is known.
 
-        The candidates are the solutions of one sighting, of which at most one is right: the filter takes them as
-        a mixture, and none of them as possible too. Where the scans have not fitted the map lately, and the
-        marker agrees with that, particles are set where the marker says the robot is.
+        The candidates are the solutions of one sighting, of which at most one is right: the filter
+        takes them as a mixture, and that none is right as possible too. Where the scans have not
+        fitted the map lately and the marker contradicts the pose as well, particles are set where
+        the marker says the robot is. True where the sighting was used; one of a robot at rest is
+        left out as a scan is.
         """
         odom_from_base = self._odometry_at(stamp_ns)
         if odom_from_base is None or self._odom_from_base is None:
@@ -253,20 +302,21 @@ class Localization:
         key = tuple(float(value) for value in map_from_marker[:3, 3])
         if not self._is_due(self._last_marker.get(key), stamp_ns, odom_from_base):
             return False
-        sightings = self._sightings(map_from_marker, candidates, base_from_camera_optical)
-        if not sightings:
+        p = self._params
+        seen = sightings(map_from_marker, candidates, base_from_camera_optical, self._marker_noise)
+        if not seen:
             return False
         self._last_marker[key] = (stamp_ns, odom_from_base)
         self._predict(stamp_ns, odom_from_base)
         # The sighting may be older than the last update.
         now_from_then = self._odom_from_base.inverse() @ odom_from_base
-        likelihood = self._marker_likelihood(map_from_marker, sightings, now_from_then)
-        outlier = self._params.marker_outlier
-        share = 1.0 - self._match_fast / max(self._match_slow, 1e-6)
-        if share > 0.2 and float(pf.normalised(self._log_weights) @ likelihood) < outlier:
-            self._inject(sightings, now_from_then, min(share, 0.5))
+        likelihood = mixture_likelihood(self._particles, map_from_marker, seen, now_from_then)
+        lost = 1.0 - self._match_fast / max(self._match_slow, 1e-6)
+        expected = float(np.sum(pf.normalised(self._log_weights) * likelihood))
+        if lost > _INJECT_ABOVE and expected < p.marker_outlier:
+            self._inject(seen, now_from_then, min(lost, _INJECT_AT_MOST))
             return True
-        self._log_weights += np.log(likelihood + outlier)
+        self._log_weights += np.log(likelihood + p.marker_outlier)
         self._estimate_and_resample()
         return True
 
@@ -280,13 +330,8 @@ class Localization:
         if self._odom_from_base is None:
             return self._map_from_base, self._covariance.copy()
         before_from_now = self._odom_from_base.inverse() @ self._history[-1][1]
-        # What no number of scans averages out: about two faces fix each coordinate, and each lies
-        # anywhere in a cell.
-        raster = np.diag([1.0, 1.0, 0.0]) * self._map[1] ** 2 / 24.0
-        return (
-            self._map_from_base @ before_from_now,
-            self._moved_covariance(before_from_now) + raster,
-        )
+        covariance = self._moved_covariance(before_from_now) + self._raster_covariance
+        return self._map_from_base @ before_from_now, covariance
 
     def map_from_odom(self) -> SE2:
         """The correction of odometry. Raises RuntimeError before `initialize`."""
@@ -300,28 +345,16 @@ class Localization:
         """(n, 3) particles (x, y, yaw) in the map at the last update."""
         return self._particles.copy()
 
-    def _set_range(self, range_max_m: float) -> None:
-        p = self._params
-        if getattr(self, "_range_max_m", None) == range_max_m:
-            return
-        cells, resolution_m, origin = self._map
-        self._range_max_m = range_max_m
-        self._field = likelihood_field(
-            cells, resolution_m, origin, z_hit=p.z_hit, z_rand=p.z_rand,
-            sigma_hit_m=p.sigma_hit_m, max_distance_m=p.laser_likelihood_max_dist_m,
-            wall_inset_cells=p.wall_inset_cells, range_max_m=range_max_m,
-        )  # fmt: skip
-
     def _odometry_at(self, stamp_ns: int) -> SE2 | None:
-        # Between two samples, or shortly after the last one at its speed; None where the history does not reach.
+        # Between two samples, or shortly after the last one at its speed; None out of reach.
         if not self._history or stamp_ns < self._history[0][0]:
             return None
         after = bisect_right(self._history, stamp_ns, key=lambda entry: entry[0])
         if after == len(self._history):
-            if stamp_ns == self._history[-1][0] or len(self._history) == 1:
-                return self._history[-1][1]
             if stamp_ns - self._history[-1][0] > _EXTRAPOLATE_NS:
                 return None
+            if len(self._history) == 1:
+                return self._history[-1][1]
             after -= 1
         (t0, pose0), (t1, pose1) = self._history[after - 1], self._history[after]
         ratio = (stamp_ns - t0) / (t1 - t0)
@@ -332,7 +365,7 @@ class Localization:
         )
 
     def _is_due(self, last: tuple[int, SE2] | None, stamp_ns: int, odom_from_base: SE2) -> bool:
-        # A robot at rest sees the same errors again and again: counting each would make it sure of them.
+        # A robot at rest sees the same errors again and again: counting each would make it sure.
         if last is None:
             return True
         if stamp_ns <= last[0]:
@@ -340,8 +373,8 @@ class Localization:
         turned = abs(wrap_angle(odom_from_base.yaw_rad - last[1].yaw_rad))
         return (
             not self._converged
-            or odom_from_base.distance_m(last[1]) >= self._params.update_min_d_m
-            or turned >= self._params.update_min_a_rad
+            or odom_from_base.distance_m(last[1]) >= self._params.update_min_d
+            or turned >= self._params.update_min_a
             or stamp_ns - last[0] >= self._params.still_update_period_s * 1e9
         )
 
@@ -425,99 +458,18 @@ class Localization:
         self._match_slow += p.recovery_alpha_slow * (fraction - self._match_slow)
         self._match_fast += p.recovery_alpha_fast * (fraction - self._match_fast)
 
-    def _sightings(
-        self,
-        map_from_marker: Array,
-        candidates: Sequence[MarkerCandidate],
-        base_from_camera: Array,
-    ) -> list[_Sighting]:
-        p = self._params
-        found: list[tuple[_Sighting, float]] = []
-        for camera_from_marker, covariance, score in candidates:
-            if not (
-                np.isfinite(camera_from_marker).all()
-                and np.isfinite(covariance).all()
-                and math.isfinite(score)
-                and score >= 0.0
-            ):
-                continue
-            base_from_marker = base_from_camera @ camera_from_marker
-            turn = base_from_camera[:3, :3]
-            x_m, y_m = float(base_from_marker[0, 3]), float(base_from_marker[1, 3])
-            range_m = max(math.hypot(x_m, y_m), 1e-3)
-            towards = np.array([x_m, y_m]) / range_m
-            across = np.array([-towards[1], towards[0]])
-            place = (turn @ covariance[:3, :3] @ turn.T)[:2, :2] + p.marker_std_m**2 * np.eye(2)
-            place += (p.marker_range_ratio * range_m**2) ** 2 * np.outer(towards, towards)
-            place += (p.marker_bearing_std_rad * range_m) ** 2 * np.outer(across, across)
-            yaw_variance = float((turn @ covariance[3:, 3:] @ turn.T)[2, 2])
-            heading_std = math.sqrt(max(yaw_variance, 0.0) + p.marker_yaw_std_rad**2)
-            normal = base_from_marker[:2, 2]
-            if float(np.hypot(normal[0], normal[1])) < 0.5:
-                # It lies flat, so that its normal has no heading.
-                heading_std = 1e3
-            map_from_base = map_from_marker @ np.linalg.inv(base_from_marker)
-            sighting = _Sighting(
-                x_m,
-                y_m,
-                math.atan2(float(normal[1]), float(normal[0])),
-                np.asarray(np.linalg.inv(place), np.float64),
-                heading_std,
-                score,
-                SE2(
-                    float(map_from_base[0, 3]),
-                    float(map_from_base[1, 3]),
-                    math.atan2(float(map_from_base[1, 0]), float(map_from_base[0, 0])),
-                ),
-            )
-            volume = math.sqrt(float(np.linalg.det(place))) * heading_std
-            found.append((sighting, volume))
-        if not found:
-            return []
-        total = sum(sighting.weight for sighting, _ in found)
-        smallest = min(volume for _, volume in found)
-        return [
-            sighting._replace(
-                weight=(sighting.weight / total if total > 0.0 else 1.0 / len(found))
-                * smallest
-                / volume
-            )
-            for sighting, volume in found
-        ]
-
-    def _marker_likelihood(
-        self, map_from_marker: Array, sightings: Sequence[_Sighting], now_from_then: SE2
-    ) -> Array:
-        # (n,) mixture of the candidates at each particle, one at most.
-        x_m, y_m, yaw_rad = _composed(self._particles, now_from_then)
-        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-        east, north = map_from_marker[0, 3] - x_m, map_from_marker[1, 3] - y_m
-        heading = math.atan2(float(map_from_marker[1, 2]), float(map_from_marker[0, 2])) - yaw_rad
-        likelihood = np.zeros(len(self._particles))
-        for sighting in sightings:
-            error_m = np.stack(
-                [c * east + s * north - sighting.x_m, c * north - s * east - sighting.y_m], axis=1
-            )
-            squared = np.einsum("ni,ij,nj->n", error_m, sighting.information, error_m)
-            squared += (_wrapped(heading - sighting.heading_rad) / sighting.heading_std_rad) ** 2
-            likelihood += sighting.weight * np.exp(-0.5 * squared)
-        return likelihood
-
-    def _inject(self, sightings: Sequence[_Sighting], now_from_then: SE2, share: float) -> None:
+    def _inject(self, seen: Sequence[Sighting], now_from_then: SE2, share: float) -> None:
         # The scans to come tell which of the old and the new particles are right.
         weights = pf.normalised(self._log_weights)
         count = self._params.max_particles
         injected = round(share * count)
-        kept = self._particles[
-            pf.low_variance_resample(weights, float(self._rng.random()), count - injected)
-        ]
-        spread = np.array([0.1, 0.1, 0.1])
-        groups = [kept]
+        offset = float(self._rng.random())
+        groups = [self._particles[pf.low_variance_resample(weights, offset, count - injected)]]
         then_from_now = now_from_then.inverse()
-        for i, sighting in enumerate(sightings):
-            part = injected * (i + 1) // len(sightings) - injected * i // len(sightings)
+        for i, sighting in enumerate(seen):
+            part = injected * (i + 1) // len(seen) - injected * i // len(seen)
             here = np.array(sighting.map_from_base @ then_from_now)
-            groups.append(here + self._rng.standard_normal((part, 3)) * spread)
+            groups.append(here + self._rng.standard_normal((part, 3)) * np.array(_INJECT_STD))
         self._particles = np.ascontiguousarray(np.concatenate(groups))
         self._particles[:, 2] = _wrapped(self._particles[:, 2])
         self._log_weights = np.zeros(len(self._particles))
@@ -526,15 +478,6 @@ class Localization:
 
 def _wrapped(angles_rad: Array) -> Array:
     return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
-
-
-def _composed(poses: Array, base_from_other: SE2) -> tuple[Array, Array, Array]:
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return (
-        poses[:, 0] + c * base_from_other.x_m - s * base_from_other.y_m,
-        poses[:, 1] + s * base_from_other.x_m + c * base_from_other.y_m,
-        poses[:, 2] + base_from_other.yaw_rad,
-    )
 
 
 def _transformed(a_from_b: SE2, b_points_m: Array) -> Array:

@@ -1,7 +1,7 @@
 """The arithmetic of a particle filter on planar poses: motion, weights, resampling, mean.
 
-Particles are (n, 3) float64 rows of x in metres, y in metres and yaw in radians. Random numbers come in as arrays.
-Formulas and tables: Thrun, Burgard, Fox, Probabilistic Robotics (2005).
+Particles are (n, 3) float64 rows of x in metres, y in metres and yaw in radians. Random numbers
+come in as arrays. Formulas and tables: Thrun, Burgard, Fox, Probabilistic Robotics (2005).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class OdometryNoise:
 
 @dataclass(frozen=True)
 class OdometryMotion:
-    """A motion as a turn, a straight move and a second turn, with the standard deviation of each."""
+    """A motion as a turn, a straight move and a second turn, with their standard deviations."""
 
     rotation1_rad: float
     translation_m: float
@@ -69,7 +69,7 @@ def odometry_motion(before_from_after: SE2, noise: OdometryNoise) -> OdometryMot
 
 
 def move_particles(particles: Array, motion: OdometryMotion, standard_normal: Array) -> None:
-    """Move each particle, in place, by the motion and its own draw; `standard_normal` is (n, 3)."""
+    """Move each particle, in place, by the motion and its own draw of `standard_normal` (n, 3)."""
     _move(
         particles, standard_normal, motion.rotation1_rad, motion.translation_m,
         motion.rotation2_rad, motion.rotation1_std_rad, motion.translation_std_m,
@@ -82,8 +82,8 @@ def scan_log_weights(
 ) -> Array:
     """(n,) log-likelihood of a scan at each particle: the likelihood field model of table 6.3.
 
-    `particles` are in the map frame; `points_m` (m, 2) are the ends of the beams in the base's frame. Each beam's
-    term is multiplied by `beam_weight`.
+    `particles` are in the map frame; `points_m` (m, 2) are the ends of the beams in the base's
+    frame. Each beam's term is multiplied by `beam_weight`.
     """
     weights = np.empty(len(particles))
     points_m = np.ascontiguousarray(points_m)
@@ -99,7 +99,7 @@ def scan_log_weights(
 def fraction_near_walls(
     field: LikelihoodField, map_from_base: SE2, points_m: Array, tolerance_m: float
 ) -> float:
-    """Fraction of (n, 2) ends of beams, in the base's frame, that are within `tolerance_m` of a wall's face."""
+    """Fraction of (n, 2) ends of beams, in the base's frame, that lie near a wall's face."""
     pose = field.map_from_field.inverse() @ map_from_base
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     columns = np.floor((pose.x_m + points_m @ (c, -s)) / field.cell_m).astype(np.int64)
@@ -122,7 +122,7 @@ def effective_sample_size(weights: Array) -> float:
 
 
 def low_variance_resample(weights: Array, uniform: float, count: int) -> NDArray[np.int64]:
-    """(count,) indices drawn in proportion to the normalised weights with one number in [0, 1), table 4.4."""
+    """(count,) indices in proportion to normalised weights, by one draw in [0, 1): table 4.4."""
     indices: NDArray[np.int64] = _systematic(weights, uniform, count)
     return indices
 
@@ -130,7 +130,7 @@ def low_variance_resample(weights: Array, uniform: float, count: int) -> NDArray
 def kld_sample_size(
     particles: Array, bin_m: float, bin_rad: float, error: float, quantile: float
 ) -> int:
-    """Particles needed for the given Kullback-Leibler `error` at the standard normal `quantile` (table 8.4).
+    """Particles needed for a Kullback-Leibler `error` at a standard normal `quantile` (table 8.4).
 
     It grows with the number of bins in which particles lie.
     """
@@ -145,15 +145,9 @@ def kld_sample_size(
 
 
 def mean_and_covariance(particles: Array, weights: Array) -> tuple[SE2, Array]:
-    """Weighted mean pose, its yaw a circular mean, and the (3, 3) covariance of (x, y, yaw) about it."""
-    x_m, y_m = (float(v) for v in weights @ particles[:, :2])
-    yaw_rad = math.atan2(
-        float(weights @ np.sin(particles[:, 2])), float(weights @ np.cos(particles[:, 2]))
-    )
-    offsets = particles - (x_m, y_m, yaw_rad)
-    offsets[:, 2] = (offsets[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    covariance = (offsets * weights[:, None]).T @ offsets
-    return SE2(x_m, y_m, wrap_angle(yaw_rad)), covariance
+    """Weighted mean, its yaw a circular mean, and the (3, 3) covariance of (x, y, yaw) about it."""
+    mean, covariance = _moments(particles, weights)
+    return SE2(float(mean[0]), float(mean[1]), float(mean[2])), covariance
 
 
 def heaviest_cluster(
@@ -232,6 +226,33 @@ def _score(
             else:
                 total += outside
         weights[i] = total
+
+
+@njit(
+    "Tuple((float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])",
+    cache=True,
+)
+def _moments(particles: Array, weights: Array) -> tuple[Array, Array]:
+    mean = np.zeros(3)
+    cosine = 0.0
+    sine = 0.0
+    for i in range(particles.shape[0]):
+        mean[0] += weights[i] * particles[i, 0]
+        mean[1] += weights[i] * particles[i, 1]
+        cosine += weights[i] * math.cos(particles[i, 2])
+        sine += weights[i] * math.sin(particles[i, 2])
+    mean[2] = math.atan2(sine, cosine)
+    covariance = np.zeros((3, 3))
+    offset = np.zeros(3)
+    for i in range(particles.shape[0]):
+        offset[0] = particles[i, 0] - mean[0]
+        offset[1] = particles[i, 1] - mean[1]
+        turn = particles[i, 2] - mean[2]
+        offset[2] = (turn + math.pi) % (2.0 * math.pi) - math.pi
+        for j in range(3):
+            for k in range(3):
+                covariance[j, k] += weights[i] * offset[j] * offset[k]
+    return mean, covariance
 
 
 @njit("int64[::1](float64[::1], float64, int64)", cache=True)

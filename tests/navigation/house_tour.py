@@ -1,10 +1,11 @@
-"""A drive through the house, computed without physics: true poses, slipping odometry, and exact lidar scans."""
+"""A drive through the house without physics: true poses, slipping odometry, exact lidar scans."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,11 +86,10 @@ def as_ranges(exact_m: Array, rng: np.random.Generator | None) -> NDArray[np.flo
 
 @dataclass(frozen=True)
 class Drive:
-    """True poses at each sample of odometry, and for each scan its stamp, true pose and exact distances."""
+    """True poses at each sample of odometry; stamp and exact distances of each scan."""
 
     poses: list[SE2]
     scan_stamps_ns: list[int]
-    scan_poses: list[SE2]
     scan_exact_m: list[Array]
 
 
@@ -128,17 +128,16 @@ def tour(speed_m_s: float = 0.4, stations: int = len(STATIONS)) -> Drive:
             poses.append(pose @ SE2(speed * dt, 0.0, turn * dt))
         poses += [poses[-1]] * 45
     stamps = list(range(SCAN_OFFSET_NS, (len(poses) - 1) * ODOMETRY_NS, SCAN_NS))
-    truths = [interpolated(poses, stamp) for stamp in stamps]
-    exact = [cast(pose @ BASE_FROM_SCAN, wall_segments()) for pose in truths]
-    return Drive(poses, stamps, truths, exact)
+    exact = [cast(interpolated(poses, stamp) @ BASE_FROM_SCAN, wall_segments()) for stamp in stamps]
+    return Drive(poses, stamps, exact)
 
 
 def slipping_odometry(poses: list[SE2], rng: np.random.Generator) -> list[SE2]:
-    """Odometry of true poses with wheels that slip by 1 to 2 %, in and about their rolling, and with noise."""
+    """Odometry of wheels that slip by 1 to 2 %, in moves and in turns, and with noise."""
     signs = rng.choice([-1.0, 1.0], 2)
     move_scale, turn_scale = 1.0 + signs * rng.uniform(0.01, 0.02, 2)
     odometry = [SE2(1.0, -2.0, 0.5)]
-    for before, after in zip(poses, poses[1:], strict=False):
+    for before, after in pairwise(poses):
         step = before.inverse() @ after
         noise = rng.standard_normal(2) * (
             0.05 * abs(step.x_m),
@@ -155,7 +154,7 @@ def slipping_odometry(poses: list[SE2], rng: np.random.Generator) -> list[SE2]:
 
 def _dense(points: list[tuple[float, ...]]) -> list[tuple[float, float]]:
     line: list[tuple[float, float]] = []
-    for (x0, y0), (x1, y1) in zip(points, points[1:], strict=False):
+    for (x0, y0), (x1, y1) in pairwise(points):
         count = max(1, round(math.hypot(x1 - x0, y1 - y0) / 0.05))
         line += [(x0 + (x1 - x0) * i / count, y0 + (y1 - y0) * i / count) for i in range(count)]
     return [*line, (points[-1][0], points[-1][1])]

@@ -71,10 +71,8 @@ class Track:
     poses: list[SE2] = field(default_factory=list)
 
 
-def drive(
-    loc: Localization, drive: sim.Drive, seed: int = 0, clutter: float = 0.0
-) -> Track:
-    """Follow a drive; each scan arrives after the next sample of odometry, as it does on a network."""
+def drive(loc: Localization, drive: sim.Drive, seed: int = 0, clutter: float = 0.0) -> Track:
+    """Follow a drive; each scan arrives after the sample of odometry that follows it."""
     rng = np.random.default_rng(seed)
     track = Track()
     waiting = 0
@@ -114,7 +112,7 @@ def tour_track() -> Track:
 def marker_seen_from(
     map_from_base: SE2, rng: np.random.Generator, flipped_score: float = 0.2
 ) -> list[MarkerCandidate]:
-    """The right solution, noisy, and the one with the marker tilted to the other side of the ray."""
+    """The right solution, noisy, and the one that is tilted to the other side of the ray."""
     map_from_camera = map_from_base.matrix() @ BASE_FROM_CAMERA
     right = inverse_matrix(map_from_camera) @ MAP_FROM_MARKER
     right[:3, 3] += rng.standard_normal(3) * 0.01
@@ -239,9 +237,7 @@ class TestKidnapping:
         for i in range(50):
             loc.odometry(i * STEP_NS, SE2(0.0, 0.0, 0.0))
             feed(loc, i * STEP_NS, sim.scan_at(there, rng))
-            loc.marker(
-                i * STEP_NS, MAP_FROM_MARKER, marker_seen_from(there, rng), BASE_FROM_CAMERA
-            )
+            loc.marker(i * STEP_NS, MAP_FROM_MARKER, marker_seen_from(there, rng), BASE_FROM_CAMERA)
         assert loc.pose()[0].distance_m(there) < 0.05
         assert loc.converged
         assert loc.scan_match > 0.9
