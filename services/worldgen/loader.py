@@ -155,10 +155,10 @@ def _read_chain(name: str, worlds_dir: Path) -> _Chain:
     stem = name if name in known else SHORT_NAMES.get(name, name)
     if stem not in known:
         short = [f"{s} (short for {n})" for s, n in SHORT_NAMES.items() if n in known]
-        raise WorldError(
-            f"world_name: {name!r:.80}: must be one of {', '.join(known + short) or 'none: '}"
-            f"{'' if known else f'{_shown(worlds_dir)} holds no recipe'}"
-        )
+        if not known:
+            raise WorldError(f"world_name: {name!r:.80}: {_shown(worlds_dir)} holds no *.yaml")
+        names = ", ".join(known + short)
+        raise WorldError(f"world_name: {name!r:.80}: must be one of {names}")
     chain: _Chain = []
     path = worlds_dir / f"{stem}.yaml"
     while True:
@@ -305,11 +305,11 @@ def _fields(location: _Location) -> list[str]:
     schema: Any = Recipe.model_json_schema()
     definitions = schema["$defs"]
     for part in location:
-        inner = schema.get("properties", {}).get(part) or schema.get("additionalProperties") or {}
-        inner = inner.get("items", inner) if isinstance(part, int) or "$ref" not in inner else inner
-        if isinstance(part, int):
-            inner = schema
-        schema = definitions.get(inner.get("$ref", "").rpartition("/")[2], inner)
+        inner = schema["items"] if isinstance(part, int) else schema.get("properties", {}).get(part)
+        if inner is None:
+            # A mapping by names of the person's own: all its values are alike.
+            (inner,) = schema["patternProperties"].values()
+        schema = definitions[inner["$ref"].rpartition("/")[2]] if "$ref" in inner else inner
     return list(schema.get("properties", {}))
 
 
@@ -319,7 +319,8 @@ def _line(
     """`worlds/house.yaml: walls[3].length_m: -1: must be > 0`."""
     field = ""
     for part in location:
-        field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
+        index = isinstance(part, int) and field
+        field += f"[{part}]" if index else f".{part}" if field else str(part)
     said = "" if missing else f"{_value(value)}: "
     return _words(f"{_shown(_file_of(location, chain))}: {field}: {said}{must}")
 

@@ -24,6 +24,7 @@ class WorldgenNode(Node):
     """Loads the first world asked for, and keeps it: a request for another one is refused."""
 
     name = "worldgen"
+    _config: WorldgenConfig
     wakes = (WORLD_REQUEST,)
 
     def __init__(self, config: WorldgenConfig, load: Load = load_world) -> None:

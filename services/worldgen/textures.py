@@ -7,6 +7,7 @@ right, y down. Pictures are (side, side, 3) float64 RGB in 0..255 until they are
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import sys
@@ -16,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 Picture = NDArray[np.float64]
 Field = NDArray[np.float64]
@@ -184,26 +185,26 @@ def noise(
 
 def _upsample(values: Field, side_px: int) -> Field:
     """(side, side) pixels of (rows, columns) values by periodic Catmull-Rom interpolation."""
-    for axis in (0, 1):
-        count = values.shape[axis]
-        at = (np.arange(side_px) + 0.5) / side_px * count
-        first = np.floor(at).astype(int)
-        t = at - first
-        weights = (
-            ((-0.5 * t + 1.0) * t - 0.5) * t,
-            (1.5 * t - 2.5) * t * t + 1.0,
-            ((-1.5 * t + 2.0) * t + 0.5) * t,
-            (0.5 * t - 0.5) * t * t,
-        )
-        shape = (-1, 1) if axis == 0 else (1, -1)
-        values = sum(
-            (
-                np.take(values, (first + shift - 1) % count, axis) * weight.reshape(shape)
-                for shift, weight in enumerate(weights)
-            ),
-            start=np.zeros(1),
-        )
-    return values
+    rows, columns = (_interpolation(count, side_px) for count in values.shape)
+    return np.asarray((columns @ (rows @ values).T).T, np.float64)
+
+
+@functools.cache
+def _interpolation(count: int, side_px: int) -> sparse.csr_array:
+    """(side, count) weights that make pixels along one axis from `count` values around it."""
+    at = (np.arange(side_px) + 0.5) / side_px * count
+    first = np.floor(at).astype(int)
+    t = at - first
+    weights = (
+        ((-0.5 * t + 1.0) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1.0,
+        ((-1.5 * t + 2.0) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    )
+    columns = np.stack([(first + shift) % count for shift in (-1, 0, 1, 2)], axis=1)
+    rows = np.repeat(np.arange(side_px), 4)
+    entries = (np.stack(weights, axis=1).ravel(), (rows, columns.ravel()))
+    return sparse.csr_array(sparse.coo_array(entries, shape=(side_px, count)))
 
 
 def _coordinates(side_px: int) -> tuple[Field, Field]:
