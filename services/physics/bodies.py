@@ -2,12 +2,11 @@
 
 Contact figures. Bullet multiplies the two surfaces' friction: floor and walls have 1.0, so that the
 model's own coefficients hold: 1.0 for a tyre, 0 for a caster, which glides, 0.3 for the hull, which
-scrapes along a wall. Bullet's damping of bodies (4 % a second) is off: it would slow the robot down
-like treacle. With PyBullet's 50 solver iterations a wheel follows its motor to 1e-5; with 20 it
-lags by 0.4 % and the robot veers. Rolling straight, the robot then covers the distance of its
-wheels within 0.1 %. Turning on the spot it turns 0.5 % less than the wheels say: 0.35 % since the
-wheels stand 288 mm apart, while drive and odometry assume 287 mm as in the reference robot, the
-rest since tyres of 18 mm scrub.
+scrapes along a wall. Bullet's damping of bodies, 4 % a second, is off: a robot has none. With
+PyBullet's 50 solver iterations the standing robot creeps by 0.01 mm a second, with 20 by 0.1 mm.
+Rolling straight or in a curve, it covers the distance of its wheels within 0.2 %. It turns 0.35 %
+less than the wheels say, since they stand 288 mm apart, while drive and odometry assume 287 mm as
+in the reference robot.
 """
 
 from __future__ import annotations

@@ -55,6 +55,7 @@ class PhysicsNode(ClockNode):
     """
 
     name = "physics"
+    _config: PhysicsConfig
     wakes = (WORLD, ASSETS, DESIRED_ENTITIES)
 
     def __init__(self, config: PhysicsConfig) -> None:
