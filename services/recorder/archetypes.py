@@ -68,7 +68,6 @@ CUT_M = 1.0
 """Walls are drawn in two parts, so that the upper one can be hidden to look inside."""
 _TEXTURE_SIDE_PX = 512
 
-_POSE_NS = 60_000_000
 _PLOT_NS = 95_000_000
 _PATH_NS = 500_000_000
 _SECOND_NS = 1_000_000_000
@@ -135,9 +134,17 @@ def draw_start(canvas: Canvas) -> None:
     ):
         log(name, rr.CoordinateFrame(frame), _mesh(robot.body, tint=tint), static=True)
         for wheel in robot.wheels:
-            wheel_frame = _wheel_frame(frame, wheel.joint)
+            wheel_frame = f"{frame}/{wheel.joint}"
             mesh = _mesh(wheel.mesh, tint=tint)
             log(f"{name}/{wheel.joint}", rr.CoordinateFrame(wheel_frame), mesh, static=True)
+            if frame == BASE_FOOTPRINT_FRAME:
+                mount = rr.Transform3D(
+                    translation=wheel.base_from_joint[:3, 3],
+                    mat3x3=wheel.base_from_joint[:3, :3],
+                    parent_frame=frame,
+                    child_frame=wheel_frame,
+                )
+                log(f"joint_states/{wheel_frame}", mount, static=True)
     canvas.recording.at(canvas.now_ns)
     _turn_wheels(canvas, {wheel.joint: 0.0 for wheel in robot.wheels})
     for path, (name, color) in SERIES.items():
@@ -257,10 +264,15 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
 def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
     """Frames by name, as RViz has them: what hangs on one is drawn where it was then."""
     for entry in transforms.transforms:
-        stamp_ns = canvas.at(entry.header.stamp)
-        path = f"tf/{entry.child_frame_id}"
-        if canvas.due(path, stamp_ns, _POSE_NS):
-            canvas.recording.log(path, _transform(entry))
+        canvas.at(entry.header.stamp)
+        t, q = entry.transform.translation, entry.transform.rotation
+        canvas.recording.transform(
+            f"tf/{entry.child_frame_id}",
+            (t.x, t.y, t.z),
+            (q.x, q.y, q.z, q.w),
+            entry.header.frame_id,
+            entry.child_frame_id,
+        )
 
 
 def draw_tf_static(canvas: Canvas, transforms: msg.TFMessage) -> None:
@@ -363,17 +375,10 @@ def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
     canvas.comparison.add_truth(odometry)
     stamp_ns = canvas.at(odometry.header.stamp)
     pose = odometry.pose.pose
-    if canvas.due("ground_truth/odom", stamp_ns, _POSE_NS):
-        p, q = pose.position, pose.orientation
-        canvas.recording.log(
-            "ground_truth/odom",
-            rr.Transform3D(
-                translation=(p.x, p.y, p.z),
-                quaternion=rr.Quaternion(xyzw=(q.x, q.y, q.z, q.w)),
-                parent_frame=MAP_FRAME,
-                child_frame=TRUTH_FRAME,
-            ),
-        )
+    p, q = pose.position, pose.orientation
+    canvas.recording.transform(
+        "ground_truth/odom", (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), MAP_FRAME, TRUTH_FRAME
+    )
     _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, _TRUTH)
     if canvas.due("ground_truth/odom/twist", stamp_ns, _PLOT_NS):
         _draw_twist(canvas, "ground_truth/odom", odometry.twist.twist)
@@ -490,7 +495,7 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
     stamp_ns = canvas.at(estimate.header.stamp)
     pose = estimate.pose.pose
     _draw_trail(canvas, "amcl_pose/path", pose, 0.035, _ESTIMATE)
-    if canvas.due("amcl_pose", stamp_ns, _PLOT_NS):
+    if canvas.due("amcl_pose", stamp_ns, _PATH_NS):
         covariance = np.asarray(estimate.pose.covariance).reshape(6, 6)[:2, :2]
         variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
         turn = math.atan2(float(axes[1, 1]), float(axes[0, 1]))
@@ -679,7 +684,7 @@ def _say_refused(canvas: Canvas, path: str, refused: Iterable[doc.Refusal]) -> N
 
 
 def _scalar(canvas: Canvas, path: str, value: float) -> None:
-    canvas.recording.log(path, rr.Scalars(value))
+    canvas.recording.scalar(path, float(value))
 
 
 def _frame(canvas: Canvas, path: str, frame: str) -> None:
@@ -831,12 +836,8 @@ def _transform(entry: msg.TransformStamped) -> rr.Transform3D:
     )
 
 
-def _wheel_frame(robot_frame: str, joint: str) -> str:
-    return f"{robot_frame}/{joint}"
-
-
 def _turn_wheels(canvas: Canvas, angles: dict[str, float]) -> None:
-    """Put the wheels of both robots at their angles. The time must be set."""
+    """Put the wheels of the true robot at their angles. The time must be set."""
     for wheel in canvas.robot.wheels:
         if wheel.joint not in angles:
             continue
@@ -844,18 +845,12 @@ def _turn_wheels(canvas: Canvas, angles: dict[str, float]) -> None:
         half_sine = math.sin(angle_rad / 2.0)
         x, y, z = (float(v) * half_sine for v in axis)
         turn = rotation_from_quaternion(x, y, z, math.cos(angle_rad / 2.0))
-        rotation = wheel.base_from_joint[:3, :3] @ turn
-        for frame in (TRUTH_FRAME, BASE_FOOTPRINT_FRAME):
-            child = _wheel_frame(frame, wheel.joint)
-            canvas.recording.log(
-                f"joint_states/{child}",
-                rr.Transform3D(
-                    translation=wheel.base_from_joint[:3, 3],
-                    quaternion=rr.Quaternion(xyzw=quaternion_from_rotation(rotation)),
-                    parent_frame=frame,
-                    child_frame=child,
-                ),
-            )
+        xyzw = quaternion_from_rotation(wheel.base_from_joint[:3, :3] @ turn)
+        x_m, y_m, z_m = (float(v) for v in wheel.base_from_joint[:3, 3])
+        child = f"{TRUTH_FRAME}/{wheel.joint}"
+        canvas.recording.transform(
+            f"joint_states/{child}", (x_m, y_m, z_m), xyzw, TRUTH_FRAME, child
+        )
 
 
 def _corners(pose: msg.Pose, size_m: Array) -> NDArray[np.float64]:

@@ -14,8 +14,8 @@ from urllib.parse import quote, urlsplit
 import rerun as rr
 
 from services.common.config import ConfigError
-from services.recorder.recording import APPLICATION
 
+_WAITING = "waiting for a run"
 _PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
 
 
@@ -41,13 +41,17 @@ class LiveView:
         check_port_free("grpc_port", bind, grpc_port)
         loopback = "127.0.0.1" if bind in ("", "0.0.0.0") else bind
         self.url = f"rerun+http://{loopback}:{grpc_port}/proxy"
-        self._server = rr.RecordingStream(APPLICATION, recording_id="live", send_properties=False)
+        # The server outlives every run, so it hangs on a recording of its own.
+        self._server = rr.RecordingStream(_WAITING, recording_id="waiting", send_properties=False)
         try:
             self._server.set_sinks(
                 rr.GrpcServerSink(bind, grpc_port, server_memory_limit=f"{memory_mib}MiB")
             )
         except (RuntimeError, OSError) as error:
             raise ConfigError(f"grpc_port: port {grpc_port} on {bind}: {error}") from error
+        self._server.send_recording_name(_WAITING)
+        text = rr.TextDocument("Waiting for a run. It will show here.")
+        self._server.log("waiting", text, static=True)
         self._page = WebPage(bind, web_port, grpc_port)
 
     def close(self) -> None:

@@ -52,6 +52,7 @@ class RecorderNode(Node):
     """Keeps one folder a run. A run is one world, from one start of its simulation to its end."""
 
     name = "recorder"
+    _config: RecorderConfig
     period_ns = 100_000_000
     wakes = tuple(topic for topic in read_by("recorder") if topic.rate_hz is None)
     depth = 64

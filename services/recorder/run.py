@@ -41,6 +41,8 @@ _LOG = logging.getLogger("recorder")
 
 FLUSH_PERIOD_S = 0.5
 """Wall time: what a killed recorder may lose."""
+SEND_PERIOD_S = 0.25
+"""Wall time by which the live view may lag."""
 SUMMARY_PERIOD_S = 5.0
 SPACE_PERIOD_S = 5.0
 """Wall time between looks at a disk that was full."""
@@ -94,7 +96,7 @@ class Run:
         self._start: tuple[float, int] | None = None
         self._end: tuple[float, int] = (0.0, now_ns)
         now_s = setting.wall_clock_s()
-        self._flushed_s = self._summarised_s = self._looked_s = now_s
+        self._sent_s = self._flushed_s = self._summarised_s = self._looked_s = now_s
         for topic, message in setting.fixed.items():
             self._judge_one(topic, message)
         self._open_recording(now_ns)
@@ -112,6 +114,10 @@ class Run:
         """Bring what is due to the disk."""
         self._counts = counts
         now_s = self._setting.wall_clock_s()
+        if self._setting.live_url is not None and now_s - self._sent_s >= SEND_PERIOD_S:
+            self._sent_s = now_s
+            if self._canvas is not None:
+                self._canvas.recording.send_transforms()
         if now_s - self._flushed_s >= FLUSH_PERIOD_S:
             self._flushed_s = now_s
             self._flush()

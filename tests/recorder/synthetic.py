@@ -1,4 +1,4 @@
-"""A run made by hand: a robot that drives a circle in a small walled room, and every topic's messages."""
+"""A run made by hand: a robot drives a circle in a walled room, and every topic has messages."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def png(pixels: NDArray[np.uint8]) -> tuple[str, msg.CompressedImage]:
 def checker(first: tuple[int, int, int], second: tuple[int, int, int]) -> NDArray[np.uint8]:
     """A BGR picture of 64 x 64 pixels in two colours."""
     squares = (np.indices((64, 64)) // 16).sum(axis=0) % 2
-    return np.array([first, second], np.uint8)[squares]
+    return np.asarray(np.array([first, second], np.uint8)[squares], np.uint8)
 
 
 def marker_picture(marker_id: int) -> NDArray[np.uint8]:
     """A marker with a quiet zone of one module."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
-    picture = cv2.aruco.generateImageMarker(dictionary, marker_id, 180)
-    return cv2.copyMakeBorder(picture, 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255)
+    picture = np.asarray(cv2.aruco.generateImageMarker(dictionary, marker_id, 180), np.uint8)
+    return np.pad(picture, 30, constant_values=255)
 
 
 BRICKS, _BRICKS_ASSET = png(checker((40, 60, 200), (60, 90, 230)))
@@ -133,7 +133,7 @@ def true_pose(now_ns: int) -> SE2:
 
 
 def driving(world: doc.World, seconds: float, start_ns: int = 0) -> Iterator[Said]:
-    """Everything said while the robot drives, at about the table's rates, with the last goal's end."""
+    """Everything said while the robot drives, at about the table's rates; at last a goal ends."""
     goal = doc.Planar(x_m=1.0, y_m=1.0, yaw_rad=0.0)
     pose_message = msg.pose_from_se2(goal.se2())
     yield start_ns, table.GOAL_POSE, msg.PoseStamped(msg.header(start_ns, "map"), pose_message)
@@ -171,18 +171,26 @@ def _fast(now_ns: int) -> Iterator[Said]:
     yield now_ns, table.GROUND_TRUTH_ODOM, _odometry(now_ns, truth, "map")
     yield now_ns, table.ODOM, _odometry(now_ns, truth, "odom")
     map_from_odom = SE2(ERROR_M, 0.0, 0.0)
-    yield now_ns, table.TF, msg.TFMessage(
-        [
-            msg.transform_stamped(now_ns, "odom", "base_footprint", truth.matrix()),
-            msg.transform_stamped(now_ns, "map", "odom", map_from_odom.matrix()),
-        ]
+    yield (
+        now_ns,
+        table.TF,
+        msg.TFMessage(
+            [
+                msg.transform_stamped(now_ns, "odom", "base_footprint", truth.matrix()),
+                msg.transform_stamped(now_ns, "map", "odom", map_from_odom.matrix()),
+            ]
+        ),
     )
-    yield now_ns, table.JOINT_STATES, msg.JointState(
-        header,
-        ["wheel_left_joint", "wheel_right_joint"],
-        np.array([wheel, wheel]),
-        np.array([6.0, 6.0]),
-        np.zeros(0),
+    yield (
+        now_ns,
+        table.JOINT_STATES,
+        msg.JointState(
+            header,
+            ["wheel_left_joint", "wheel_right_joint"],
+            np.array([wheel, wheel]),
+            np.array([6.0, 6.0]),
+            np.zeros(0),
+        ),
     )
     zero = msg.Vector3(0.0, 0.0, 0.2)
     q = msg.Quaternion(0.0, 0.0, 0.0, 1.0)
@@ -232,13 +240,17 @@ def _slow(world: doc.World, now_ns: int, step: int) -> Iterator[Said]:
         world_hash=world.hash, sim_time_s=now_ns * 1e-9, iterations=step, step_size_s=1 / 240,
         renderer="moderngl (hand-made)", state_hash=f"{step:08x}",
     )  # fmt: skip
-    yield now_ns, table.DIAGNOSTICS, msg.DiagnosticArray(
-        header,
-        [
-            msg.DiagnosticStatus(
-                0, "navigation", "active", "", [msg.KeyValue("rejected /scan: not finite", "2")]
-            )
-        ],
+    yield (
+        now_ns,
+        table.DIAGNOSTICS,
+        msg.DiagnosticArray(
+            header,
+            [
+                msg.DiagnosticStatus(
+                    0, "navigation", "active", "", [msg.KeyValue("rejected /scan: not finite", "2")]
+                )
+            ],
+        ),
     )
     yield now_ns, table.ROSOUT, msg.Log(header.stamp, 20, "physics", "all well", "a.py", "f", 3)
 
@@ -313,5 +325,3 @@ class WallClock:
     def __call__(self) -> float:
         self.now_s += self.tick_s
         return self.now_s
-
-
