@@ -1,4 +1,4 @@
-"""A run judged by the ground truth: how well the robot knew where it was, saw the markers, and drove."""
+"""A run judged by the ground truth: how well the robot localised, saw the markers, and drove."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from array import array
 from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from services.common.documents import (
     NavigationResult,
     World,
 )
-from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle, yaw_from_quaternion
+from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
 from services.recorder.shortest_path import ShortestPath
@@ -36,8 +36,14 @@ SAME_PLACE_M = 1e-3
 JITTER_M = 2e-3
 """Displacements shorter than this are the trembling of a robot at rest, and no path."""
 
+P = TypeVar("P")
+_Pending = deque[tuple[int, P]]
+# What waits for the truth, with its stamp.
+
 _TRUTH_DEPTH = 30 * 3600
 _PENDING_DEPTH = 1000
+_FOREVER_NS = 1 << 62
+_Judged = tuple[NavigationResult, GoalReport]
 
 
 class RunEvaluation:
@@ -56,7 +62,8 @@ class RunEvaluation:
       world's start pose, and where it is, at the newest odometry message.
     - markers seen: the number of images in which each marker of the world was detected.
     - a goal is reached where navigation says so and the robot truly stands within 0.25 m and
-      0.25 rad of it.
+      0.25 rad of it; its path is the true one, from the start to the end that navigation names,
+      and its shortest path leads from where the robot truly stood at its start.
     """
 
     def __init__(self, world: World) -> None:
@@ -66,14 +73,15 @@ class RunEvaluation:
         self._odometer = _Odometer()
         self._entities: tuple[Entity, ...] = ()
         self._static: list[msg.TransformStamped] = []
-        self._estimates: deque[tuple[int, SE2]] = deque(maxlen=_PENDING_DEPTH)
-        self._odometry: deque[tuple[int, SE2]] = deque(maxlen=_PENDING_DEPTH)
-        self._detections: deque[msg.Detection3DArray] = deque(maxlen=_PENDING_DEPTH)
-        self._results: deque[NavigationResult] = deque()
-        self._goals: list[GoalReport] = []
+        self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
+        self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
+        self._detections: _Pending[msg.Detection3DArray] = deque(maxlen=_PENDING_DEPTH)
+        self._results: _Pending[NavigationResult] = deque(maxlen=_PENDING_DEPTH)
+        self._goals: list[_Judged] = []
         self._goal_stamps_ns: set[int] = set()
         self._contacts: list[Contact] = []
         self._seen: Counter[str] = Counter()
+        self._error_stamps_ns = array("q")
         self._error_m, self._error_rad = array("d"), array("d")
         self._marker_error_m = array("d")
         self._drift_m = 0.0
@@ -88,10 +96,12 @@ class RunEvaluation:
         self._static = list(known.values())
 
     def add_ground_truth(self, odometry: msg.Odometry) -> None:
-        """Take in the true pose, map from base_footprint."""
+        """Take in the true pose, map from base_footprint; one older than the newest is left out."""
         stamp_ns = ns_from_time(odometry.header.stamp)
         pose = matrix_from_pose(odometry.pose.pose)
-        if self._truth.add(stamp_ns, pose):
+        newest_ns = self._truth.newest_ns
+        if newest_ns is None or stamp_ns > newest_ns:
+            self._truth.add(stamp_ns, pose)
             self._odometer.add(stamp_ns, float(pose[0, 3]), float(pose[1, 3]))
         self._settle()
 
@@ -110,7 +120,7 @@ class RunEvaluation:
         classes = {d.results[0].hypothesis.class_id for d in detections.detections if d.results}
         self._seen.update(sorted(classes))
         if detections.detections:
-            self._detections.append(detections)
+            self._detections.append((ns_from_time(detections.header.stamp), detections))
 
     def add_contact(self, contact: Contact) -> None:
         """Take in a contact."""
@@ -123,7 +133,7 @@ class RunEvaluation:
     def add_result(self, result: NavigationResult) -> None:
         """Take in how a goal ended."""
         self._goal_stamps_ns.add(result.goal_stamp_ns)
-        self._results.append(result)
+        self._results.append((_ns(result.end_time_s), result))
 
     def evaluation(self, recording: str = "") -> Evaluation:
         """The run so far.
@@ -132,11 +142,8 @@ class RunEvaluation:
         one is there. Before the first true pose, no goal is judged.
         """
         self._settle()
-        provisional = (
-            [] if self._truth.newest_ns is None else [self._judge(r) for r in self._results]
-        )
         return Evaluation(
-            goals=(*self._goals, *provisional),
+            goals=tuple(self._reports()),
             contacts=tuple(self._contacts),
             markers_seen={
                 class_id: self._seen[class_id]
@@ -149,48 +156,59 @@ class RunEvaluation:
             recording=recording,
         )
 
-    def summary(self, recording: str = "") -> dict[str, Any]:
-        """The evaluation as JSON values, with the run's totals.
+    def totals(self) -> dict[str, Any]:
+        """What the evaluation does not hold of the run as a whole, as JSON values.
 
-        `goals_sent`, `goals_reached`; `sim_time_s`, the stamp of the newest true pose; `distance_m`,
-        the length driven; `spl`, success weighted by path length over the goals that have ended
-        (mean of reached x shortest / max(driven, shortest), https://arxiv.org/abs/1807.06757), None
-        where no goal has.
+        `distance_m` is the length driven, and `spl` success weighted by path length,
+        https://arxiv.org/abs/1807.06757: the mean over the goals that have ended of reached x
+        shortest / max(driven, shortest); None where no goal has.
         """
-        evaluation = self.evaluation(recording)
-        weights = [_path_efficiency(goal) for goal in evaluation.goals]
+        self._settle()
+        reports = self._reports()
         return {
-            "world": self._world.name,
-            "world_hash": self._world.hash,
-            "sim_time_s": (self._truth.newest_ns or 0) / 1e9,
             "distance_m": self._odometer.total_m,
             "goals_sent": len(self._goal_stamps_ns),
-            "goals_reached": sum(goal.reached for goal in evaluation.goals),
-            "spl": sum(weights) / len(weights) if weights else None,
-            **evaluation.model_dump(mode="json"),
+            "goals_reached": sum(report.reached for report in reports),
+            "spl": sum(map(_path_efficiency, reports)) / len(reports) if reports else None,
         }
+
+    def _reports(self) -> list[GoalReport]:
+        """The goals that have ended, with what was seen on the way up to now."""
+        provisional = [judged for _, result in self._results for judged in self._judge(result)]
+        return [self._with_way(result, report) for result, report in (*self._goals, *provisional)]
+
+    def _with_way(self, result: NavigationResult, report: GoalReport) -> GoalReport:
+        start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
+        stamps_ns = np.asarray(self._error_stamps_ns, np.int64)
+        errors_m = np.asarray(self._error_m)[(start_ns <= stamps_ns) & (stamps_ns <= end_ns)]
+        times_ns = (_ns(contact.time_s) for contact in self._contacts)
+        return report.model_copy(
+            update={
+                "localisation_error_m": float(errors_m.mean()) if len(errors_m) else 0.0,
+                "contacts": sum(start_ns <= time_ns <= end_ns for time_ns in times_ns),
+            }
+        )
 
     def _settle(self) -> None:
         """Hold what waits against the truth, as far as the truth goes."""
         newest_ns = self._truth.newest_ns
         if newest_ns is None:
             return
-        while self._estimates and self._estimates[0][0] <= newest_ns:
-            stamp_ns, estimate = self._estimates.popleft()
+        for stamp_ns, estimate in _take_until(newest_ns, self._estimates):
             true_pose = self._true_pose(stamp_ns)
             if true_pose is not None:
+                self._error_stamps_ns.append(stamp_ns)
                 self._error_m.append(estimate.distance_m(true_pose))
                 self._error_rad.append(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
         map_from_start = self._world.start.se2()
-        while self._odometry and self._odometry[0][0] <= newest_ns:
-            stamp_ns, odom_from_base = self._odometry.popleft()
+        for stamp_ns, odom_from_base in _take_until(newest_ns, self._odometry):
             true_pose = self._true_pose(stamp_ns)
             if true_pose is not None:
                 self._drift_m = (map_from_start @ odom_from_base).distance_m(true_pose)
-        while self._detections and ns_from_time(self._detections[0].header.stamp) <= newest_ns:
-            self._judge_detections(self._detections.popleft())
-        while self._results and _ns(self._results[0].end_time_s) <= newest_ns:
-            self._goals.append(self._judge(self._results.popleft()))
+        for _, detections in _take_until(newest_ns, self._detections):
+            self._judge_detections(detections)
+        for _, result in _take_until(newest_ns, self._results):
+            self._goals.extend(self._judge(result))
 
     def _true_pose(self, stamp_ns: int, hold_ns: int = 0) -> SE2 | None:
         matrix = self._truth.at(stamp_ns, hold_ns)
@@ -215,17 +233,16 @@ class RunEvaluation:
                     min(float(np.linalg.norm(seen_at - e.position_m)) for e in entities)
                 )
 
-    def _judge(self, result: NavigationResult) -> GoalReport:
-        """The report of a goal; there is at least one true pose."""
+    def _judge(self, result: NavigationResult) -> list[_Judged]:
+        """A goal and its report; none before the first true pose."""
         start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
-        forever_ns = 1 << 62
-        start, end = self._true_pose(start_ns, forever_ns), self._true_pose(end_ns, forever_ns)
-        assert start is not None  # noqa: S101
-        assert end is not None  # noqa: S101
+        start, end = self._true_pose(start_ns, _FOREVER_NS), self._true_pose(end_ns, _FOREVER_NS)
+        if start is None or end is None:
+            return []
         goal = result.goal.se2()
         error_m = end.distance_m(goal)
         error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
-        return GoalReport(
+        report = GoalReport(
             name=self._name(goal),
             reached=(
                 result.error_code == 0
@@ -241,6 +258,7 @@ class RunEvaluation:
             error_code=result.error_code,
             error_msg=result.error_msg,
         )
+        return [(result, report)]
 
     def _name(self, goal: SE2) -> str:
         for location in self._world.locations:
@@ -250,7 +268,7 @@ class RunEvaluation:
 
 
 class _Odometer:
-    """The length of a path by time, from positions; a place within `JITTER_M` of the last is the same."""
+    """The length of a path by time; a place within `JITTER_M` of the last one is the same."""
 
     def __init__(self) -> None:
         self.total_m = 0.0
@@ -278,6 +296,16 @@ def _planar(matrix: Array) -> SE2:
     return SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw_rad)
 
 
+def _take_until(newest_ns: int, pending: _Pending[P]) -> list[tuple[int, P]]:
+    """Take out what is stamped no later than the newest truth."""
+    ready = [entry for entry in pending if entry[0] <= newest_ns]
+    if ready:
+        waiting = [entry for entry in pending if entry[0] > newest_ns]
+        pending.clear()
+        pending.extend(waiting)
+    return ready
+
+
 def _ns(time_s: float) -> int:
     return round(time_s * 1e9)
 
@@ -294,4 +322,5 @@ def _statistics(errors: Iterable[float]) -> ErrorStatistics:
 def _path_efficiency(goal: GoalReport) -> float:
     if not goal.reached or goal.shortest_path_m is None:
         return 0.0
-    return goal.shortest_path_m / max(goal.path_length_m, goal.shortest_path_m, JITTER_M)
+    longer_m = max(goal.path_length_m, goal.shortest_path_m)
+    return goal.shortest_path_m / longer_m if longer_m > 0.0 else 1.0

@@ -24,10 +24,10 @@ _TOUCH_M = 1e-6
 
 
 class ShortestPath:
-    """Shortest ways of a disc among walls, by the visibility graph of the walls grown by its radius.
+    """Shortest ways of a disc, by the visibility graph of the walls grown by its radius.
 
-    Such a way bends only at convex corners of the grown walls, and passes each of them tangentially,
-    so that the graph holds these corners and the tangential segments between them that no obstacle
+    Such a way bends only at convex corners of the grown walls and passes each of them tangentially:
+    the graph holds these corners, and the tangential segments between them that no obstacle
     crosses. A round corner is drawn with 48 segments to the full turn: a way is too short by less
     than 0.1 % of what it runs along round corners.
     """
@@ -56,7 +56,7 @@ class ShortestPath:
             self._edges[j].append((i, length_m))
 
     def length_m(self, start_xy: tuple[float, float], goal_xy: tuple[float, float]) -> float | None:
-        """Length in metres of the shortest way between two points of the map; None where there is none.
+        """Length of the shortest way between two points of the map; None where there is no way.
 
         A point nearer to a wall than the radius is first moved to the nearest place where the disc
         fits, and the way there counts; one farther than the radius from any such place has no way.
@@ -107,7 +107,7 @@ class ShortestPath:
         return list(zip(candidates[seen].tolist(), lengths_m[seen].tolist(), strict=True))
 
     def _tangent(self, corners: NDArray[np.int64], towards: Array) -> NDArray[np.bool_]:
-        """Whether the line from each corner through a point leaves both its neighbours on one side."""
+        """Whether the line from each corner through a point has both its neighbours on one side."""
         here = self._corners[corners]
         way = towards - here
         before = _cross(way, self._before[corners] - here)
