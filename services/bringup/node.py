@@ -49,6 +49,7 @@ class BringupNode(Node):
     """The life of a run, from the request for a world to the table of its tour."""
 
     name = "bringup"
+    _config: BringupConfig
     period_ns = 100_000_000
     wakes = (WORLD_STATUS, WORLD, NAVIGATION_STATUS, NAVIGATION_RESULT, EVALUATION)
 

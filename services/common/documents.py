@@ -11,7 +11,7 @@ import hashlib
 import json
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from services.common.frames import SE2
 
@@ -208,6 +208,13 @@ class NavigationResult(Document):
     start_time_s: Finite
     end_time_s: Finite
     number_of_recoveries: int = 0
+
+
+class Parameters(Document):
+    """The configuration with which a service runs."""
+
+    service: str
+    values: dict[str, JsonValue]
 
 
 class ErrorStatistics(Document):

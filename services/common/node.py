@@ -13,6 +13,8 @@ from typing import Any, ClassVar, TypeVar, cast
 import numpy as np
 
 from services.common import wire
+from services.common.config import ServiceConfig
+from services.common.documents import Parameters
 from services.common.topics import Delivery, Topic, read_by
 
 M = TypeVar("M")
@@ -44,6 +46,7 @@ class Node(ABC):
     depth: ClassVar[int] = 0
     """Messages of a LATEST topic to keep where that is more than the topic's own depth."""
 
+    _config: ServiceConfig
     world_hash: str = ""
     """The world this node works in; empty before it has one."""
     exit_code: int | None = None
@@ -52,6 +55,10 @@ class Node(ABC):
     @abstractmethod
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in what is new, advance to `now_ns`, put out what is due."""
+
+    def parameters(self) -> Parameters:
+        """The configuration with which this node runs."""
+        return Parameters(service=self.name, values=self._config.model_dump(mode="json"))
 
     def waiting_for(self) -> str | None:
         """The one thing this node cannot work without and does not have yet, in words; None: it is

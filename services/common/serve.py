@@ -20,7 +20,7 @@ from services.common.config import ConfigError, ServiceConfig, fail, load
 from services.common.diagnostics import diagnostics
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Node, Outbox, Trigger
-from services.common.topics import CLOCK, DIAGNOSTICS
+from services.common.topics import CLOCK, DIAGNOSTICS, PARAMETERS
 
 if TYPE_CHECKING:
     import zenoh
@@ -101,6 +101,7 @@ class _Service:
         clock = None
         if not isinstance(self._node, ClockNode):
             clock = subscribe(session, CLOCK, self._on_clock, self._bus_config.prefix)
+        outbox.put(PARAMETERS, self._node.parameters())
         bus.announce()
         self._log.info("connected to %s", self._bus_config.connect)
         try:

@@ -188,6 +188,10 @@ EVALUATION = Topic(
     "/evaluation", doc.Evaluation, ("recorder",), ("bringup",), _LATCHED,
     "the run judged by the ground truth", rate_hz=1,
 )  # fmt: skip
+PARAMETERS = Topic(
+    "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
+    "the configuration with which each service runs",
+)  # fmt: skip
 DIAGNOSTICS = Topic(
     "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
     "state of each service, what it waits for, what it rejected", rate_hz=1, depth=20,

@@ -11,7 +11,7 @@ from typing import Protocol
 from services.common.diagnostics import diagnostics
 from services.common.log import RosoutHandler
 from services.common.node import ClockNode, Envelope, Inbox, Node, Outbox, Trigger
-from services.common.topics import DIAGNOSTICS, SERVICES, Topic
+from services.common.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Topic
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
@@ -78,6 +78,9 @@ class Executive:
         self.now_ns = 0
         ordered = sorted(nodes, key=lambda node: SERVICES.index(node.name))
         self._seats = [_Seat(node, *transport.connect(node), Trigger(node)) for node in ordered]
+        for seat in self._seats:
+            seat.outbox.put(PARAMETERS, seat.node.parameters())
+            transport.settle(seat.node, seat.outbox)
         (self._clock,) = (node for node in ordered if isinstance(node, ClockNode))
 
     @property

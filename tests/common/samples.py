@@ -175,6 +175,7 @@ SAMPLES: dict[Topic[Any], Any] = {
         ),
         markers_seen={"60": 3},
     ),
+    table.PARAMETERS: doc.Parameters(service="physics", values={"seed": 7}),
     table.DIAGNOSTICS: msg.DiagnosticArray(
         HEADER, [msg.DiagnosticStatus(0, "physics", "ok", "", [msg.KeyValue("a", "b")])]
     ),

@@ -59,7 +59,7 @@ def test_the_table_of_topics_is_sound() -> None:
         assert topic.owners, f"{topic.name}: name an owner"
         assert set(topic.owners) <= {*SERVICES, EDGE}, f"{topic.name}: unknown owner"
         assert set(topic.readers) <= set(SERVICES), f"{topic.name}: unknown reader"
-        everyones = topic.name in {"/diagnostics", "/rosout"}
+        everyones = topic.name in {"/diagnostics", "/rosout", "/parameters"}
         assert everyones or not set(topic.owners) & set(topic.readers), topic.name
         assert topic.rate_hz is None or topic.rate_hz > 0
         assert topic.depth >= 1
@@ -69,7 +69,7 @@ def test_the_table_of_topics_is_sound() -> None:
 def test_a_node_uses_the_topics_that_the_table_gives_it(service: str) -> None:
     text = "\n".join(p.read_text() for p in (ROOT / "services" / service).glob("*.py"))
     used = {name for name in CONSTANTS if re.search(rf"\b{name}\b", text)}
-    loop = {"DIAGNOSTICS", "ROSOUT"}
+    loop = {"DIAGNOSTICS", "ROSOUT", "PARAMETERS"}
     for name in CONSTANTS:
         topic = getattr(topics, name)
         mine = service in topic.owners or service in topic.readers
@@ -116,7 +116,9 @@ def test_tests_do_not_sleep() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 asleep = node.func.attr == "sleep"
                 if asleep and isinstance(node.args[0], ast.Constant):
-                    assert node.args[0].value <= 0.2, f"{path}: wait for a condition instead"
+                    length = node.args[0].value
+                    short = isinstance(length, float | int) and length <= 0.2
+                    assert short, f"{path}: wait for a condition instead"
 
 
 def test_the_page_of_topics_is_current() -> None:

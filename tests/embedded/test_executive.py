@@ -1,5 +1,6 @@
 import pytest
 
+from services.common.config import ServiceConfig
 from services.common.node import ClockNode, Inbox, Node, Outbox
 from services.common.topics import CLOCK, CMD_VEL, DIAGNOSTICS, SCAN
 from services.embedded.executive import Executive, MemoryTransport, StalledError
@@ -10,6 +11,7 @@ STEP_NS = 1_000_000
 
 class Physics(ClockNode):
     name = "physics"
+    _config = ServiceConfig()
 
     def __init__(self, log: list[str]) -> None:
         self.log = log
@@ -32,6 +34,7 @@ class Physics(ClockNode):
 
 class Navigation(Node):
     name = "navigation"
+    _config = ServiceConfig()
     wakes = (SCAN,)
 
     def __init__(self, log: list[str]) -> None:
@@ -47,6 +50,7 @@ class Navigation(Node):
 
 class Bringup(Node):
     name = "bringup"
+    _config = ServiceConfig()
     period_ns = 10 * STEP_NS
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
@@ -87,6 +91,7 @@ def test_a_simulation_that_stands_still_says_who_waits_for_what() -> None:
 def test_each_node_tells_of_itself_once_a_second() -> None:
     class Recorder(Node):
         name = "recorder"
+        _config = ServiceConfig()
         wakes = (CLOCK, DIAGNOSTICS)
         told: list[str] = []  # noqa: RUF012
 
