@@ -79,6 +79,7 @@ class NavigationNode(Node):
     """Localises the robot in the map and drives it to goals."""
 
     name: ClassVar[str] = "navigation"
+    _config: NavigationConfig
     period_ns: ClassVar[int | None] = CONTROL_PERIOD_NS
 
     def __init__(self, config: NavigationConfig) -> None:
