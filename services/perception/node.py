@@ -45,6 +45,7 @@ class PerceptionNode(Node):
     """
 
     name = "perception"
+    _config: PerceptionConfig
     wakes = (CAMERA_IMAGE, CAMERA_INFO)
     depth = 4
 
