@@ -19,6 +19,7 @@ class SpawnerNode(Node):
     """Latches, for the world that runs, the set of entities that should stand in it."""
 
     name = "spawner"
+    _config: SpawnerConfig
     wakes = (WORLD,)
 
     def __init__(self, config: SpawnerConfig) -> None:
