@@ -57,7 +57,6 @@ class PhysicsNode(ClockNode):
     name = "physics"
     _config: PhysicsConfig
     wakes = (WORLD, ASSETS, DESIRED_ENTITIES)
-    _config: PhysicsConfig
 
     def __init__(self, config: PhysicsConfig) -> None:
         """Raises ConfigError where the robot's model or the renderer asked for cannot be had."""
