@@ -94,10 +94,10 @@ class Marker(Document):
     centre.
     """
 
-    id: Annotated[int, Field(ge=0)]
+    id: Annotated[int, Field(ge=0, le=100_000)]
     dictionary: str = "DICT_4X4_100"
     size_m: Positive = Field(0.3, description="side of the black square")
-    quiet_zone_modules: Annotated[int, Field(ge=1)] = 1
+    quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = 1
     wall: str
     side: Literal["left", "right"] = Field(
         description="the face towards the wall's +y axis (left) or -y axis (right)"

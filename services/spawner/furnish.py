@@ -40,8 +40,6 @@ def furnish(
             side_m = texture.panel_side_m(marker)
             panel = hang(name, marker, walls[marker.wall], side_m, config.panel_gap_m)
             reason = placement.problem(panel, hanging, marker.wall)
-        if not reason:
-            reason = texture.texture_problem(marker)
         if reason:
             refused.append(Refusal(name=name, reason=reason))
             continue

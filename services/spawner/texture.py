@@ -11,7 +11,6 @@ from services.common.documents import Marker
 
 MAX_SIDE_PX = 2048
 """As large as a renderer takes."""
-MIN_MODULE_PX = 4
 
 # OpenCV has some of the AprilTag families under two spellings.
 _DICTIONARIES = {
@@ -45,18 +44,8 @@ def panel_side_m(marker: Marker) -> float:
     return marker.size_m * (black + 2 * marker.quiet_zone_modules) / black
 
 
-def texture_problem(marker: Marker) -> str:
-    """Why the marker cannot be drawn; empty where it can."""
-    most = MAX_SIDE_PX // MIN_MODULE_PX
-    side = modules(marker) + 2 * marker.quiet_zone_modules
-    if side > most:
-        at_most = (most - modules(marker)) // 2
-        return f"quiet_zone_modules: {marker.quiet_zone_modules}: must be at most {at_most}"
-    return ""
-
-
 def draw(marker: Marker, module_px: int) -> bytes:
-    """PNG of a marker that has no problem, its top row up as one looks at it.
+    """PNG of a marker that exists, its top row up as one looks at it.
 
     Each module is `module_px` pixels a side, or as many as `MAX_SIDE_PX` leaves room for.
     """

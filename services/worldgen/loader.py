@@ -327,7 +327,10 @@ def _line(
 
 def _value(value: object) -> str:
     """A value as a recipe would have it, shortened."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of more digits than Python prints"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -14,8 +14,8 @@ from services.worldgen.loader import LoadedWorld, known_worlds, load_world
 from services.worldgen.occupancy import wall_corners
 
 WORLDS = ("sim_house", "sim_house_enhanced")
-NUMBERS = (0, 1, 10, 11, 13, 14, 15, 17, 18, 19, 2, 20, 21, 22, 24, 25, 29, 3, 30, 31, 32, 33, 35, 36,
-           4, 5, 6, 7, 8, 9)  # fmt: skip
+NUMBERS = (0, 1, 10, 11, 13, 14, 15, 17, 18, 19, 2, 20, 21, 22, 24, 25, 29, 3, 30, 31, 32, 33, 35,
+           36, 4, 5, 6, 7, 8, 9)  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=WORLDS)
