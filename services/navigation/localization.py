@@ -33,6 +33,8 @@ __all__ = ["Localization", "LocalizationParams", "MarkerCandidate"]
 _HISTORY = 90
 """Samples of odometry: 3 s."""
 _EXTRAPOLATE_NS = 200_000_000
+_FAR_M = 1e3
+"""No lidar reaches so far, whatever its message says."""
 _CLUSTER_M, _CLUSTER_RAD = 0.6, math.radians(45.0)
 _KLD_BIN_M, _KLD_BIN_RAD = 0.1, math.radians(10.0)
 _INJECT_ABOVE = 0.2
@@ -496,10 +498,8 @@ def _beam_ends(
     base_from_scan: SE2,
 ) -> Array:
     distances_m = np.asarray(ranges_m, np.float64)
-    with np.errstate(invalid="ignore"):
-        valid = (
-            np.isfinite(distances_m) & (distances_m >= range_min_m) & (distances_m < range_max_m)
-        )
+    # Infinite is outside the limits, and what is no number compares false.
+    valid = (distances_m >= range_min_m) & (distances_m < min(range_max_m, _FAR_M))
     angles = angle_min_rad + angle_increment_rad * np.flatnonzero(valid)
     hits_m = distances_m[valid]
     return _transformed(
