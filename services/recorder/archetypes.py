@@ -209,7 +209,7 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
     _static_mesh(canvas, "world/walls_above/tops", wall_tops(tops, CUT_M, math.inf))
     ends = np.array([wall.map_from_wall().matrix()[:2, 3] for wall in world.walls]).reshape(-1, 2)
     if len(ends):
-        margin_m = 1.2
+        margin_m = 0.8
         low, high = ends.min(axis=0) - margin_m, ends.max(axis=0) + margin_m
         _static_mesh(canvas, "world/floor", floor(low, high, -0.01, world.floor_diffuse))
     canvas.recording.log(
@@ -325,8 +325,9 @@ def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
     points = np.column_stack(
         [range_m * np.cos(angle_rad), range_m * np.sin(angle_rad), np.zeros(len(range_m))]
     )
-    _frame(canvas, "scan", scan.header.frame_id)
-    canvas.recording.log("scan", rr.Points3D(points.astype(np.float32), colors=_SCAN, radii=0.02))
+    looks = rr.Points3D.from_fields(colors=_SCAN, radii=0.02)
+    _frame(canvas, "scan", scan.header.frame_id, looks)
+    canvas.recording.log("scan", rr.Points3D(points.astype(np.float32)))
 
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
@@ -500,15 +501,16 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
         variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
         turn = math.atan2(float(axes[1, 1]), float(axes[0, 1]))
         long_m, short_m = 2.0 * np.sqrt(np.maximum(variances[::-1], 1e-8))
-        _frame(canvas, "amcl_pose", estimate.header.frame_id or MAP_FRAME)
+        looks = rr.Ellipsoids3D.from_fields(
+            colors=_ESTIMATE, fill_mode=rr.components.FillMode.Solid
+        )
+        _frame(canvas, "amcl_pose", estimate.header.frame_id or MAP_FRAME, looks)
         canvas.recording.log(
             "amcl_pose",
             rr.Ellipsoids3D(
                 centers=[(pose.position.x, pose.position.y, 0.02)],
                 half_sizes=[(float(long_m), float(short_m), 0.002)],
                 quaternions=[(0.0, 0.0, math.sin(turn / 2.0), math.cos(turn / 2.0))],
-                colors=_ESTIMATE,
-                fill_mode=rr.components.FillMode.Solid,
             ),
         )
     error = canvas.comparison.localisation(estimate)
@@ -527,13 +529,10 @@ def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
     heads = tails + 0.08 * np.column_stack(
         [np.cos(xyyaw[:, 2]), np.sin(xyyaw[:, 2]), np.zeros(len(xyyaw))]
     )
-    _frame(canvas, "particle_cloud", cloud.header.frame_id or MAP_FRAME)
-    canvas.recording.log(
-        "particle_cloud",
-        rr.LineStrips3D(
-            np.stack([tails, heads], axis=1).astype(np.float32), colors=_PARTICLE, radii=0.004
-        ),
-    )
+    looks = rr.LineStrips3D.from_fields(colors=_PARTICLE, radii=0.004)
+    _frame(canvas, "particle_cloud", cloud.header.frame_id or MAP_FRAME, looks)
+    strokes = np.stack([tails, heads], axis=1).astype(np.float32)
+    canvas.recording.log("particle_cloud", rr.LineStrips3D(strokes))
 
 
 def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
@@ -544,16 +543,17 @@ def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
         canvas.due(path, stamp_ns, 0)
         _frame(canvas, path, grid.header.frame_id or MAP_FRAME)
         colormap = rr.components.Colormap.RvizCostmap
-        canvas.recording.log(path, _grid(grid, 0.006, 0.5, colormap))
+        canvas.recording.log(path, _grid(grid, 0.006, 0.22, colormap))
 
 
 def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     """The path being followed."""
     canvas.at(plan.header.stamp)
     points = [(p.pose.position.x, p.pose.position.y, 0.045) for p in plan.poses]
-    _frame(canvas, "plan", plan.header.frame_id or MAP_FRAME)
+    looks = rr.LineStrips3D.from_fields(colors=_PLAN, radii=0.018)
+    _frame(canvas, "plan", plan.header.frame_id or MAP_FRAME, looks)
     strips = [np.array(points, np.float32)] if len(points) > 1 else []
-    canvas.recording.log("plan", rr.LineStrips3D(strips, colors=_PLAN, radii=0.018))
+    canvas.recording.log("plan", rr.LineStrips3D(strips))
 
 
 def draw_cmd_vel(canvas: Canvas, command: msg.TwistStamped) -> None:
@@ -687,10 +687,10 @@ def _scalar(canvas: Canvas, path: str, value: float) -> None:
     canvas.recording.scalar(path, float(value))
 
 
-def _frame(canvas: Canvas, path: str, frame: str) -> None:
-    """Name the frame that an entity's coordinates are in, once."""
+def _frame(canvas: Canvas, path: str, frame: str, *looks: rr.AsComponents) -> None:
+    """Name the frame that an entity's coordinates are in, and its looks, once."""
     if canvas.changed(f"{path}#frame", frame):
-        canvas.recording.log(path, rr.CoordinateFrame(frame), static=True)
+        canvas.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
 
 
 def _draw_twist(canvas: Canvas, path: str, twist: msg.Twist) -> None:
@@ -707,9 +707,9 @@ def _draw_trail(
         canvas.last[f"{path}#grown"] = True
     if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, _PATH_NS):
         canvas.last[f"{path}#grown"] = False
-        _frame(canvas, path, MAP_FRAME)
-        strip = rr.LineStrips3D([trail.points(z_m)], colors=color, radii=0.018)
-        canvas.recording.log(path, strip)
+        looks = rr.LineStrips3D.from_fields(colors=color, radii=0.018)
+        _frame(canvas, path, MAP_FRAME, looks)
+        canvas.recording.log(path, rr.LineStrips3D([trail.points(z_m)]))
 
 
 def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int, int]) -> None:
@@ -738,13 +738,11 @@ def _draw_outlines(
 ) -> None:
     path = "aruco/detections/outline"
     if canvas.changed(path, bool(outlines)) or outlines:
-        _frame(canvas, path, frame)
-        canvas.recording.log(
-            path,
-            rr.LineStrips2D(
-                outlines, labels=names, colors=_MARKER, radii=1.5, show_labels=True, draw_order=30.0
-            ),
+        looks = rr.LineStrips2D.from_fields(
+            colors=_MARKER, radii=1.5, show_labels=True, draw_order=30.0
         )
+        _frame(canvas, path, frame, looks)
+        canvas.recording.log(path, rr.LineStrips2D(outlines, labels=names))
 
 
 def _draw_walls(canvas: Canvas, world: doc.World, material: doc.Material) -> None:

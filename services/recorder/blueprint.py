@@ -62,8 +62,9 @@ def run_blueprint(world: World) -> rrb.Blueprint:
         spatial_information=rrb.SpatialInformation(target_frame=IMAGE_FRAME),
     )
     plots = rrb.Tabs(
-        _plot("Errors (m)", ["/error/localisation_m", "/error/odometry_m", "/error/marker_m"]),
+        _plot("Error (m)", ["/error/localisation_m", "/error/marker_m"]),
         _plot("Heading error (deg)", ["/error/localisation_deg"]),
+        _plot("Odometry drift (m)", ["/error/odometry_m"]),
         _plot("IMU", ["/imu/**"]),
         _plot("Wheels (rad/s)", ["/joint_states/left_rad_s", "/joint_states/right_rad_s"]),
         _plot("Real time factor", ["/clock/real_time_factor"]),
@@ -84,7 +85,13 @@ def run_blueprint(world: World) -> rrb.Blueprint:
     states = rrb.StateTimelineView(
         name="States", contents=["/navigation/status/**", "/diagnostics/**"]
     )
-    log = rrb.TextLogView(name="Log", contents=["/**"])
+    log = rrb.TextLogView(
+        name="Log",
+        contents=["/**"],
+        columns=rrb.TextLogColumns(
+            timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]
+        ),
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
@@ -114,7 +121,7 @@ def _eye(world: World, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls
     low = places.min(axis=0) if len(places) else np.array([-2.0, -2.0])
     high = places.max(axis=0) if len(places) else np.array([2.0, 2.0])
     middle, span_m = (low + high) / 2.0, float(np.linalg.norm(high - low))
-    distance_m = 0.95 * max(span_m, 2.0)
+    distance_m = 0.86 * max(span_m, 2.0)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=(
@@ -122,6 +129,6 @@ def _eye(world: World, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls
             middle[1] - distance_m * math.cos(elevation_rad),
             distance_m * math.sin(elevation_rad),
         ),
-        look_target=(middle[0], middle[1], 0.0),
+        look_target=(middle[0], middle[1] - 0.03 * distance_m, 0.0),
         eye_up=(0.0, 0.0, 1.0),
     )

@@ -24,6 +24,11 @@ class RecorderConfig(ServiceConfig):
     repair: bool = Field(
         True, description="at start, make whole the recordings that a killed recorder left"
     )
+    compact_timeout_s: float = Field(
+        1.2,
+        ge=0,
+        description="wall time at a run's end to make run.rrd small and quick to open; 0: none",
+    )
     live: bool = Field(False, description="show the run in a browser while it happens")
     bind: str = Field("0.0.0.0", description="address on which the live view listens")
     web_port: int = Field(9090, ge=1, le=65535, description="port of the live view's page")

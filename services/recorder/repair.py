@@ -1,4 +1,4 @@
-"""Makes whole the recordings that a killed recorder left: readable, but without an end."""
+"""Rewrites recordings: makes whole what a killed recorder left, and joins many small chunks."""
 
 from __future__ import annotations
 
@@ -28,15 +28,68 @@ def leftovers(recordings_dir: Path) -> list[Path]:
     return [lock.parent for lock in sorted(recordings_dir.glob(f"*/{LOCK}")) if _is_free(lock)]
 
 
+class Rewriting:
+    """Writes what can be read of a recording as a whole one of few chunks, in another process."""
+
+    def __init__(self, recording: Path, binary: Path | None = None) -> None:
+        self.recording = recording
+        self._whole = recording.with_suffix(".whole")
+        self._binary = binary or rerun_binary()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    def run(self, timeout_s: float) -> str:
+        """Put the rewritten recording in the old one's place; what went wrong, or nothing."""
+        try:
+            problem = self._rewrite(timeout_s)
+            if not problem:
+                self._whole.replace(self.recording)
+        except OSError as error:
+            problem = str(error.strerror)
+        if problem:
+            self._whole.unlink(missing_ok=True)
+        return problem
+
+    def stop(self) -> None:
+        """End at once; the recording stays as it was."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.kill()
+
+    def _rewrite(self, timeout_s: float) -> str:
+        if self._binary is None:
+            return "the Rerun program is not installed"
+        command = [str(self._binary), "rrd", "optimize", str(self.recording)]
+        with subprocess.Popen(
+            [*command, "-o", str(self._whole)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        ) as process:
+            self._process = process
+            if self._stopped:
+                process.kill()
+            try:
+                _, errors = process.communicate(timeout=timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                return f"not done within {timeout_s:.1f} s"
+        if self._stopped:
+            return "stopped"
+        if process.returncode == 0 and self._whole.is_file() and self._whole.stat().st_size > 0:
+            return ""
+        lines = errors.decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"exit code {process.returncode}"
+
+
 class Repair(threading.Thread):
     """Repairs every leftover of a folder, one at a time, beside whatever else happens."""
 
-    def __init__(self, recordings_dir: Path, binary: Path | None = None) -> None:
+    def __init__(self, recordings_dir: Path) -> None:
         super().__init__(name="repair", daemon=True)
         self._recordings_dir = recordings_dir
-        self._binary = binary or rerun_binary()
         self._stopped = threading.Event()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._rewriting: Rewriting | None = None
 
     def run(self) -> None:
         """Repair until there is nothing left or `stop()` is called."""
@@ -55,44 +108,22 @@ class Repair(threading.Thread):
     def stop(self) -> None:
         """End at once; what is half repaired stays as it was."""
         self._stopped.set()
-        process = self._process
-        if process is not None and process.poll() is None:
-            process.kill()
-        self.join(1.0)
+        if self._rewriting is not None:
+            self._rewriting.stop()
+        if self.is_alive():
+            self.join(1.0)
 
     def _repair(self, folder: Path) -> None:
         for recording in sorted(folder.glob("run*.rrd")):
-            whole = recording.with_suffix(".whole")
-            problem = self._rewrite(recording, whole)
+            self._rewriting = Rewriting(recording)
+            problem = "" if self._stopped.is_set() else self._rewriting.run(TIMEOUT_S)
             if self._stopped.is_set():
-                whole.unlink(missing_ok=True)
                 return
             if problem:
-                whole.unlink(missing_ok=True)
                 _LOG.warning("%s cannot be repaired: %s", recording, problem)
             else:
-                whole.replace(recording)
                 _LOG.info("repaired %s", recording)
         (folder / LOCK).unlink(missing_ok=True)
-
-    def _rewrite(self, recording: Path, whole: Path) -> str:
-        """Write what can be read of a recording as a whole one; what is wrong, or nothing."""
-        if self._binary is None:
-            return "the Rerun program is not installed"
-        command = [str(self._binary), "rrd", "optimize", str(recording), "-o", str(whole)]
-        with subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        ) as process:
-            self._process = process
-            try:
-                _, errors = process.communicate(timeout=TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                return f"not done within {TIMEOUT_S:.0f} s"
-        if process.returncode == 0 and whole.is_file() and whole.stat().st_size > 0:
-            return ""
-        lines = errors.decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"exit code {process.returncode}"
 
 
 def _is_free(lock: Path) -> bool:

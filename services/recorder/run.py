@@ -31,6 +31,7 @@ from services.common.topics import (
 )
 from services.recorder.config import RecorderConfig
 from services.recorder.evaluation import RunEvaluation
+from services.recorder.repair import Rewriting
 from services.recorder.run_folder import CONFIG, RECORDING, SUMMARY, RunFolder, write_atomically
 from services.recorder.summary import build_summary, summary_text
 
@@ -142,6 +143,7 @@ class Run:
         self._write_summary()
         if self._canvas is not None:
             self._close_recording(self._canvas)
+            self._compact()
         self.folder.release()
 
     def _judge_one(self, topic: Topic[Any], message: Any) -> None:
@@ -253,6 +255,14 @@ class Run:
             canvas.recording.close()
         except RecordingError as error:
             _LOG.error("%s: %s", self.folder.path / RECORDING, error)
+
+    def _compact(self) -> None:
+        timeout_s = self._setting.config.compact_timeout_s
+        if timeout_s > 0.0:
+            for path in sorted(self.folder.path.glob("run*.rrd")):
+                # One that takes longer is whole all the same, and stays as it is.
+                problem = Rewriting(path).run(timeout_s)
+                _LOG.debug("%s: %s", path, problem or "compacted")
 
     def _free_mib(self) -> float:
         try:
