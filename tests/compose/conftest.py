@@ -1,0 +1,26 @@
+"""The image, built once, before any test of containers."""
+
+import os
+import subprocess
+
+import pytest
+
+from services.common.config import ROOT
+from tests.compose.stack import PROFILES
+
+
+@pytest.fixture(scope="session")
+def image() -> str:
+    """The image of this working tree; fast where nothing has changed."""
+    command = ["docker", "compose", *PROFILES, "build", "--quiet"]
+    built = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=1200, check=False
+    )
+    assert built.returncode == 0, f"the image cannot be built (is Docker running?)\n{built.stderr}"
+    return "mazebot"
+
+
+@pytest.fixture(scope="session")
+def person() -> int:
+    """A person who is not root, where the tests may act for one: as root they may."""
+    return 1000 if os.getuid() == 0 else os.getuid()

@@ -1,0 +1,65 @@
+"""What the robot truly does, as seen from outside the containers."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import zenoh
+
+from services.common import wire
+from services.common.bus import BusConfig, alive, open_session, subscribe
+from services.common.messages import Odometry
+from services.common.topics import GROUND_TRUTH_ODOM
+
+REST_M_S = 0.01
+REST_RAD_S = 0.02
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The robot's speed at a moment of the wall clock."""
+
+    wall_s: float
+    speed_m_s: float
+    turn_rad_s: float
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the robot stands still."""
+        return self.speed_m_s < REST_M_S and abs(self.turn_rad_s) < REST_RAD_S
+
+
+class Witness:
+    """Listens to the ground truth from the host."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._session: zenoh.Session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
+        self.seen: list[Motion] = []
+        self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom)
+
+    def _on_odom(self, payload: bytes, _: bytes | None) -> None:
+        odom: Odometry = wire.decode(GROUND_TRUTH_ODOM, payload)
+        twist = odom.twist.twist
+        speed_m_s = math.hypot(twist.linear.x, twist.linear.y)
+        self.seen.append(Motion(time.monotonic(), speed_m_s, twist.angular.z))
+
+    def driving(self) -> bool:
+        """Whether the robot drives at a fair speed now."""
+        return bool(self.seen) and self.seen[-1].speed_m_s > 0.15
+
+    def rest_after(self, wall_s: float) -> float | None:
+        """When the robot first stood still after a moment; None: it has not."""
+        moments = (
+            motion.wall_s for motion in self.seen if motion.wall_s > wall_s and motion.at_rest
+        )
+        return next(moments, None)
+
+    def alive(self) -> set[str]:
+        """The services whose tokens are there."""
+        return alive(self._session)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._session.close()  # type: ignore[no-untyped-call]

@@ -1,0 +1,185 @@
+"""A stack of containers of its own: own folder, own project, own ports."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from services.common.config import ROOT
+from tests.router import free_port
+
+SERVICES = ("router", "worldgen", "physics", "spawner", "perception", "navigation", "recorder")
+DEMOS = {"original": "demo-world", "enhanced": "demo-world-enhanced"}
+PROFILES = ("--profile", "original", "--profile", "enhanced")
+SOCKET = Path("/var/run/docker.sock")
+
+
+def wait_until(condition: Callable[[], bool], deadline_s: float, what: str) -> float:
+    """Seconds until `condition` held.
+
+    Raises AssertionError where it does not before the deadline.
+    """
+    start_s = time.monotonic()
+    while not condition():
+        waited_s = time.monotonic() - start_s
+        assert waited_s < deadline_s, f"not within {deadline_s:g} s: {what}"
+        time.sleep(0.02)
+    return time.monotonic() - start_s
+
+
+class Stack:
+    """Docker Compose, as a person of `uid` uses it in a folder of theirs."""
+
+    def __init__(self, folder: Path, project: str, uid: int, settings: dict[str, str]) -> None:
+        self.folder = folder
+        self.uid = uid
+        self.router_port, self.viewer_port, self.data_port = free_port(), free_port(), free_port()
+        self._environment = {
+            "PATH": os.environ["PATH"],
+            "HOME": str(folder),
+            "COMPOSE_PROJECT_NAME": project,
+            **settings,
+        }
+        self._as_person: tuple[str, ...] = ()
+        if uid != os.getuid():
+            group = str(SOCKET.stat().st_gid)
+            ids = ("--reuid", str(uid), "--regid", str(uid), "--groups", group)
+            self._as_person = ("setpriv", *ids)
+        self._foreground: list[subprocess.Popen[bytes]] = []
+
+    @property
+    def endpoint(self) -> str:
+        """Where the stack's router listens."""
+        return f"tcp/127.0.0.1:{self.router_port}"
+
+    @property
+    def _settings(self) -> dict[str, str]:
+        return self._environment | {
+            "MAZEBOT_ROUTER_PORT": str(self.router_port),
+            "MAZEBOT_VIEWER_PORT": str(self.viewer_port),
+            "MAZEBOT_VIEWER_DATA_PORT": str(self.data_port),
+        }
+
+    @property
+    def recordings(self) -> Path:
+        """The folder that the recorder writes."""
+        return self.folder / "recordings"
+
+    def compose(
+        self, *arguments: str, timeout_s: float = 120.0
+    ) -> subprocess.CompletedProcess[str]:
+        """Run `docker compose` to its end; its output and its errors are both in `stdout`."""
+        return subprocess.run(
+            [*self._as_person, "docker", "compose", *arguments],
+            cwd=self.folder,
+            env=self._settings,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+    def in_foreground(self, output: IO[bytes], *arguments: str) -> subprocess.Popen[bytes]:
+        """Start `docker compose` as a person who watches it does."""
+        process = subprocess.Popen(
+            [*self._as_person, "docker", "compose", *arguments],
+            cwd=self.folder,
+            env=self._settings,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+        self._foreground.append(process)
+        return process
+
+    def containers(self) -> list[str]:
+        """Names of the services that have a container, running or not."""
+        listed = self.compose("ps", "--all", "--format", "{{.Service}}")
+        return sorted(listed.stdout.split())
+
+    def logs(self, service: str) -> str:
+        """What a service has said."""
+        return self.compose("logs", "--no-color", "--no-log-prefix", service).stdout
+
+    def inspect(self, service: str) -> dict[str, Any]:
+        """What the engine knows of a service's container."""
+        identity = self.compose("ps", "--all", "--quiet", service).stdout.strip()
+        assert identity, f"{service} has no container"
+        (answer,) = json.loads(_docker("inspect", identity).stdout)
+        assert isinstance(answer, dict)
+        return answer
+
+    def inside(self, service: str, code: str) -> str:
+        """What a piece of Python prints in a service's container."""
+        return self.compose("exec", "-T", service, "python", "-c", code).stdout.strip()
+
+    def status_of_process(self, service: str) -> dict[str, str]:
+        """/proc/PID/status of the service itself, below its init."""
+        init = self.inspect(service)["State"]["Pid"]
+        children = Path(f"/proc/{init}/task/{init}/children").read_text().split()
+        assert len(children) == 1, f"{service}: {children}"
+        (pid,) = children
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        return dict(line.replace(":\t", ":").split(":", 1) for line in lines)
+
+    def kill(self, service: str) -> float:
+        """Kill -9 the service itself, not its container; the monotonic time when it was done."""
+        status = self.status_of_process(service)
+        try:
+            os.kill(int(status["Pid"]), signal.SIGKILL)
+        except PermissionError:
+            inner = status["NSpid"].split()[-1]
+            self.inside(service, f"import os; os.kill({inner}, 9)")
+        return time.monotonic()
+
+    def down(self) -> float:
+        """`docker compose down`; the seconds that it took."""
+        start_s = time.monotonic()
+        ended = self.compose("down")
+        taken_s = time.monotonic() - start_s
+        assert ended.returncode == 0, ended.stdout
+        return taken_s
+
+    def clear(self) -> None:
+        """Leave nothing behind."""
+        self.compose("down", "--timeout", "0", "--volumes")
+        for process in self._foreground:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack]:
+    """A stack in a fresh clone that belongs to `uid`, as far as Compose looks at one."""
+    folder = Path(tempfile.mkdtemp(prefix="mazebot-test-"))
+    folder.chmod(0o755)
+    project = folder.name.lower().replace("_", "-")
+    for name in (".env", "docker-compose.yaml"):
+        shutil.copy(ROOT / name, folder / name)
+    shutil.copytree(ROOT / "worlds", folder / "worlds")
+    (folder / "recordings").mkdir()
+    shutil.copy(ROOT / "recordings" / ".gitkeep", folder / "recordings" / ".gitkeep")
+    if uid != os.getuid():
+        for path in (folder, *folder.rglob("*")):
+            os.chown(path, uid, uid)
+    stack = Stack(folder, project, uid, settings or {})
+    try:
+        yield stack
+    finally:
+        stack.clear()
+        shutil.rmtree(folder)
+
+
+def _docker(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["docker", *arguments], capture_output=True, text=True, timeout=60, check=True
+    )

@@ -1,0 +1,143 @@
+"""What `docker compose` does with other words, and with wrong ones."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from services.common.bus import BusConfig, open_session, subscribe
+from services.common.documents import World
+from services.common.topics import WORLD
+from services.common.wire import decode
+from tests.compose.checks import check_recordings, is_active
+from tests.compose.stack import DEMOS, PROFILES, SERVICES, Stack, stack_of, wait_until
+
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
+
+
+@pytest.fixture
+def stack(person: int) -> Iterator[Stack]:
+    with stack_of(person) as stack:
+        yield stack
+
+
+def running_world(stack: Stack) -> World:
+    """The world that a stack has loaded."""
+    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=5.0)
+    worlds: list[World] = []
+    subscription = subscribe(session, WORLD, lambda data, _: worlds.append(decode(WORLD, data)))
+    wait_until(lambda: bool(worlds), 20.0, "a world")
+    del subscription
+    session.close()  # type: ignore[no-untyped-call]
+    return worlds[0]
+
+
+def test_a_bare_up_starts_nothing_and_says_what_to_do(stack: Stack) -> None:
+    refused = stack.compose("up")
+    assert refused.returncode != 0
+    (line,) = refused.stdout.strip().splitlines()
+    assert "name a demo: demo-world or demo-world-enhanced" in line
+    assert stack.containers() == []
+
+
+def test_one_service_comes_up_alone_and_says_what_it_waits_for(stack: Stack) -> None:
+    assert stack.compose("up", "--detach", "physics").returncode == 0
+    assert stack.containers() == ["physics", "router"]
+    wait_until(lambda: "waiting for a world" in stack.logs("physics"), 20.0, "its word")
+    assert stack.down() <= 5.0
+    assert stack.containers() == []
+
+
+def test_each_demo_s_profile_starts_what_it_needs(stack: Stack) -> None:
+    for profile, demo in DEMOS.items():
+        enabled = stack.compose("--profile", profile, "config", "--services").stdout.split()
+        gate = f"one-world-at-a-time-{profile}"
+        assert sorted(enabled) == sorted([*SERVICES, demo, gate])
+    both = stack.compose(*PROFILES, "config", "--services").stdout.split()
+    assert "nothing-named" not in both
+
+
+def test_a_profile_a_seed_and_no_markers(person: int) -> None:
+    settings = {"USE_ARUCO": "False", "SEED": "8"}
+    with stack_of(person, settings) as stack:
+        started = stack.compose("--profile", "enhanced", "up", "--detach")
+        assert started.returncode == 0, started.stdout
+        wait_until(lambda: is_active(stack, DEMOS["enhanced"]), 60.0, "both lines")
+        world = running_world(stack)
+        assert not world.markers
+        assert {wall.height_m for wall in world.walls} == {3.0}
+        assert all(material.texture_sha256 for material in world.materials)
+        # In the middle of the drive.
+        assert stack.down() <= 5.0
+        assert stack.containers() == []
+        (summary,) = check_recordings(stack)
+        assert summary["seed"] == 8
+
+
+def test_two_stacks_run_side_by_side(person: int) -> None:
+    with stack_of(person) as one, stack_of(person) as other:
+        for stack in (one, other):
+            started = stack.compose("up", "--detach", "physics", "recorder")
+            assert started.returncode == 0, started.stdout
+        wait_until(lambda: "waiting" in one.logs("physics"), 30.0, "one up")
+        wait_until(lambda: "waiting" in other.logs("physics"), 30.0, "the other up")
+        one.down()
+        assert other.inspect("physics")["State"]["Running"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"WORLD_NAME": "no_such_house"}, "no_such_house"),
+        ({"USE_ARUCO": "perhaps"}, "use_aruco"),
+    ],
+)
+def test_a_mistake_in_a_setting_is_told_in_one_line(
+    person: int, settings: dict[str, str], reason: str
+) -> None:
+    with stack_of(person, settings) as stack:
+        stack.compose("up", "--detach", DEMOS["enhanced"])
+
+        def ended() -> bool:
+            return bool(stack.inspect(DEMOS["enhanced"])["State"]["Status"] == "exited")
+
+        wait_until(ended, 60.0, "the demo to end")
+        assert stack.inspect(DEMOS["enhanced"])["State"]["ExitCode"] == 2
+        errors = [
+            line
+            for line in stack.logs(DEMOS["enhanced"]).splitlines()
+            if line.lower().startswith(("error", "[error]"))
+        ]
+        assert len(errors) == 1
+        assert reason in errors[0]
+
+
+def test_a_folder_of_textures_that_is_not_there_is_not_made(person: int) -> None:
+    with stack_of(person, {"TEXTURE_BASE": "./no-such-folder"}) as stack:
+        refused = stack.compose("up", "--detach", "worldgen")
+        assert refused.returncode != 0
+        assert "no-such-folder" in refused.stdout.strip().splitlines()[-1]
+        assert not (stack.folder / "no-such-folder").exists()
+
+
+def test_a_port_that_is_taken_is_named(person: int) -> None:
+    with stack_of(person) as one, stack_of(person) as other:
+        assert one.compose("up", "--detach", "router").returncode == 0
+        other.router_port = one.router_port
+        refused = other.compose("up", "--detach", "router")
+        assert refused.returncode != 0
+        assert str(one.router_port) in refused.stdout.strip().splitlines()[-1]
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root may take a folder away from its owner")
+def test_a_recordings_folder_of_someone_else_is_told_in_one_line(person: int) -> None:
+    with stack_of(person) as stack:
+        os.chown(stack.recordings, 4242, 4242)
+        stack.recordings.chmod(0o755)
+        stack.compose("up", "--detach", "recorder")
+        wait_until(lambda: "not writable" in stack.logs("recorder"), 30.0, "the reason")
+        first = stack.logs("recorder").strip().splitlines()[0]
+        assert "/recordings" in first
+        assert "Traceback" not in stack.logs("recorder")

@@ -1,0 +1,220 @@
+"""`docker compose up demo-world-enhanced`: one tour, and what is done to it on the way."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.compose.checks import ACTIVE, check_recordings, check_table, is_active
+from tests.compose.motion import Witness
+from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
+
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
+
+DEMO = DEMOS["enhanced"]
+TOUR_S = 300.0
+Property = Callable[[str, object], None]
+READ_ONLY_PLACES = ("/", "/opt/mazebot", "/home/mazebot", "/etc", "/usr")
+OUTSIDE = ("192.0.2.1", "1.1.1.1")
+
+
+@dataclass
+class Tour:
+    """A tour that a person started and watches."""
+
+    stack: Stack
+    process: subprocess.Popen[bytes]
+    output: Path
+    started_s: float
+
+
+@pytest.fixture(scope="module")
+def tour(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tour]:
+    output = tmp_path_factory.mktemp("up") / "output"
+    with stack_of(os.getuid()) as stack, output.open("wb") as stream:
+        started_s = time.monotonic()
+        yield Tour(stack, stack.in_foreground(stream, "up", DEMO), output, started_s)
+
+
+@pytest.fixture
+def witness(tour: Tour) -> Iterator[Witness]:
+    wait_until(lambda: is_active(tour.stack, DEMO), 60.0, tour.output.read_text())
+    witness = Witness(tour.stack.endpoint)
+    yield witness
+    witness.close()
+
+
+def test_localization_and_navigation_are_active_within_20_s(
+    tour: Tour, record_property: Property
+) -> None:
+    wait_until(lambda: is_active(tour.stack, DEMO), 20.0, "both lines")
+    taken_s = time.monotonic() - tour.started_s
+    record_property("up_to_active_s", round(taken_s, 2))
+    assert taken_s < 20.0
+
+
+@pytest.mark.parametrize("service", [*SERVICES, DEMO])
+def test_a_container_has_what_it_needs_and_no_more(tour: Tour, service: str) -> None:
+    facts = tour.stack.inspect(service)
+    host = facts["HostConfig"]
+    assert host["ReadonlyRootfs"] is True
+    assert host["Privileged"] is False
+    assert host["CapDrop"] == ["ALL"]
+    assert "no-new-privileges:true" in host["SecurityOpt"]
+    assert not {"seccomp:unconfined", "apparmor:unconfined"} & set(host["SecurityOpt"])
+    assert host["PidsLimit"] == 128
+    assert 0 < host["Memory"] <= 2 * 1024**3
+    assert host["PidMode"] == host["UTSMode"] == host["UsernsMode"] == ""
+    assert host["IpcMode"] in ("private", "shareable")
+    assert not host["Devices"]
+    mounts = {mount["Destination"]: mount["RW"] for mount in facts["Mounts"]}
+    allowed = {
+        "worldgen": {"/textures": False},
+        "recorder": {"/recordings": True, "/owner": False},
+    }
+    assert mounts == allowed.get(service, {})
+    if service == "recorder":
+        assert sorted(host["CapAdd"]) == ["CHOWN", "SETGID", "SETUID"]
+    else:
+        assert facts["Config"]["User"] == "10001:10001"
+        assert not host["CapAdd"]
+
+
+@pytest.mark.parametrize("service", [*SERVICES, DEMO])
+def test_a_service_runs_without_any_right(tour: Tour, service: str) -> None:
+    status = tour.stack.status_of_process(service)
+    none = "0000000000000000"
+    assert status["CapEff"] == status["CapPrm"] == status["CapInh"] == status["CapAmb"] == none
+    assert status["NoNewPrivs"] == "1"
+    assert status["Seccomp"] == "2"
+    uid = str(tour.stack.uid) if service == "recorder" else "10001"
+    assert status["Uid"].split() == [uid] * 4
+    assert status["Gid"].split() == [uid] * 4
+
+
+@pytest.mark.parametrize("service", [*SERVICES, DEMO])
+def test_a_service_cannot_write_its_root(tour: Tour, service: str) -> None:
+    code = f"""
+import os
+for place in {READ_ONLY_PLACES}:
+    try:
+        open(os.path.join(place, "x"), "w")
+    except OSError:
+        continue
+    print(place)
+"""
+    assert tour.stack.inside(service, code) == ""
+
+
+@pytest.mark.parametrize("service", [*SERVICES, DEMO])
+def test_a_service_cannot_reach_the_world_outside(tour: Tour, service: str) -> None:
+    code = f"""
+import socket
+for address in {OUTSIDE}:
+    try:
+        socket.create_connection((address, 53), timeout=1.0)
+    except OSError:
+        continue
+    print(address)
+if "{service}" not in ("router", "recorder"):
+    for line in open("/proc/net/route").read().splitlines()[1:]:
+        if line.split()[1] == "00000000":
+            print("default route")
+"""
+    assert tour.stack.inside(service, code) == ""
+
+
+def test_only_the_loopback_has_ports(tour: Tour) -> None:
+    published = {}
+    for service in (*SERVICES, DEMO):
+        bindings = tour.stack.inspect(service)["HostConfig"]["PortBindings"] or {}
+        hosts = [binding for several in bindings.values() for binding in several]
+        assert all(binding["HostIp"] == "127.0.0.1" for binding in hosts), service
+        published[service] = sorted(int(binding["HostPort"]) for binding in hosts)
+    stack = tour.stack
+    assert {name: ports for name, ports in published.items() if ports} == {
+        "router": [stack.router_port],
+        "recorder": sorted([stack.viewer_port, stack.data_port]),
+    }
+    for port in (stack.router_port, stack.viewer_port, stack.data_port):
+        with socket.create_connection(("127.0.0.1", port), timeout=5.0):
+            pass
+
+
+def test_every_service_is_healthy(tour: Tour) -> None:
+    def healthy() -> bool:
+        states = [tour.stack.inspect(service)["State"] for service in SERVICES]
+        return all(state["Health"]["Status"] == "healthy" for state in states)
+
+    wait_until(healthy, 30.0, "all healthy")
+
+
+def test_the_viewer_is_served(tour: Tour) -> None:
+    address = f"http://127.0.0.1:{tour.stack.viewer_port}/"
+    with urllib.request.urlopen(address, timeout=20.0) as page:
+        assert page.status == 200
+        assert f"%3A{tour.stack.data_port}%2Fproxy" in page.url
+
+
+def test_a_second_world_is_refused_and_the_first_goes_on(tour: Tour, witness: Witness) -> None:
+    refused = tour.stack.compose("up", DEMOS["original"])
+    assert refused.returncode != 0
+    last = refused.stdout.strip().splitlines()[-1]
+    assert "one-world-at-a-time-original" in last
+    assert "Traceback" not in refused.stdout
+    reasons = [
+        line
+        for line in tour.stack.logs("one-world-at-a-time-original").splitlines()
+        if line.startswith("[ERROR]")
+    ]
+    assert len(reasons) == 1
+    assert "sim_house_enhanced" in reasons[0]
+    assert tour.stack.inspect(DEMO)["State"]["Running"]
+    before = len(witness.seen)
+    wait_until(lambda: len(witness.seen) > before + 30, 10.0, "the simulation to go on")
+
+
+def test_a_killed_navigation_stops_the_robot_and_comes_back(
+    tour: Tour, witness: Witness, record_property: Property
+) -> None:
+    wait_until(witness.driving, 60.0, "the robot to drive")
+    killed_s = tour.stack.kill("navigation")
+    wait_until(lambda: "navigation" in witness.alive(), 5.0, "navigation to be back")
+    back_s = time.monotonic() - killed_s
+    rest_s = witness.rest_after(killed_s)
+    record_property("kill_to_back_s", round(back_s, 2))
+    assert back_s <= 5.0
+    assert rest_s is not None
+    record_property("kill_to_rest_s", round(rest_s - killed_s, 2))
+    assert rest_s - killed_s <= 0.4
+    wait_until(witness.driving, 30.0, "the robot to drive again")
+
+
+def test_the_tour_ends_with_its_table(tour: Tour) -> None:
+    assert tour.process.wait(TOUR_S) == 0
+    log = tour.stack.logs(DEMO)
+    check_table(log)
+    assert log.count(ACTIVE) == 2
+    assert tour.stack.inspect(DEMO)["State"]["ExitCode"] == 0
+    assert "tour finished" in tour.output.read_text()
+
+
+def test_down_is_fast_and_closes_the_recording(tour: Tour, record_property: Property) -> None:
+    tour.process.wait(TOUR_S)
+    taken_s = tour.stack.down()
+    record_property("down_s", round(taken_s, 2))
+    assert taken_s <= 5.0
+    assert tour.stack.containers() == []
+    (summary,) = check_recordings(tour.stack)
+    assert summary["world"] == "sim_house_enhanced"
+    assert [goal["reached"] for goal in summary["goals"]] == [True] * 5
+    assert summary["contacts"]["count"] == 0
+    assert set(summary["markers_seen"]) == {"60", "80"}
