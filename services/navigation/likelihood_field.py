@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from services.common.frames import SE2
 
+# OpenCV splits a picture by its threads, and its distance transform then differs in the last bits.
+cv2.setNumThreads(1)
+
 OCCUPIED = 50
 """Cells from this value on are walls; ROS maps hold 0 free to 100 occupied, -1 unknown."""
 

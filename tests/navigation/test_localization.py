@@ -213,6 +213,18 @@ class TestAtRest:
         assert used == pytest.approx(60, abs=2)
         assert pose.distance_m(here) < 0.03
         assert np.sqrt(np.diag(covariance))[:2].min() > 0.01
+        assert len(np.unique(loc.particles(), axis=0)) == len(loc.particles())
+
+    def test_an_uncertain_pose_is_found_at_rest_within_a_second(self) -> None:
+        here = SE2(-0.178, 3.322, 0.785)
+        loc = localization()
+        loc.initialize(here @ SE2(-0.2, 0.2, 0.3), np.diag([0.25, 0.25, 0.25]) ** 2)
+        rng = np.random.default_rng(3)
+        for i in range(10):
+            loc.odometry(i * STEP_NS, SE2(0.0, 0.0, 0.0))
+            feed(loc, i * STEP_NS, sim.scan_at(here, rng))
+        assert loc.converged
+        assert loc.pose()[0].distance_m(here) < 0.04
 
 
 class TestKidnapping:
@@ -307,6 +319,7 @@ class TestMarker:
             (broken, MARKER_COVARIANCE, 1.0),
             (good, np.full((6, 6), np.inf), 1.0),
             (good, -MARKER_COVARIANCE * 1e3, 1.0),
+            (good, np.diag([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0]), 1.0),
             (good, MARKER_COVARIANCE, math.nan),
         ]
         for candidate in bad:
