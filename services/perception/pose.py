@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from services.common.frames import Array
 from services.perception.corners import Corners
@@ -18,6 +16,13 @@ SAME_ROTATION_RAD = 0.03
 
 _ROTATION_PRIOR_RAD = 1.0
 """No marker is turned by more than this from a solution: keeps a far one's covariance finite."""
+
+_UNIT_SQUARE = np.array([(-0.5, 0.5, 0), (0.5, 0.5, 0), (0.5, -0.5, 0), (-0.5, -0.5, 0)])
+_MIN_DEPTH_M = 1e-3
+_MAX_STEPS = 30
+_MAX_STEP_RAD = 0.2
+_SMALL_GAIN_PX2 = 1e-10
+_DIAGONAL = np.diag_indices(6)
 
 
 @dataclass(frozen=True)
@@ -56,12 +61,16 @@ def solve(
 ) -> list[Solution]:
     """The poses of a square marker that explain its corners, best first; one or two.
 
-    A square seen from far or nearly head-on looks the same tilted either way. IPPE
-    (Collins and Bartoli, https://doi.org/10.1007/s11263-014-0725-5) finds both poses, and both are
-    refined by Levenberg-Marquardt on the reprojection error. With Gaussian corner noise, the
-    likelihood of a pose is exp(-e2 / (2 sigma2)), e2 being the sum of its squared reprojection
-    errors; a solution's score is its likelihood over the sum of both, and the worse one is kept
-    where its score reaches `min_score`.
+    A square seen from far or nearly head-on looks the same with its depths reversed, so that the
+    reprojection error has two minima (Collins and Bartoli, Infinitesimal Plane-Based Pose
+    Estimation, https://doi.org/10.1007/s11263-014-0725-5). The first is found from the homography
+    (Zhang 2000), the second from the first with its depths reversed, both by Levenberg-Marquardt.
+    OpenCV's SOLVEPNP_IPPE_SQUARE is not used: it answers NaN, or a marker seen from behind, where
+    the corners are exactly symmetrical.
+
+    With Gaussian corner noise, the likelihood of a pose is exp(-e2 / (2 sigma2)), e2 being the sum
+    of its squared reprojection errors. A solution's score is its likelihood over the sum of both,
+    and the worse one is kept where its score reaches `min_score`.
 
     Args:
         corners: (4, 2) corners in pixels: top left, top right, bottom right, bottom left of the
@@ -75,28 +84,25 @@ def solve(
     Returns:
         Solutions in front of the camera and seen from their face; empty where there is none.
     """
-    half_m = side_m / 2
-    square = np.array(
-        [(-half_m, half_m, 0), (half_m, half_m, 0), (half_m, -half_m, 0), (-half_m, -half_m, 0)]
-    )
-    try:
-        count, rotations, translations, _ = cv2.solvePnPGeneric(
-            square,
-            corners[:, None, :],
-            camera.matrix,
-            camera.distortion,
-            flags=cv2.SOLVEPNP_IPPE_SQUARE,
-        )
-    except cv2.error:
+    if not np.isfinite(corners).all():
         return []
-    fits: list[_Fit] = []
-    for rotation, translation in zip(rotations[:count], translations[:count], strict=True):
-        fit = _refined(square, corners, camera, rotation, translation)
-        if fit is not None and not any(_same(fit, other) for other in fits):
-            fits.append(fit)
+    square = side_m * _UNIT_SQUARE
+    pixels = np.asarray(
+        cv2.undistortPoints(corners[:, None], camera.matrix, camera.distortion, P=camera.matrix),
+        np.float64,
+    )[:, 0]
+    start = _pose_from_homography(square, pixels, camera.matrix)
+    if start is None:
+        return []
+    first = _refined(square, pixels, camera.matrix, start)
+    fits = [first]
+    if first.faces_camera:
+        second = _refined(square, pixels, camera.matrix, _depths_reversed(first.camera_from_marker))
+        if not _same(first, second):
+            fits.append(second)
+    fits = sorted((f for f in fits if f.faces_camera), key=lambda f: f.squared_error_px2)
     if not fits:
         return []
-    fits.sort(key=lambda fit: fit.squared_error_px2)
     best_px2 = fits[0].squared_error_px2
     # Eight coordinates less six of the pose leave two degrees of freedom.
     variance_px2 = max(corner_sigma_px**2, best_px2 / 2)
@@ -116,49 +122,111 @@ def solve(
 
 @dataclass(frozen=True)
 class _Fit:
-    """A refined pose; `jacobian` is (8, 6) of the corners' pixels by (x, y, z, rx, ry, rz)."""
+    """A pose held against the corners.
+
+    `errors_px` is (8,), and `jacobian` (8, 6) its derivative by (x, y, z, rx, ry, rz).
+    """
 
     camera_from_marker: Array
-    squared_error_px2: float
+    errors_px: Array
     jacobian: Array
 
+    @property
+    def squared_error_px2(self) -> float:
+        return float(self.errors_px @ self.errors_px)
 
-def _refined(
-    square: Array,
-    corners: Corners,
-    camera: Camera,
-    rotation: NDArray[Any],
-    translation: NDArray[Any],
-) -> _Fit | None:
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 30, 1e-10)
-    turn, shift = cv2.solvePnPRefineLM(
-        square,
-        corners[:, None, :],
-        camera.matrix,
-        camera.distortion,
-        rotation.copy(),
-        translation.copy(),
-        criteria,
-    )
-    pose = np.eye(4)
-    pose[:3, :3] = cv2.Rodrigues(turn)[0]
-    pose[:3, 3] = np.asarray(shift)[:, 0]
-    from_marker_px, by_parameter = cv2.projectPoints(
-        square, turn, shift, camera.matrix, camera.distortion
-    )
-    errors_px = from_marker_px[:, 0] - corners
-    squared_error_px2 = float((errors_px**2).sum())
-    towards_camera = -float(pose[:3, 2] @ pose[:3, 3])
-    if not math.isfinite(squared_error_px2) or pose[2, 3] <= 0.0 or towards_camera <= 0.0:
-        return None
-    by_translation = np.asarray(by_parameter, np.float64)[:, 3:6].reshape(4, 2, 3)
-    # A point displaced as the whole marker is, or by a small turn w about its centre: w x arm.
+    @property
+    def faces_camera(self) -> bool:
+        """Whether the marker is in front of the camera, with its face towards it."""
+        normal, place = self.camera_from_marker[:3, 2], self.camera_from_marker[:3, 3]
+        return bool(
+            math.isfinite(self.squared_error_px2) and place[2] > 0.0 and normal @ place < 0.0
+        )
+
+
+def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
+    # Turned, but not displaced: the arms about which a turn moves the corners.
     arms = square @ pose[:3, :3].T
-    by_turn = np.stack(
-        [-d @ _cross_matrix(arm) for d, arm in zip(by_translation, arms, strict=True)]
+    points = arms + pose[:3, 3]
+    depth_m = np.maximum(points[:, 2], _MIN_DEPTH_M)
+    rays = points[:, :2] / depth_m[:, None]
+    errors_px = rays @ matrix[:2, :2].T + matrix[:2, 2] - pixels
+    by_point = np.zeros((4, 2, 3))
+    by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0
+    by_point[:, :, 2] = -rays
+    by_point = matrix[:2, :2] @ by_point / depth_m[:, None, None]
+    x, y, z = arms.T
+    # A small turn w moves a corner by w x arm.
+    by_turn = np.zeros((4, 3, 3))
+    by_turn[:, 0, 1], by_turn[:, 0, 2] = z, -y
+    by_turn[:, 1, 0], by_turn[:, 1, 2] = -z, x
+    by_turn[:, 2, 0], by_turn[:, 2, 1] = y, -x
+    jacobian = np.concatenate([by_point, by_point @ by_turn], axis=2).reshape(8, 6)
+    return _Fit(pose, errors_px.reshape(8), jacobian)
+
+
+def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
+    """The minimum of the reprojection error in whose basin a pose lies, by Levenberg-Marquardt."""
+    fit = _fit(square, pixels, matrix, pose)
+    damping = 1e-3
+    for _ in range(_MAX_STEPS):
+        information = fit.jacobian.T @ fit.jacobian
+        information[_DIAGONAL] *= 1.0 + damping
+        try:
+            step = -np.linalg.solve(information, fit.jacobian.T @ fit.errors_px)
+        except np.linalg.LinAlgError:
+            return fit
+        turn_rad = float(np.linalg.norm(step[3:]))
+        # A longer step may leap into the other minimum's basin.
+        step *= min(1.0, _MAX_STEP_RAD / max(turn_rad, 1e-12))
+        moved = fit.camera_from_marker.copy()
+        moved[:3, :3] = np.asarray(cv2.Rodrigues(step[3:])[0], np.float64) @ moved[:3, :3]
+        moved[:3, 3] += step[:3]
+        there = _fit(square, pixels, matrix, moved)
+        gain_px2 = fit.squared_error_px2 - there.squared_error_px2
+        if gain_px2 >= 0.0:
+            fit, damping = there, damping / 10
+            if gain_px2 <= _SMALL_GAIN_PX2 + 1e-6 * fit.squared_error_px2:
+                break
+        else:
+            damping *= 10
+            if not damping < 1e6:
+                break
+    return fit
+
+
+def _pose_from_homography(square: Array, pixels: Array, matrix: Array) -> Array | None:
+    """(4, 4) pose of a plane from its homography; None where the corners are those of no square."""
+    ones, none = np.ones(4), np.zeros(4)
+    x, y, (u, v) = square[:, 0], square[:, 1], pixels.T
+    equations = np.concatenate(
+        [
+            np.stack([x, y, ones, none, none, none, -u * x, -u * y], axis=1),
+            np.stack([none, none, none, x, y, ones, -v * x, -v * y], axis=1),
+        ]
     )
-    jacobian = np.concatenate([by_translation, by_turn], axis=2).reshape(8, 6)
-    return _Fit(pose, squared_error_px2, jacobian)
+    try:
+        entries = np.linalg.solve(equations, np.concatenate([u, v]))
+        homography = np.linalg.solve(matrix, np.append(entries, 1.0).reshape(3, 3))
+        right, up, place = homography.T * 2.0 / np.linalg.norm(homography[:, :2], axis=0).sum()
+        rotation = np.stack([right, up, np.cross(right, up)], axis=1)
+        left, _, right_ = np.linalg.svd(rotation)
+    except np.linalg.LinAlgError:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right_)]) @ right_
+    pose[:3, 3] = place
+    return pose if place[2] > 0.0 else None
+
+
+def _depths_reversed(pose: Array) -> Array:
+    """The pose whose points lie as far before the marker's centre as they lay behind it."""
+    sight = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
+    reversed_ = pose.copy()
+    mirror = np.eye(3) - 2.0 * np.outer(sight, sight)
+    # Mirrored once more along the marker's own normal, it is a rotation again.
+    reversed_[:3, :3] = mirror @ pose[:3, :3] @ np.diag([1.0, 1.0, -1.0])
+    return reversed_
 
 
 def _covariance(jacobian: Array, variance_px2: float) -> Array:
@@ -172,8 +240,3 @@ def _covariance(jacobian: Array, variance_px2: float) -> Array:
 def _same(first: _Fit, second: _Fit) -> bool:
     turn = first.camera_from_marker[:3, :3].T @ second.camera_from_marker[:3, :3]
     return math.acos(min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0)) < SAME_ROTATION_RAD
-
-
-def _cross_matrix(v: NDArray[np.float64]) -> Array:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

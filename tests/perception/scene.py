@@ -136,3 +136,17 @@ def _warp(
         texture, image_from_plane @ plane_from_texture, size, borderValue=(border,) * 3
     )
     return np.asarray(warped, np.uint8)
+
+
+def project(pose: Array) -> Array:
+    """(4, 2) where a marker's corners truly are in the picture, in ArUco's order."""
+    half_m = MARKER_SIDE_M / 2
+    signs = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    corners = half_m * signs @ pose[:3, :2].T + pose[:3, 3]
+    pixels: Array = (corners / corners[:, 2:]) @ CAMERA.T
+    return pixels[:, :2]
+
+
+def turn_between(first: Array, second: Array) -> Array:
+    """(3,) rotation vector of `first` seen from `second`, both (4, 4)."""
+    return np.asarray(cv2.Rodrigues(first[:3, :3] @ second[:3, :3].T)[0], np.float64)[:, 0]
