@@ -96,7 +96,15 @@ def unpack_attachment(data: bytes) -> Envelope:
 class Bus:
     """The publications and subscriptions of one node, as the table has them."""
 
-    def __init__(self, session: zenoh.Session, node: Node, inbox: Inbox, prefix: str = "") -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        node: Node,
+        inbox: Inbox,
+        prefix: str = "",
+        lossless: bool = False,
+    ) -> None:
+        """Declare them. `lossless` is for lockstep: no message is dropped, whoever is slow."""
         self._session = session
         self._inbox = inbox
         self._prefix = prefix
@@ -111,7 +119,7 @@ class Bus:
                 subscribe(session, topic, self._receiver(topic), prefix=prefix)
             )
         for topic in owned_by(node.name):
-            self._publishers[topic.name] = publish(session, topic, prefix)
+            self._publishers[topic.name] = publish(session, topic, prefix, lossless)
 
     def announce(self) -> None:
         """Tell the others, by a liveliness token, that this node takes messages."""
@@ -188,8 +196,10 @@ def subscribe(
     return session.declare_subscriber(key, handler)
 
 
-def publish(session: zenoh.Session, topic: Topic[M], prefix: str = "") -> Any:
-    """Declare a publisher as the topic's delivery says."""
+def publish(
+    session: zenoh.Session, topic: Topic[M], prefix: str = "", lossless: bool = False
+) -> Any:
+    """Declare a publisher as the topic's delivery says, or one that never drops."""
     key = wire.key_from_topic(topic, prefix)
     encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
     if topic.delivery is Delivery.LATCHED:
@@ -209,7 +219,7 @@ def publish(session: zenoh.Session, topic: Topic[M], prefix: str = "") -> Any:
     return session.declare_publisher(
         key,
         encoding=encoding,
-        congestion_control=control.DROP if latest else control.BLOCK,
+        congestion_control=control.DROP if latest and not lossless else control.BLOCK,
         express=latest,
         priority=zenoh.Priority.REAL_TIME if topic.name == "/cmd_vel" else zenoh.Priority.DATA,
     )

@@ -8,10 +8,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from services.common.frames import SE2, Array
 
@@ -122,9 +122,8 @@ def inflate(frame: GridFrame, lethal: Mask, unknown: Mask, params: InflationPara
     """
     far_m = math.hypot(frame.rows, frame.columns) * frame.resolution_m
     if lethal.any():
-        cells = cv2.distanceTransform(
-            np.logical_not(lethal).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-        )
+        # Exact, where the last bits of OpenCV's transform depend on threads and memory.
+        cells = distance_transform_edt(np.logical_not(lethal))
         clearance_m = np.minimum(np.asarray(cells, np.float32) * frame.resolution_m, far_m)
     else:
         clearance_m = np.full(lethal.shape, far_m)

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from services.common.frames import SE2
-
-# OpenCV splits a picture by its threads, and its distance transform then differs in the last bits.
-cv2.setNumThreads(1)
 
 OCCUPIED = 50
 """Cells from this value on are walls; ROS maps hold 0 free to 100 occupied, -1 unknown."""
@@ -83,8 +81,9 @@ def _signed_distance(
     wall = (fine >= 0.5).astype(np.uint8)
     if wall.all():
         wall[0, 0] = 0
-    to_wall = cv2.distanceTransform(1 - wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    to_free = cv2.distanceTransform(wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # Exact, where the last bits of OpenCV's transform depend on threads and memory.
+    to_wall = distance_transform_edt(wall == 0)
+    to_free = distance_transform_edt(wall > 0)
     # Both count from centre to centre; the border lies half a cell before the other kind's first.
     signed = np.where(wall > 0, 0.5 - to_free, to_wall - 0.5)
     cell_m = resolution_m / factor

@@ -6,7 +6,14 @@ from pathlib import Path
 import pytest
 
 from services.common import log
-from services.common.topics import BY_NAME, EVALUATION, ROSOUT, SIMULATION_STATS, WORLD
+from services.common.topics import (
+    BY_NAME,
+    EVALUATION,
+    PARAMETERS,
+    ROSOUT,
+    SIMULATION_STATS,
+    WORLD,
+)
 from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
 from services.embedded.executive import Executive
@@ -14,6 +21,7 @@ from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTranspo
 from tests.router import running_router
 
 EPISODE_S = 4.0
+NAMES_A_FOLDER = {EVALUATION.name, PARAMETERS.name, ROSOUT.name}
 
 
 def episode(
@@ -32,12 +40,8 @@ def episode(
 
 
 def comparable(record: Record) -> list[tuple[str, int, str, bytes]]:
-    """The record without the name of the run's folder, which the clock of the wall gives."""
-    return [
-        entry
-        for entry in record
-        if entry[0] not in {EVALUATION.name, ROSOUT.name} and entry[0] in BY_NAME
-    ]
+    """The record without the topics that name the run's folder."""
+    return [entry for entry in record if entry[0] not in NAMES_A_FOLDER]
 
 
 @pytest.fixture(scope="module")

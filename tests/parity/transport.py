@@ -50,7 +50,7 @@ class ZenohTransport:
         """The boxes of a node on a session of its own."""
         session = open_session(self._config, timeout_s=5.0)
         inbox = Inbox(node)
-        bus = Bus(session, node, inbox)
+        bus = Bus(session, node, inbox, lossless=True)
         bus.announce()
         # An answer from the router says that it has taken in what was declared before.
         alive(session)
