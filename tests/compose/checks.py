@@ -17,7 +17,7 @@ GOALS = ("location1", "location2", "location3", "location4", "home")
 
 def is_active(stack: Stack, demo: str) -> bool:
     """Whether both lines stand in the demo's own log."""
-    log = stack.logs(demo)
+    log = stack.logs(demo) if demo in stack.containers() else ""
     return all(f"[INFO] [{manager}]: {ACTIVE}" in log for manager in MANAGERS)
 
 

@@ -108,15 +108,18 @@ class Stack:
 
     def logs(self, service: str) -> str:
         """What a service has said."""
-        return self.compose("logs", "--no-color", "--no-log-prefix", service).stdout
+        return _docker("logs", self._identity(service)).stdout
 
     def inspect(self, service: str) -> dict[str, Any]:
         """What the engine knows of a service's container."""
-        identity = self.compose("ps", "--all", "--quiet", service).stdout.strip()
-        assert identity, f"{service} has no container"
-        (answer,) = json.loads(_docker("inspect", identity).stdout)
+        (answer,) = json.loads(_docker("inspect", self._identity(service)).stdout)
         assert isinstance(answer, dict)
         return answer
+
+    def _identity(self, service: str) -> str:
+        identity = self.compose("ps", "--all", "--quiet", service).stdout.strip()
+        assert identity, f"{service} has no container"
+        return identity
 
     def inside(self, service: str, code: str) -> str:
         """What a piece of Python prints in a service's container."""
@@ -181,5 +184,10 @@ def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack
 
 def _docker(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        ["docker", *arguments], capture_output=True, text=True, timeout=60, check=True
+        ["docker", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=60,
+        check=True,
     )

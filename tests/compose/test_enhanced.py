@@ -202,7 +202,7 @@ def test_the_tour_ends_with_its_table(tour: Tour) -> None:
     assert tour.process.wait(TOUR_S) == 0
     log = tour.stack.logs(DEMO)
     check_table(log)
-    assert log.count(ACTIVE) == 2
+    assert tour.stack.compose("logs", DEMO).stdout.count(ACTIVE) == 2
     assert tour.stack.inspect(DEMO)["State"]["ExitCode"] == 0
     assert "tour finished" in tour.output.read_text()
 

@@ -51,7 +51,7 @@ def test_the_tour_ends_and_leaves_what_belongs_to_the_person(
     assert process.wait(300.0) == 0
     log = stack.logs(DEMO)
     check_table(log)
-    assert log.count(ACTIVE) == 2
+    assert stack.compose("logs", DEMO).stdout.count(ACTIVE) == 2
     assert stack.down() <= 5.0
     (summary,) = check_recordings(stack)
     assert summary["world"] == "sim_house"
