@@ -91,6 +91,11 @@ class BringupNode(Node):
         name = self._goals[self._goal_index][0] if self._goal_index < len(self._goals) else ""
         return self._goal_index, len(self._goals) or len(self._config.tour), name
 
+    @property
+    def recording(self) -> str:
+        """The run's folder, as the recorder knows it; empty before it has told."""
+        return self._evaluation.recording if self._evaluation else ""
+
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take the run one stage further."""
         if not self._requested:

@@ -109,10 +109,29 @@ def run(options: DemoOptions) -> int:
             code = executive.run(until)
         finally:
             executive.close()
+    if bringup.recording:
+        _tell(console, Path(bringup.recording))
     if code is None:
         console.print("interrupted; the recording is closed")
         return EXIT_INTERRUPTED
     return code
+
+
+def _tell(console: Console, folder: Path) -> None:
+    """Say how fast it was, where the recording is and how to look at it."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    sim_s, factor = summary["sim_time_s"], summary["real_time_factor"]
+    lines = [
+        f"{sim_s:.1f} s simulated at {factor:.1f}x real time, "
+        f"camera: {summary['renderer']}, state {summary['state_hash']}",
+        f"summary:   {folder / 'summary.json'}",
+    ]
+    if (folder / "run.rrd").is_file():
+        lines += [
+            f"recording: {folder / 'run.rrd'}",
+            f"look at it: .venv/bin/mazebot recordings view {folder}",
+        ]
+    console.print("\n".join(lines), markup=False, highlight=False)
 
 
 class _ConsoleHandler(logging.Handler):

@@ -15,7 +15,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import pybullet
 
 from services.common.documents import World
 from services.common.frames import (
@@ -27,6 +26,7 @@ from services.common.frames import (
     rotation_from_quaternion,
     transform_matrix,
 )
+from services.physics.bullet import pybullet
 from services.physics.config import STEPS_PER_SECOND
 from services.physics.robot_model import ModelError, RobotModel, Shape, Vector
 

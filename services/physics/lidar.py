@@ -18,8 +18,9 @@ class Lidar:
     something is nearer than `range_min_m`. All other ranges have Gaussian noise and stay within the
     two limits.
 
-    Without noise, ranges away from a wall's edges are within 0.2 mm of geometry, but for 4 rays in
-    1000, which Bullet's ray cast ends up to 1.7 mm early: a sixth of the sensor's own noise.
+    Without noise, ranges away from a wall's edges are within 0.2 mm of geometry for 996 rays in
+    1000. Bullet's ray cast ends 4 rays in 10,000 more than 1 mm early, by 1.7 mm at most: a sixth
+    of the sensor's own noise.
     """
 
     def __init__(

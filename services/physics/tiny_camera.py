@@ -7,10 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
 from services.common.frames import Array
+from services.physics.bullet import pybullet
 from services.physics.camera import Intrinsics, optical_from_map
 from services.physics.scene import PLAIN, Scene, Texture
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pybullet
 import pytest
 
 from services.common import messages as msg
@@ -33,6 +32,7 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
+from services.physics.bullet import pybullet
 from services.physics.config import PhysicsConfig
 from services.physics.node import PhysicsNode
 from tests.physics.driver import HOUSE_WALLS, Driver, asset, panel, texture, world
