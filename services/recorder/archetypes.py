@@ -380,7 +380,7 @@ def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
     canvas.recording.transform(
         "ground_truth/odom", (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), MAP_FRAME, TRUTH_FRAME
     )
-    _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, _TRUTH)
+    _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, _TRUTH, 0.03)
     if canvas.due("ground_truth/odom/twist", stamp_ns, _PLOT_NS):
         _draw_twist(canvas, "ground_truth/odom", odometry.twist.twist)
 
@@ -495,7 +495,7 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
     """The estimated pose's uncertainty (2 sigma), the way by it, and its error."""
     stamp_ns = canvas.at(estimate.header.stamp)
     pose = estimate.pose.pose
-    _draw_trail(canvas, "amcl_pose/path", pose, 0.035, _ESTIMATE)
+    _draw_trail(canvas, "amcl_pose/path", pose, 0.06, _ESTIMATE, 0.012)
     if canvas.due("amcl_pose", stamp_ns, _PATH_NS):
         covariance = np.asarray(estimate.pose.covariance).reshape(6, 6)[:2, :2]
         variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
@@ -699,7 +699,12 @@ def _draw_twist(canvas: Canvas, path: str, twist: msg.Twist) -> None:
 
 
 def _draw_trail(
-    canvas: Canvas, path: str, pose: msg.Pose, z_m: float, color: tuple[int, int, int]
+    canvas: Canvas,
+    path: str,
+    pose: msg.Pose,
+    z_m: float,
+    color: tuple[int, int, int],
+    radius_m: float,
 ) -> None:
     """The way so far, drawn twice a second while it grows. The time must be set."""
     trail = canvas.trails.setdefault(path, Trail())
@@ -707,7 +712,7 @@ def _draw_trail(
         canvas.last[f"{path}#grown"] = True
     if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, _PATH_NS):
         canvas.last[f"{path}#grown"] = False
-        looks = rr.LineStrips3D.from_fields(colors=color, radii=0.018)
+        looks = rr.LineStrips3D.from_fields(colors=color, radii=radius_m)
         _frame(canvas, path, MAP_FRAME, looks)
         canvas.recording.log(path, rr.LineStrips3D([trail.points(z_m)]))
 
@@ -810,6 +815,9 @@ def _grid(
 ) -> rr.GridMap:
     # Rerun's first row is the top one, ROS' the one of the smallest y.
     cells = np.flipud(msg.cells_from_grid(grid))
+    if colormap == rr.components.Colormap.RvizCostmap:
+        # What is unknown lies outside the walls, and would hide the floor.
+        cells = np.maximum(cells, 0)
     origin, q = grid.info.origin.position, grid.info.origin.orientation
     return rr.GridMap(
         data=np.ascontiguousarray(cells).view(np.uint8).tobytes(),

@@ -1,13 +1,15 @@
-"""The live view: a server that viewers read the recording from, and the page that shows it."""
+"""What a browser opens: the page that shows a recording, and the server of a live one."""
 
 from __future__ import annotations
 
 import contextlib
 import http.client
+import os
 import shutil
 import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import ClassVar
 from urllib.parse import quote, urlsplit
 
@@ -15,6 +17,7 @@ import rerun as rr
 
 from services.common.config import ConfigError
 
+_RECORDING = "run.rrd"
 _WAITING = "waiting for a run"
 _PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
 
@@ -52,7 +55,7 @@ class LiveView:
         self._server.send_recording_name(_WAITING)
         text = rr.TextDocument("Waiting for a run. It will show here.")
         self._server.log("waiting", text, static=True)
-        self._page = WebPage(bind, web_port, grpc_port)
+        self._page = WebPage(bind, web_port, grpc_port=grpc_port)
 
     def close(self) -> None:
         """Stop serving."""
@@ -61,12 +64,22 @@ class LiveView:
 
 
 class WebPage:
-    """The Rerun web viewer of the installed package, with `/` leading to the recording to show."""
+    """The Rerun web viewer of the installed package, with `/` leading to the recording to show.
 
-    def __init__(self, bind: str, web_port: int, grpc_port: int) -> None:
+    It shows what comes from `grpc_port` on the same machine, or else the file `recording`.
+    """
+
+    def __init__(
+        self, bind: str, web_port: int, *, grpc_port: int = 0, recording: Path | None = None
+    ) -> None:
         """Raises ConfigError where the port is taken."""
-        files_port = _serve_viewer_files()
-        handler = type("Handler", (_Handler,), {"grpc_port": grpc_port, "files_port": files_port})
+        values = {
+            "web_port": web_port,
+            "grpc_port": grpc_port,
+            "recording": recording,
+            "files_port": _serve_viewer_files(),
+        }
+        handler = type("Handler", (_Handler,), values)
         try:
             self._http = ThreadingHTTPServer((bind, web_port), handler)
         except OSError as error:
@@ -81,23 +94,38 @@ class WebPage:
 
 
 class _Handler(BaseHTTPRequestHandler):
+    web_port: ClassVar[int]
     grpc_port: ClassVar[int]
+    recording: ClassVar[Path | None]
     files_port: ClassVar[int]
 
     def do_GET(self) -> None:
-        """Lead `/` to the recording; pass everything else on to the package's own file server."""
+        """Lead `/` to the recording; pass what is not ours on to the package's own file server."""
         parts = urlsplit(self.path)
         if parts.path == "/" and "url=" not in parts.query:
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or "localhost"
             host = f"[{host}]" if ":" in host else host
-            recording = f"rerun+http://{host}:{self.grpc_port}/proxy"
+            source = f"rerun+http://{host}:{self.grpc_port}/proxy"
+            if self.recording is not None:
+                source = f"http://{host}:{self.web_port}/{_RECORDING}"
             self.send_response(302)
-            self.send_header("Location", f"/?url={quote(recording, safe='')}")
+            self.send_header("Location", f"/?url={quote(source, safe='')}")
             self.send_header("Content-Length", "0")
             self.end_headers()
             return
         with contextlib.suppress(ConnectionError):
-            self._pass_on()
+            if self.recording is not None and parts.path == f"/{_RECORDING}":
+                self._send_recording(self.recording)
+            else:
+                self._pass_on()
+
+    def _send_recording(self, recording: Path) -> None:
+        with recording.open("rb") as file:
+            self.send_response(200)
+            self.send_header("Content-Type", "application/octet-stream")
+            self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
+            self.end_headers()
+            shutil.copyfileobj(file, self.wfile)
 
     def _pass_on(self) -> None:
         connection = http.client.HTTPConnection("127.0.0.1", self.files_port, timeout=30.0)

@@ -6,23 +6,25 @@ import contextlib
 import io
 import shutil
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from urllib.parse import quote
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.recorder.repair import rerun_binary
+from services.recorder.live import WebPage
 
 Picture = NDArray[np.uint8]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 # No GPU is asked for: WebGL2 on SwiftShader.
 _ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _PERIOD_S = 0.2
+SETTLE_S = 10.0
+"""Until a software renderer has drawn another time."""
+_TIME_SLIDER_PX = 293, 209, 14
+"""Its left end from the left, its right end from the right, and its middle from the bottom."""
 
 
 def free_port() -> int:
@@ -35,30 +37,12 @@ def free_port() -> int:
 @contextlib.contextmanager
 def served(recording: Path) -> Iterator[str]:
     """Serve a recording with the package's own viewer; the address to open."""
-    binary = rerun_binary()
-    assert binary is not None
-    web_port, grpc_port = free_port(), free_port()
-    ports = ["--web-viewer-port", str(web_port), "--port", str(grpc_port), "--bind", "127.0.0.1"]
-    command = [str(binary), str(recording), "--serve-web", *ports]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL
-    ) as process:
-        try:
-            wait_for_port(web_port)
-            source = quote(f"rerun+http://127.0.0.1:{grpc_port}/proxy", safe="")
-            yield f"http://127.0.0.1:{web_port}/?url={source}"
-        finally:
-            process.kill()
-
-
-def wait_for_port(port: int, timeout_s: float = 20.0) -> None:
-    """Return when something listens on a port."""
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
-        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
-            return
-        time.sleep(_PERIOD_S)
-    raise TimeoutError(f"nothing listens on port {port}")
+    port = free_port()
+    page = WebPage("127.0.0.1", port, recording=recording)
+    try:
+        yield f"http://127.0.0.1:{port}/"
+    finally:
+        page.close()
 
 
 def screenshot(
@@ -68,8 +52,12 @@ def screenshot(
     size: tuple[int, int] = (1600, 900),
     timeout_s: float = 90.0,
     settle_s: float = 0.0,
+    at: float | None = None,
 ) -> Picture:
-    """The page as (h, w, 3) BGR, as soon as it is `done`, or as it is after `timeout_s`."""
+    """The page as (h, w, 3) BGR, as soon as it is `done`, or as it is after `timeout_s`.
+
+    Then it is given `settle_s` to load the rest, and shown at the fraction `at` of its time.
+    """
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -89,8 +77,12 @@ def screenshot(
                 picture = _shoot(page.screenshot)
             if settle_s:
                 page.wait_for_timeout(1000.0 * settle_s)
-                picture = _shoot(page.screenshot)
-            return picture
+            if at is not None:
+                left, right, up = _TIME_SLIDER_PX
+                page.mouse.click(left + at * (size[0] - right - left), size[1] - up)
+                page.mouse.move(size[0] / 2.0, size[1] - up)
+                page.wait_for_timeout(1000.0 * SETTLE_S)
+            return _shoot(page.screenshot) if settle_s or at is not None else picture
         finally:
             browser.close()
 
@@ -107,3 +99,8 @@ def count_near(picture: Picture, bgr: tuple[int, int, int], tolerance: int = 30)
     """Pixels within `tolerance` of a colour in every channel."""
     difference = np.abs(picture.astype(np.int16) - np.array(bgr, np.int16))
     return int((difference.max(axis=2) <= tolerance).sum())
+
+
+def many_colors(picture: Picture) -> bool:
+    """Whether the page shows textures: a welcome page has few colours."""
+    return len(np.unique(picture[::8, ::8].reshape(-1, 3), axis=0)) > 600
