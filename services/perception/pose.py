@@ -20,7 +20,6 @@ _ROTATION_PRIOR_RAD = 1.0
 _UNIT_SQUARE = np.array([(-0.5, 0.5, 0), (0.5, 0.5, 0), (0.5, -0.5, 0), (-0.5, -0.5, 0)])
 _MIN_DEPTH_M = 1e-3
 _MAX_STEPS = 30
-_MAX_STEP_RAD = 0.2
 _SMALL_GAIN_PX2 = 1e-10
 _DIAGONAL = np.diag_indices(6)
 
@@ -176,9 +175,6 @@ def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
             step = -np.linalg.solve(information, fit.jacobian.T @ fit.errors_px)
         except np.linalg.LinAlgError:
             return fit
-        turn_rad = float(np.linalg.norm(step[3:]))
-        # A longer step may leap into the other minimum's basin.
-        step *= min(1.0, _MAX_STEP_RAD / max(turn_rad, 1e-12))
         moved = fit.camera_from_marker.copy()
         moved[:3, :3] = np.asarray(cv2.Rodrigues(step[3:])[0], np.float64) @ moved[:3, :3]
         moved[:3, 3] += step[:3]

@@ -266,6 +266,8 @@ def test_a_new_world_begins_anew() -> None:
     moved.step()
     assert moved.node.world_hash == "second"
     assert moved.node.waiting_for() == "the entities of the world"
+    map_from_odom = tf(PERIOD_NS, MAP_FRAME, ODOM_FRAME, np.eye(4))
+    moved.hear(TF, map_from_odom, "second")
     moved.hear(CAMERA_INFO, camera_info(PERIOD_NS), "second")
     moved.hear(CAMERA_IMAGE, image(PERIOD_NS), "second")
     (array,) = moved.step(PERIOD_NS)

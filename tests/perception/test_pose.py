@@ -106,7 +106,15 @@ def test_the_covariance_is_symmetric_positive_and_largest_along_the_line_of_sigh
         assert (covariance == covariance.T).all()
         assert np.linalg.eigvalsh(covariance).min() > 0.0
         assert covariance[2, 2] > 2.0 * max(covariance[0, 0], covariance[1, 1])
-        assert np.diag(covariance)[3:].max() <= 1.0
+
+
+def test_the_turn_of_a_marker_nearly_lost_in_noise_is_still_finite() -> None:
+    covariance = solutions(project(camera_from_marker(6.0)), sigma_px=50.0)[0].covariance
+    assert np.diag(covariance)[3:].max() <= 1.0
+
+
+def test_a_marker_seen_from_behind_is_none() -> None:
+    assert solutions(project(camera_from_marker(2.0, 0.5))[::-1]) == []
 
 
 def test_corners_that_fit_badly_have_a_larger_covariance() -> None:
