@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+from collections.abc import Callable
 
 import pytest
 
@@ -24,3 +25,19 @@ def image() -> str:
 def person() -> int:
     """A person who is not root, where the tests may act for one: as root they may."""
     return 1000 if os.getuid() == 0 else os.getuid()
+
+
+_MEASURED: list[str] = []
+
+
+@pytest.fixture
+def measured() -> Callable[[str, float], None]:
+    """Notes a duration, to be printed below the results."""
+    return lambda what, seconds: _MEASURED.append(f"{what}: {seconds:.2f} s")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if _MEASURED:
+        terminalreporter.section("measured")
+    for line in _MEASURED:
+        terminalreporter.write_line(line)

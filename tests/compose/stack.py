@@ -116,6 +116,10 @@ class Stack:
         assert isinstance(answer, dict)
         return answer
 
+    def networks_of(self, service: str) -> list[str]:
+        """Names of the networks that a service is in."""
+        return sorted(self.inspect(service)["NetworkSettings"]["Networks"])
+
     def _identity(self, service: str) -> str:
         identity = self.compose("ps", "--all", "--quiet", service).stdout.strip()
         assert identity, f"{service} has no container"
@@ -180,6 +184,13 @@ def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack
     finally:
         stack.clear()
         shutil.rmtree(folder)
+
+
+def inspect_network(name: str) -> dict[str, Any]:
+    """What the engine knows of a network."""
+    (answer,) = json.loads(_docker("network", "inspect", name).stdout)
+    assert isinstance(answer, dict)
+    return answer
 
 
 def _docker(*arguments: str) -> subprocess.CompletedProcess[str]:
