@@ -36,7 +36,10 @@ def list_runs(directory: Path) -> None:
         state = "" if run.closed else "open"
         size = f"{run.size_bytes / 1e6:.1f}"
         table.add_row(run.name, run.world, started, goals, f"{run.sim_time_s:.0f}", size, state)
-    Console(soft_wrap=True).print(table)
+    console = Console()
+    if not console.is_terminal:
+        console.width = 200
+    console.print(table)
 
 
 def view_run(directory: Path, name: str, web_port: int) -> None:

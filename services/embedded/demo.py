@@ -31,6 +31,7 @@ from services.recorder.node import RecorderNode
 from services.spawner.config import SpawnerConfig
 from services.spawner.node import SpawnerNode
 from services.worldgen.config import WorldgenConfig
+from services.worldgen.loader import load_world
 from services.worldgen.node import WorldgenNode
 
 EXIT_INTERRUPTED = 130
@@ -57,9 +58,6 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     Raises ConfigError where an option cannot be met.
     """
     seed = ["--seed", str(options.seed)]
-    worldgen = [*seed]
-    if options.texture_base is not None:
-        worldgen += ["--texture-base", str(options.texture_base)]
     camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
     recorder = ["--record", str(options.record)]
     if options.out_dir is not None:
@@ -69,7 +67,7 @@ def build_nodes(options: DemoOptions) -> list[Node]:
         bringup += ["--goal", json.dumps(options.goal)]
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
-        WorldgenNode(load(WorldgenConfig, "worldgen", worldgen)),
+        WorldgenNode(load(WorldgenConfig, "worldgen", _worldgen_flags(options))),
         PhysicsNode(load(PhysicsConfig, "physics", seed + camera)),
         SpawnerNode(load(SpawnerConfig, "spawner", seed)),
         PerceptionNode(load(PerceptionConfig, "perception", seed)),
@@ -79,6 +77,22 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     ]
 
 
+def _worldgen_flags(options: DemoOptions) -> list[str]:
+    flags = ["--seed", str(options.seed)]
+    if options.texture_base is not None:
+        flags += ["--texture-base", str(options.texture_base)]
+    return flags
+
+
+def check_world(options: DemoOptions) -> None:
+    """Read the world before anything is started.
+
+    Raises ConfigError where it cannot be had.
+    """
+    config = load(WorldgenConfig, "worldgen", _worldgen_flags(options))
+    load_world(options.world_name, options.use_aruco, config.worlds_dir, config.texture_base)
+
+
 def run(options: DemoOptions) -> int:
     """Drive the tour and return its exit code.
 
@@ -86,6 +100,7 @@ def run(options: DemoOptions) -> int:
     """
     console = Console(soft_wrap=True)
     rosout = log.configure(_ConsoleHandler(console))
+    check_world(options)
     nodes = build_nodes(options)
     executive = Executive(nodes, MemoryTransport(), rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))

@@ -9,17 +9,20 @@ import sys
 
 def _import_quietly() -> None:
     sys.stdout.flush()
-    kept = os.dup(1)
+    sys.stderr.flush()
+    kept = {number: os.dup(number) for number in (1, 2)}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 1)
+        for number in kept:
+            os.dup2(nowhere, number)
         import pybullet  # noqa: F401, PLC0415
 
-        # The line waits in C's buffer, which Python's flush does not reach.
+        # The line may wait in C's buffer, which Python's flush does not reach.
         ctypes.CDLL(None).fflush(None)
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        for number, copy in kept.items():
+            os.dup2(copy, number)
+            os.close(copy)
         os.close(nowhere)
 
 

@@ -79,7 +79,7 @@ def test_without_markers_the_enhanced_world_is_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("goal", "code", "words"),
     [
-        ((1.4, 2.0, 0.0), 206, "occupied"),
+        ((1.4, 2.0, 0.0), 206, "inside an obstacle"),
         ((50.0, 0.0, 0.0), 204, "outside"),
         ((4.5, -2.0, 0.0), 208, ""),
     ],

@@ -1,0 +1,197 @@
+"""The command: what it prints, and that every mistake is one line and no exit code 0."""
+
+import contextlib
+import io
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+import yaml
+
+from services.cli.app import main, parse_bool
+from services.cli.topic import plain
+from services.common.config import ConfigError
+from services.common.messages import matrix_from_pose
+from services.common.topics import GOAL_POSE, SCAN, WORLD
+from tests.common.samples import SAMPLES
+from tests.router import free_port, running_router
+
+NO_GL = {
+    "EGL_PLATFORM": "surfaceless",
+    "__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent",
+    "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent/none.json",
+}
+
+
+def mazebot(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The command in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        mock.patch.object(sys, "argv", ["mazebot", *arguments]),
+        mock.patch.dict(os.environ, environment),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.raises(SystemExit) as left,
+    ):
+        main()
+    code = left.value.code
+    assert isinstance(code, int)
+    return subprocess.CompletedProcess([], code, out.getvalue(), err.getvalue())
+
+
+def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A module in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, **environment},
+    )
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert done.returncode != 0
+    assert "Traceback" not in done.stderr + done.stdout
+    lines = [line for line in done.stderr.splitlines() if line]
+    assert len(lines) == 1, done.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+def test_help_names_every_command() -> None:
+    done = mazebot("--help")
+    assert done.returncode == 0
+    for name in ("demo", "goal", "topic", "recordings"):
+        assert name in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["demo", "--nope"], ["--nope"]),
+        (["nope"], ["nope"]),
+        (["demo", "--seed", "-1"], ["--seed"]),
+        (["demo", "--renderer", "magic", "--no-record"], ["renderer", "magic"]),
+        (["demo", "--use_aruco", "maybe"], ["--use_aruco", "maybe"]),
+        (["goal", "nan", "0", "0"], ["x", "nan"]),
+        (["goal", "0", "inf", "0"], ["y", "inf"]),
+        (["topic", "hz", "/nope"], ["/nope"]),
+        (["recordings", "view", "nope"], ["nope"]),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: list[str], words: list[str]) -> None:
+    assert_one_line(mazebot(*arguments), *words)
+
+
+def test_without_a_stack_the_router_is_named() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert_one_line(mazebot("goal", "0", "0", "0", "--connect", endpoint), endpoint)
+    assert_one_line(mazebot("topic", "list", "--connect", endpoint), endpoint)
+
+
+def test_a_router_without_a_robot_is_told_apart() -> None:
+    with running_router() as endpoint:
+        done = mazebot("goal", "1", "-2", "0", "--connect", endpoint)
+    assert_one_line(done, "no navigation service")
+
+
+def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.rrd").touch()
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        done = mazebot("recordings", "view", str(tmp_path / "run"), "--port", port)
+        router = python("services.router", "--listen", f"tcp/127.0.0.1:{port}")
+    assert_one_line(done, port)
+    assert_one_line(router, port)
+
+
+def test_no_gl_is_one_line(tmp_path: Path) -> None:
+    flags = ["--renderer", "gl", "--out", str(tmp_path / "run")]
+    done = python("services.cli", "demo", *flags, **NO_GL)
+    assert_one_line(done, "renderer", "gl")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("recipe", "words"),
+    [
+        ({"walls": [{"length_m": -1}]}, ["length_m", "-1"]),
+        ({"walls": [{"length_m": float("nan")}]}, ["length_m", "nan"]),
+        ({"nope": 1}, ["nope"]),
+    ],
+)
+def test_a_bad_recipe_names_file_field_and_value(
+    tmp_path: Path, recipe: dict[str, object], words: list[str]
+) -> None:
+    source = Path(__file__).parents[2] / "worlds" / "sim_house.yaml"
+    content = yaml.safe_load(source.read_text())
+    if "walls" in recipe:
+        content["walls"][3].update(recipe["walls"][0])  # type: ignore[index]
+    else:
+        content.update(recipe)
+    (tmp_path / "bad.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    done = mazebot(
+        "demo", "--world", "bad", "--no-camera", "--no-record", "--out", str(tmp_path / "run"),
+        MAZEBOT_WORLDGEN_WORLDS_DIR=str(tmp_path),
+    )  # fmt: skip
+    assert_one_line(done, "bad.yaml", *words)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_world_names_the_known_ones(tmp_path: Path) -> None:
+    done = mazebot("demo", "--world", "atlantis", "--no-record", "--out", str(tmp_path / "run"))
+    assert_one_line(done, "atlantis", "sim_house_enhanced")
+
+
+def test_a_missing_texture_is_named(tmp_path: Path) -> None:
+    done = mazebot(
+        "demo", "--texture_base", str(tmp_path), "--no-record", "--out", str(tmp_path / "run")
+    )
+    assert_one_line(done, "bricks.png")
+
+
+def test_a_folder_that_holds_a_run_is_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text("{}")
+    assert_one_line(mazebot("demo", "--out", str(tmp_path)), "summary.json")
+    assert (tmp_path / "summary.json").read_text() == "{}"
+
+
+def test_recordings_are_listed(tmp_path: Path) -> None:
+    run = tmp_path / "2026-01-02_03-04-05_sim_house"
+    run.mkdir()
+    goals = [{"reached": True}, {"reached": False}]
+    (run / "summary.json").write_text(json.dumps({"world": "sim_house", "goals": goals}))
+    done = mazebot("recordings", "list", "--dir", str(tmp_path))
+    assert done.returncode == 0
+    assert "2026-01-02_03-04-05_sim_house" in done.stdout
+    assert "1/2" in done.stdout
+
+
+@pytest.mark.parametrize(("text", "value"), [("True", True), ("false", False), ("1", True)])
+def test_booleans_are_those_of_launch_files(text: str, value: bool) -> None:
+    assert parse_bool("--use_aruco", text) is value
+
+
+def test_a_boolean_that_is_none() -> None:
+    with pytest.raises(ConfigError, match="maybe"):
+        parse_bool("--use_aruco", "maybe")
+
+
+def test_messages_are_shown_as_plain_yaml() -> None:
+    shown = yaml.safe_load(yaml.safe_dump(plain(SAMPLES[GOAL_POSE])))
+    assert shown["header"]["frame_id"] == "map"
+    assert shown["pose"]["position"]["x"] == matrix_from_pose(SAMPLES[GOAL_POSE].pose)[0, 3]
+    assert plain(SAMPLES[WORLD])["walls"][0]["name"] == "Wall_0"
+    scan = plain(SAMPLES[SCAN])
+    assert scan["ranges"][1] == np.inf
