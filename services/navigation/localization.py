@@ -33,6 +33,7 @@ __all__ = ["Localization", "LocalizationParams", "MarkerCandidate"]
 _HISTORY = 90
 """Samples of odometry: 3 s."""
 _EXTRAPOLATE_NS = 200_000_000
+_LEAST_PART = 1.0 / 256.0
 _FAR_M = 1e3
 """No lidar reaches so far, whatever its message says."""
 _CLUSTER_M, _CLUSTER_RAD = 0.6, math.radians(45.0)
@@ -92,8 +93,14 @@ class LocalizationParams(BaseModel):
     resample_share: float = Field(
         0.5, gt=0, le=1, description="resample below this share of effective particles"
     )
-    roughening_m: float = Field(0.004, ge=0, description="spread added by each resampling")
-    roughening_rad: float = Field(0.004, ge=0, description="spread added by each resampling")
+    tempering_share: float = Field(
+        0.1, ge=0, le=1, description="one measurement leaves this share of effective particles"
+    )
+    roughening_m: float = Field(0.004, ge=0, description="spread added by resampling, at least")
+    roughening_rad: float = Field(0.004, ge=0, description="spread added by resampling, at least")
+    roughening_ratio: float = Field(
+        0.3, ge=0, description="spread added as a share of the particles', as a regularised filter"
+    )
     scan_match_tolerance_m: float = Field(0.1, gt=0, description="a beam this near a wall fits")
     recovery_alpha_slow: float = Field(
         0.001, gt=0, le=1, description="gain of the long mean of the scan match"
@@ -103,6 +110,9 @@ class LocalizationParams(BaseModel):
     )
     converged_std_m: float = Field(0.15, gt=0, description="spread of particles that agree")
     converged_std_rad: float = Field(0.1, gt=0, description="spread of particles that agree")
+    settled_ratio: float = Field(
+        0.2, gt=0, le=1, description="above this share of that spread every measurement is used"
+    )
     marker_std_m: float = Field(0.02, gt=0, description="of a marker's place, at any range")
     marker_range_ratio_per_m: float = Field(
         0.02, ge=0, description="of a marker's range, as a ratio of it, for each metre of it"
@@ -175,7 +185,7 @@ class Localization:
         self._map_from_base: SE2 | None = None
         """The estimate at the particles' time."""
         self._covariance = np.zeros((3, 3))
-        self._converged = False
+        self._converged = self._settled = False
         self._last_scan: tuple[int, SE2] | None = None
         self._last_marker: dict[tuple[float, ...], tuple[int, SE2]] = {}
         self._match_slow = self._match_fast = 1.0
@@ -222,6 +232,7 @@ class Localization:
         self._map_from_base = SE2(*(float(value) for value in map_from_base))
         self._covariance = covariance
         self._converged = self._is_narrow(covariance)
+        self._settled = False
         if self._history:
             self._stamp_ns, self._odom_from_base = self._history[-1]
             # What was seen before now was seen from somewhere else.
@@ -274,10 +285,11 @@ class Localization:
         points_m = _transformed(self._odom_from_base.inverse() @ odom_from_base, points_m)
         if used:
             stride = -(-len(points_m) // self._params.max_beams)
-            self._log_weights += pf.scan_log_weights(
-                self._field, self._particles, points_m[::stride], self._params.beam_weight
+            self._weigh(
+                pf.scan_log_weights(
+                    self._field, self._particles, points_m[::stride], self._params.beam_weight
+                )
             )
-            self._estimate_and_resample()
         self._judge(points_m)
         return used
 
@@ -318,8 +330,7 @@ class Localization:
         if lost > _INJECT_ABOVE and expected < p.marker_outlier:
             self._inject(seen, now_from_then, min(lost, _INJECT_AT_MOST))
             return True
-        self._log_weights += np.log(likelihood + p.marker_outlier)
-        self._estimate_and_resample()
+        self._weigh(np.log(likelihood + p.marker_outlier))
         return True
 
     def pose(self) -> tuple[SE2, Array]:
@@ -374,7 +385,7 @@ class Localization:
             return False
         turned = abs(wrap_angle(odom_from_base.yaw_rad - last[1].yaw_rad))
         return (
-            not self._converged
+            not self._settled
             or odom_from_base.distance_m(last[1]) >= self._params.update_min_d
             or turned >= self._params.update_min_a
             or stamp_ns - last[0] >= self._params.still_update_period_s * 1e9
@@ -413,8 +424,20 @@ class Localization:
             by_pose @ self._covariance @ by_pose.T + by_motion @ np.diag(variances) @ by_motion.T
         )
 
-    def _estimate_and_resample(self) -> None:
-        weights = pf.normalised(self._log_weights)
+    def _weigh(self, log_likelihood: Array) -> None:
+        # Where the particles lie wider apart than the measurement is sharp, one of them would take
+        # all and the rest of the truth's neighbourhood be lost: then less of it is taken in, and
+        # the rest left to the measurements to come.
+        needed = self._params.tempering_share * len(self._particles)
+        part = 1.0
+        weights = pf.normalised(self._log_weights + log_likelihood)
+        while pf.effective_sample_size(weights) < needed and part > _LEAST_PART:
+            part *= 0.5
+            weights = pf.normalised(self._log_weights + part * log_likelihood)
+        self._estimate_and_resample(weights)
+
+    def _estimate_and_resample(self, weights: Array) -> None:
+        p = self._params
         mean, covariance = pf.mean_and_covariance(self._particles, weights)
         self._converged = self._is_narrow(covariance)
         if not self._converged:
@@ -423,9 +446,10 @@ class Localization:
             mean, covariance = pf.mean_and_covariance(
                 self._particles[cluster], weights[cluster] / share
             )
+        self._settled = self._converged and self._is_narrow(covariance / p.settled_ratio**2)
         self._covariance = covariance
         self._map_from_base = mean
-        if pf.effective_sample_size(weights) < self._params.resample_share * len(weights):
+        if pf.effective_sample_size(weights) < p.resample_share * len(weights):
             self._resample(weights)
         else:
             self._log_weights = np.log(np.maximum(weights, 1e-300))
@@ -437,8 +461,9 @@ class Localization:
         count = pf.kld_sample_size(kept, _KLD_BIN_M, _KLD_BIN_RAD, p.pf_err, p.pf_z)
         count = min(max(count, p.min_particles), p.max_particles)
         kept = self._particles[pf.low_variance_resample(weights, offset, count)]
-        # Copies would stay copies while the robot rests.
+        # Copies would stay copies while the robot rests, and few of them might be near the truth.
         spread = np.array([p.roughening_m, p.roughening_m, p.roughening_rad])
+        spread = np.sqrt(spread**2 + p.roughening_ratio**2 * np.diag(self._covariance))
         kept += self._rng.standard_normal(kept.shape) * spread
         kept[:, 2] = _wrapped(kept[:, 2])
         self._particles = kept
@@ -475,7 +500,7 @@ class Localization:
         self._particles = np.ascontiguousarray(np.concatenate(groups))
         self._particles[:, 2] = _wrapped(self._particles[:, 2])
         self._log_weights = np.zeros(len(self._particles))
-        self._converged = False
+        self._converged = self._settled = False
 
 
 def _wrapped(angles_rad: Array) -> Array:

@@ -224,7 +224,7 @@ class TestAtRest:
             loc.odometry(i * STEP_NS, SE2(0.0, 0.0, 0.0))
             feed(loc, i * STEP_NS, sim.scan_at(here, rng))
         assert loc.converged
-        assert loc.pose()[0].distance_m(here) < 0.04
+        assert loc.pose()[0].distance_m(here) < 0.03
 
 
 class TestKidnapping:
