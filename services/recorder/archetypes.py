@@ -44,6 +44,7 @@ from services.common.topics import (
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     ODOM,
+    PARAMETERS,
     PARTICLE_CLOUD,
     PLAN,
     ROSOUT,
@@ -180,6 +181,12 @@ def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
         _say(canvas, "world/status", f"{name} refused: {status.error}", "ERROR")
     else:
         _say(canvas, "world/status", f"{name} runs as {status.world_hash}")
+
+
+def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
+    """How a service is configured, in words."""
+    values = " ".join(f"{name}={value}" for name, value in parameters.values.items())
+    _say(canvas, "parameters", f"{parameters.service}: {values}")
 
 
 def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
@@ -627,6 +634,7 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     CLOCK: draw_clock,
     WORLD_REQUEST: draw_world_request,
     WORLD_STATUS: draw_world_status,
+    PARAMETERS: draw_parameters,
     ASSETS: draw_asset,
     WORLD: draw_world,
     MAP: draw_map,
@@ -743,11 +751,14 @@ def _draw_outlines(
 ) -> None:
     path = "aruco/detections/outline"
     if canvas.changed(path, bool(outlines)) or outlines:
-        looks = rr.LineStrips2D.from_fields(
-            colors=_MARKER, radii=1.5, show_labels=True, draw_order=30.0
-        )
-        _frame(canvas, path, frame, looks)
-        canvas.recording.log(path, rr.LineStrips2D(outlines, labels=names))
+        lines = rr.LineStrips2D.from_fields(colors=_MARKER, radii=1.5, draw_order=30.0)
+        _frame(canvas, path, frame, lines)
+        canvas.recording.log(path, rr.LineStrips2D(outlines))
+        # A label stands over the middle of its outline, and would hide the marker.
+        below = [(outline[:, 0].mean(), outline[:, 1].max() + 8.0) for outline in outlines]
+        points = rr.Points2D.from_fields(colors=_MARKER, radii=0.0, show_labels=True)
+        _frame(canvas, f"{path}/name", frame, points)
+        canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
 
 
 def _draw_walls(canvas: Canvas, world: doc.World, material: doc.Material) -> None:

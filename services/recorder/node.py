@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from services.common.topics import (
     EVALUATION,
     MAP,
     NAVIGATION_RESULT,
+    PARAMETERS,
     ROSOUT,
     TF_STATIC,
     WORLD,
@@ -42,7 +43,7 @@ EVALUATION_PERIOD_NS = 1_000_000_000
 NEW_RUN_NS = 1_000_000_000
 """A clock that goes back by more than this belongs to another run."""
 
-_EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, DIAGNOSTICS, ROSOUT)
+_EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, PARAMETERS, DIAGNOSTICS, ROSOUT)
 """What is kept for the run until there is one."""
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
 """What is said once and holds until it is said anew, in the next run as well."""
@@ -62,15 +63,11 @@ class RecorderNode(Node):
         config: RecorderConfig,
         wall_clock_s: Callable[[], float] = time.monotonic,
         local_time: Callable[[], datetime] = datetime.now,
-        run_config: Mapping[str, Any] | None = None,
     ) -> None:
-        """`run_config` is what config.yaml shall hold beside the recorder's own configuration.
-
-        Raises ConfigError where a folder cannot be written or a port is taken.
-        """
+        """Raises ConfigError where a folder cannot be written or a port is taken."""
         self._config = config
         self._local_time = local_time
-        self._run_config = dict(run_config or {})
+        self._parameters: dict[str, Any] = {}
         if config.out_dir is None:
             check_writable(config.recordings_dir)
         else:
@@ -142,8 +139,10 @@ class RecorderNode(Node):
             self._setting.fixed[topic] = message
         elif topic is WORLD_REQUEST and message != self._request:
             self._request = message
-            if self._run is not None:
-                self._run.write_config(self._content(self._run.world))
+            self._write_config()
+        elif topic is PARAMETERS and self._parameters.get(message.service) != message.values:
+            self._parameters[message.service] = message.values
+            self._write_config()
         if self._run is not None:
             self._run.take(topic, message, now_ns)
         elif topic in _EARLY:
@@ -161,19 +160,22 @@ class RecorderNode(Node):
         self.world_hash = world.hash
         self._evaluated_ns = None
         self._run = Run(self._setting, folder, world, now_ns)
-        self._run.write_config(self._content(world))
+        self._write_config()
         _LOG.info("recording to %s", folder.path)
         while self._early:
             topic, message = self._early.popleft()
             self._run.take(topic, message, now_ns)
 
-    def _content(self, world: doc.World) -> dict[str, Any]:
-        """What config.yaml holds."""
-        return {
+    def _write_config(self) -> None:
+        """Write config.yaml: what was asked for, what runs, and how every service is configured."""
+        if self._run is None:
+            return
+        world = self._run.world
+        content = {
             "world_request": self._request.model_dump(mode="json") if self._request else None,
             "world": world.name,
             "world_hash": world.hash,
             "seed": self._config.seed,
-            "recorder": self._config.model_dump(mode="json"),
-            **self._run_config,
+            "services": dict(sorted(self._parameters.items())),
         }
+        self._run.write_config(content)

@@ -281,6 +281,7 @@ class Run:
             recorded_s=(end_ns - start_ns) * 1e-9,
             wall_time_s=end_s - start_s,
             evaluation=self.evaluation(),
+            totals=self._evaluation.totals(),
             counts=self._counts,
             rejected_elsewhere=self._rejected,
             versions=self._setting.versions,

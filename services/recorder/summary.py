@@ -23,6 +23,7 @@ def build_summary(
     recorded_s: float,
     wall_time_s: float,
     evaluation: Evaluation,
+    totals: Mapping[str, Any],
     counts: Mapping[str, TopicCounts],
     rejected_elsewhere: RejectedElsewhere,
     versions: Mapping[str, str],
@@ -48,6 +49,7 @@ def build_summary(
         "goals": judged.pop("goals"),
         "contacts": {"count": len(contacts), "list": contacts},
         **judged,
+        **totals,
         "messages": _messages(counts, rejected_elsewhere),
         "versions": dict(versions),
     }
