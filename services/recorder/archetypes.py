@@ -184,9 +184,13 @@ def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
 
 
 def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
-    """How a service is configured, in words."""
-    values = " ".join(f"{name}={value}" for name, value in parameters.values.items())
-    _say(canvas, "parameters", f"{parameters.service}: {values}")
+    """How a service is configured, as a document."""
+    lines = [f"- {name}: {value}" for name, value in parameters.values.items()]
+    text = "\n".join([f"# {parameters.service}", *lines])
+    path = f"parameters/{parameters.service}"
+    if canvas.changed(path, text):
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        canvas.recording.log(path, document, static=True)
 
 
 def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:

@@ -41,9 +41,21 @@ class RunFolder:
     """A run's own folder, locked until `release()`."""
 
     def __init__(self, path: Path) -> None:
+        """Raises FileExistsError where a run has the folder already."""
         self.path = path
-        self._lock: IO[str] | None = (path / LOCK).open("x", encoding="utf-8")
-        fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Locked before it gets its name: nobody may find it unlocked and take the run for dead.
+        with tempfile.NamedTemporaryFile("w", dir=path, prefix=f"{LOCK}.", delete=False) as file:
+            lock = os.fdopen(os.dup(file.fileno()), "w", encoding="utf-8")
+        temporary = Path(file.name)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            (path / LOCK).hardlink_to(temporary)
+        except OSError:
+            lock.close()
+            raise
+        finally:
+            temporary.unlink()
+        self._lock: IO[str] | None = lock
 
     @classmethod
     def in_folder(cls, recordings_dir: Path, started: datetime, world: str) -> RunFolder:

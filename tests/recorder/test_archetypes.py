@@ -1,0 +1,232 @@
+"""What is drawn where: each drawing against what its message says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from services.common import documents as doc
+from services.common import messages as msg
+from services.common import topics as table
+from services.common.config import ROOT
+from services.common.frames import SE2
+from services.common.topics import read_by
+from services.recorder.archetypes import DRAW, SERIES, draw_start, draw_world
+from services.recorder.blueprint import run_blueprint
+from services.recorder.canvas import Canvas, Trail
+from services.recorder.mesh import robot_from_urdf
+from services.recorder.recording import Recording
+from tests.common.samples import SAMPLES
+from tests.recorder import synthetic
+from tests.recorder.synthetic import BRICKS, ERROR_M, FOCAL_PX, Said, driving, opening, room
+
+ROBOT = robot_from_urdf((ROOT / "models/turtlebot3_waffle/model.urdf").read_text())
+
+
+class Paper:
+    """Keeps what is drawn, in place of a Rerun recording."""
+
+    def __init__(self) -> None:
+        self.stamp_ns = 0
+        self.logged: dict[str, list[Any]] = {}
+        self.scalars: dict[str, list[tuple[int, float]]] = {}
+        self.transforms: dict[str, list[tuple[int, tuple[float, ...], str, str]]] = {}
+
+    def at(self, stamp_ns: int) -> None:
+        self.stamp_ns = stamp_ns
+
+    def log(self, path: str, *archetypes: Any, static: bool = False) -> None:
+        del static
+        self.logged.setdefault(path, []).extend(archetypes)
+
+    def scalar(self, path: str, value: float) -> None:
+        self.scalars.setdefault(path, []).append((self.stamp_ns, value))
+
+    def transform(
+        self, path: str, translation_m: tuple[float, ...], _: object, parent: str, child: str
+    ) -> None:
+        rows = self.transforms.setdefault(path, [])
+        rows.append((self.stamp_ns, translation_m, parent, child))
+
+
+def canvas_of(world: doc.World) -> tuple[Canvas, Paper]:
+    paper = Paper()
+    clock: Callable[[], float] = synthetic.WallClock(1.1)
+    return Canvas(cast("Recording", paper), ROBOT, world, {}, clock), paper
+
+
+def draw(canvas: Canvas, said: list[Said]) -> None:
+    for now_ns, topic, message in said:
+        canvas.now_ns = now_ns
+        if topic is table.ASSETS:
+            canvas.textures[message.header.frame_id] = message.data.tobytes()
+        DRAW[topic](canvas, message)
+
+
+def driven(seconds: float = 2.0) -> tuple[Canvas, Paper]:
+    world = room()
+    canvas, paper = canvas_of(world)
+    draw_start(canvas)
+    draw(canvas, opening(world))
+    draw(canvas, list(driving(world, seconds)))
+    return canvas, paper
+
+
+def column(archetype: Any, name: str) -> Any:
+    """A component's values."""
+    return getattr(archetype, name).as_arrow_array()
+
+
+def test_every_topic_that_the_recorder_reads_is_drawn() -> None:
+    assert set(DRAW) == set(read_by("recorder"))
+
+
+@pytest.mark.parametrize("topic", read_by("recorder"), ids=lambda topic: topic.name)
+def test_one_message_of_each_topic_can_be_drawn(topic: Any) -> None:
+    rr.set_strict_mode(True)
+    canvas, paper = canvas_of(doc.World.model_validate(SAMPLES[table.WORLD].model_dump()))
+    canvas.camera = SAMPLES[table.CAMERA_INFO]
+    for _ in range(2):
+        DRAW[topic](canvas, SAMPLES[topic])
+    shown = paper.logged or paper.scalars or paper.transforms
+    # A texture of nothing, entities of another world, a wheel that is none.
+    nothing_to_show = topic in (table.ASSETS, table.ENTITIES, table.DESIRED_ENTITIES)
+    nothing_to_show |= topic is table.JOINT_STATES
+    assert shown or nothing_to_show
+
+
+def test_every_plotted_entity_gets_numbers_and_a_name() -> None:
+    _, paper = driven(3.0)
+    assert set(paper.scalars) == set(SERIES)
+
+
+def test_errors_are_those_against_the_truth() -> None:
+    _, paper = driven()
+    values = [value for _, value in paper.scalars["error/localisation_m"]]
+    assert values == pytest.approx([ERROR_M] * 20)
+    assert paper.scalars["error/odometry_m"][-1][1] == pytest.approx(0.0, abs=1e-9)
+    # The marker stands 2 m before the camera by its detections, whatever the robot's pose.
+    truth = synthetic.true_pose(1_999_999_980)
+    seen_at = (truth.matrix() @ synthetic.BASE_FROM_CAMERA @ np.array([2.0, 0.0, 0.0, 1.0]))[:3]
+    expected_m = np.linalg.norm(seen_at - synthetic.marker_on_the_east_wall().position_m)
+    assert paper.scalars["error/marker_m"][-1][1] == pytest.approx(float(expected_m), abs=1e-6)
+
+
+def test_a_marker_is_outlined_where_the_camera_sees_it() -> None:
+    _, paper = driven(0.2)
+    outline = paper.logged["aruco/detections/outline"][-1]
+    corners = np.array(column(outline, "strips").to_pylist()[0])
+    half_px = FOCAL_PX * 0.15 / 2.0
+    assert corners.min(axis=0) == pytest.approx([160 - half_px, 120 - half_px], abs=1e-3)
+    assert corners.max(axis=0) == pytest.approx([160 + half_px, 120 + half_px], abs=1e-3)
+    name = paper.logged["aruco/detections/outline/name"][-1]
+    assert column(name, "labels").to_pylist() == ["id 60"]
+
+
+def test_the_outline_goes_when_the_marker_does() -> None:
+    canvas, paper = driven(0.2)
+    empty = msg.Detection3DArray(msg.header(300_000_000, "camera_rgb_optical_frame"), [])
+    for _ in range(3):
+        DRAW[table.DETECTIONS](canvas, empty)
+    outlines = [
+        a
+        for a in paper.logged["aruco/detections/outline"]
+        if getattr(a, "strips", None) is not None
+    ]
+    assert len(column(outlines[-1], "strips")) == 0
+    assert len(column(outlines[-2], "strips")) == 1  # told once
+
+
+def test_the_picture_keeps_its_colours() -> None:
+    import cv2
+
+    _, paper = driven(0.2)
+    (blob,) = column(paper.logged["camera/color/image_raw"][-1], "blob").to_pylist()
+    picture = cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    picture = picture.astype(int)
+    assert picture[20, 20][::-1] == pytest.approx([30, 60, 200], abs=6)
+    assert picture[220, 20][::-1] == pytest.approx([230, 200, 20], abs=6)
+
+
+def test_echoes_lie_where_the_beams_point() -> None:
+    _, paper = driven(0.2)
+    points = np.array(column(paper.logged["scan"][-1], "positions").to_pylist())
+    assert len(points) == 360 - len(range(0, 360, 7))  # those without an echo are left out
+    assert np.hypot(points[:, 0], points[:, 1]) == pytest.approx(np.full(len(points), 1.5))
+    first = np.arctan2(points[0, 1], points[0, 0])
+    assert first == pytest.approx(np.pi / 180, abs=1e-4)
+
+
+def test_a_grid_s_first_row_is_drawn_at_the_bottom() -> None:
+    canvas, paper = canvas_of(room())
+    cells = np.array([[100, 0], [-1, 0], [0, 50]], np.int8)
+    grid = msg.occupancy_grid(0, 0.5, SE2(-3.0, 2.0, 0.0), cells)
+    DRAW[table.MAP](canvas, grid)
+    drawn = paper.logged["map"][-1]
+    assert column(drawn, "data").to_pylist() == [[0, 50, 255, 0, 100, 0]]
+    assert column(drawn, "translation").to_pylist()[0][:2] == [-3.0, 2.0]
+    assert column(drawn, "cell_size").to_pylist() == [0.5]
+
+
+def test_the_true_robot_moves_by_the_truth_and_the_other_by_the_estimate() -> None:
+    _, paper = driven(1.0)
+    stamp_ns, position_m, parent, child = paper.transforms["ground_truth/odom"][-1]
+    truth = synthetic.true_pose(stamp_ns)
+    assert position_m[:2] == pytest.approx((truth.x_m, truth.y_m))
+    assert (parent, child) == ("map", "ground_truth")
+    assert paper.transforms["tf/odom"][-1][1][0] == pytest.approx(ERROR_M)
+    for name, frame in (
+        ("ground_truth/robot", "ground_truth"),
+        ("amcl_pose/robot", "base_footprint"),
+    ):
+        assert column(paper.logged[name][0], "frame").to_pylist() == [frame]
+
+
+def test_walls_get_their_texture_when_it_comes_late() -> None:
+    world = room()
+    canvas, paper = canvas_of(world)
+    draw_world(canvas, world)
+    plain = paper.logged["world/walls/bricks"][-1]
+    assert plain.albedo_texture_buffer is None
+    asset = next(message for _, topic, message in opening(world) if topic is table.ASSETS)
+    assert asset.header.frame_id == BRICKS
+    draw(canvas, [(0, table.ASSETS, asset)] * 2)
+    textured = [a for a in paper.logged["world/walls/bricks"] if isinstance(a, rr.Mesh3D)]
+    assert len(textured) == 2  # the second copy of the asset changes nothing
+    assert textured[-1].albedo_texture_buffer is not None
+    assert len(column(textured[-1], "vertex_texcoords")) == 2 * 4 * 4
+
+
+def test_a_marker_that_is_taken_away_is_drawn_no_more() -> None:
+    world = room()
+    canvas, paper = driven(0.2)
+    DRAW[table.ENTITIES](canvas, doc.Entities(world_hash=world.hash))
+    last = paper.logged["entities/marker_60"][-1]
+    assert len(column(last, "vertex_positions")) == 0
+
+
+def test_entities_of_another_world_are_not_drawn() -> None:
+    canvas, paper = canvas_of(room())
+    entity = synthetic.marker_on_the_east_wall()
+    DRAW[table.ENTITIES](canvas, doc.Entities(world_hash="other", entities=(entity,)))
+    assert "entities/marker_60" not in paper.logged
+
+
+def test_a_trail_keeps_a_point_every_three_centimetres_and_a_bounded_number() -> None:
+    trail = Trail()
+    taken = [trail.add(0.0101 * i, 0.0) for i in range(100_000)]
+    assert sum(taken[:31]) == 11
+    assert len(trail.points(0.0)) == 4000
+    assert trail.points(0.5)[-1] == pytest.approx([1009.99, 0.0, 0.5], abs=0.04)
+
+
+def test_the_layout_looks_into_the_maze_from_outside_and_above() -> None:
+    blueprint = run_blueprint(room())
+    assert blueprint is not None
+    rr.set_strict_mode(True)
+    assert run_blueprint(room().model_copy(update={"walls": ()})) is not None

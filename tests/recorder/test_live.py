@@ -1,0 +1,75 @@
+"""The page that a browser opens."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services.common.config import ConfigError
+from services.recorder.config import RecorderConfig
+from services.recorder.live import LiveView, WebPage, check_port_free
+from services.recorder.node import RecorderNode
+from tests.browser.viewer import free_port
+
+
+@pytest.fixture
+def taken_port() -> Iterator[int]:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        yield listener.getsockname()[1]
+
+
+def get(port: int, path: str, host: str = "maze.local") -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    connection.request("GET", path, headers={"Host": f"{host}:{port}"})
+    return connection.getresponse()
+
+
+@pytest.mark.parametrize("name", ["web_port", "grpc_port"])
+def test_a_taken_port_is_told_in_one_line_before_anything_starts(
+    tmp_path: Path, taken_port: int, name: str
+) -> None:
+    ports = {"web_port": free_port(), "grpc_port": free_port(), name: taken_port}
+    config = RecorderConfig(recordings_dir=tmp_path, live=True, bind="127.0.0.1", **ports)
+    with pytest.raises(ConfigError, match=f"^{name}: port {taken_port} on 127.0.0.1: ") as told:
+        RecorderNode(config)
+    assert "\n" not in str(told.value)
+
+
+def test_the_bare_address_leads_to_the_live_recording_by_the_browser_s_name_for_us() -> None:
+    web_port, grpc_port = free_port(), free_port()
+    live = LiveView("127.0.0.1", web_port, grpc_port, 64)
+    try:
+        answer = get(web_port, "/")
+        assert answer.status == 302
+        source = f"rerun%2Bhttp%3A%2F%2Fmaze.local%3A{grpc_port}%2Fproxy"
+        assert answer.getheader("Location") == f"/?url={source}"
+        page = get(web_port, f"/?url={source}")
+        assert page.status == 200
+        assert page.getheader("Content-Type") == "text/html"
+        assert b"the_canvas_id" in page.read()
+        with socket.create_connection(("127.0.0.1", grpc_port), 5.0):
+            pass
+    finally:
+        live.close()
+    for port in (web_port, grpc_port):
+        check_port_free("given back", "127.0.0.1", port)
+
+
+def test_a_finished_recording_is_served_beside_the_viewer(tmp_path: Path) -> None:
+    recording = tmp_path / "anything.rrd"
+    recording.write_bytes(bytes(range(256)) * 100)
+    port = free_port()
+    page = WebPage("127.0.0.1", port, recording=recording)
+    try:
+        location = get(port, "/").getheader("Location")
+        assert location == f"/?url=http%3A%2F%2Fmaze.local%3A{port}%2Frun.rrd"
+        assert get(port, "/run.rrd").read() == recording.read_bytes()
+        assert get(port, "/no_such_file").status == 404
+    finally:
+        page.close()

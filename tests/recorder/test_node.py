@@ -1,0 +1,286 @@
+"""The recorder from the outside: what stands in a run's folder, and what it says."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rerun as rr
+import yaml
+
+from services.common import documents as doc
+from services.common import messages as msg
+from services.common import topics as table
+from services.common.config import ROOT, ConfigError
+from services.recorder import run as run_module
+from services.recorder.config import RecorderConfig
+from services.recorder.node import RecorderNode
+from services.recorder.repair import rerun_binary
+from tests.recorder.synthetic import ERROR_M, Bench, WallClock, driving, opening, room
+
+
+@pytest.fixture(autouse=True)
+def strict() -> None:
+    """A drawing that Rerun would only warn of fails."""
+    rr.set_strict_mode(True)
+
+
+def recorder(folder: Path, **fields: Any) -> RecorderNode:
+    """A recorder whose clocks are ours."""
+    config = RecorderConfig(recordings_dir=folder, compact_timeout_s=0.0, **fields)
+    noon = datetime(2026, 11, 21, 12, 0, 0)  # noqa: DTZ001 - local, as folders are named
+    return RecorderNode(config, WallClock(), lambda: noon)
+
+
+def summary_of(run: Path) -> dict[str, Any]:
+    summary = json.loads((run / "summary.json").read_text())
+    assert isinstance(summary, dict)
+    return summary
+
+
+def verify(recording: Path) -> None:
+    """Rerun's own check: whole, with its end."""
+    done = subprocess.run(
+        [str(rerun_binary()), "rrd", "verify", str(recording)], capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def entities_of(recording: Path) -> str:
+    """What `rerun rrd stats` prints: every entity and how many chunks it has."""
+    command = [str(rerun_binary()), "rrd", "stats", str(recording)]
+    return subprocess.run(command, capture_output=True, check=True, text=True).stdout
+
+
+def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, seed=11))
+    bench.say([(0, table.PARAMETERS, doc.Parameters(service="spawner", values={"seed": 11}))])
+    bench.say(opening(world))
+    bench.say([(0, table.PARAMETERS, bench.node.parameters())])
+    bench.say(driving(world, 3.0))
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    assert run.name == "2026-11-21_12-00-00_room"
+    assert {path.name for path in run.iterdir()} == {"run.rrd", "summary.json", "config.yaml"}
+    verify(run / "run.rrd")
+    drawn = entities_of(run / "run.rrd")
+    for entity in ("world/walls/bricks", "world/walls_above/plain", "entities/marker_60",
+                   "camera/color/image_raw", "aruco/detections/outline", "scan", "plan",
+                   "particle_cloud", "global_costmap/costmap", "ground_truth/odom/path",
+                   "error/localisation_m", "parameters/spawner", "rosout/physics",
+                   "diagnostics/navigation"):  # fmt: skip
+        assert f"/{entity}: " in drawn, entity
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    assert config["seed"] == 11
+    assert config["world_request"]["world_name"] == "room"
+    assert config["services"]["recorder"]["jpeg_quality"] == 75
+    assert config["services"]["spawner"] == {"seed": 11}
+
+
+def test_the_summary_holds_what_scripts_read(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    contact = doc.Contact(
+        time_s=0.5, robot_link="base_link", body="Wall_0", position_m=(1.0, 0.0, 0.1),
+        impulse_n_s=0.2,
+    )  # fmt: skip
+    bench.say([(0, table.CONTACTS, contact)])
+    bench.say(driving(world, 3.0))
+    bench.node.close()
+    summary = summary_of(next(tmp_path.iterdir()))
+    assert (summary["world"], summary["world_hash"]) == ("room", world.hash)
+    assert summary["seed"] == 7
+    assert summary["state_hash"] == f"{90:08x}"
+    assert summary["renderer"] == "moderngl (hand-made)"
+    assert summary["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+    assert summary["wall_time_s"] > 0.0
+    assert summary["real_time_factor"] == pytest.approx(
+        (summary["sim_time_s"] - 1 / 30) / summary["wall_time_s"], rel=0.05
+    )
+    (goal,) = summary["goals"]
+    assert (goal["reached"], goal["error_code"]) == (False, 105)
+    assert summary["contacts"]["count"] == 1
+    assert summary["contacts"]["list"][0]["body"] == "Wall_0"
+    assert summary["markers_seen"] == {"60": 30}
+    assert summary["localisation_error_m"]["max"] == pytest.approx(ERROR_M)
+    assert set(summary["marker_error_m"]) == {"mean", "p95", "max"}
+    assert summary["odometry_drift_m"] == pytest.approx(0.0, abs=1e-9)
+    assert summary["messages"]["/odom"]["received"] == 90
+    scan = summary["messages"]["/scan"]
+    assert (scan["sent"], scan["received"], scan["lost"]) == (30, 30, 0)
+    assert scan["rejected_by"] == {"navigation: not finite": 2}
+    assert set(summary["versions"]) == {
+        "mazebot", "python", "numpy", "pybullet", "eclipse-zenoh", "rerun-sdk", "opencv",
+    }  # fmt: skip
+
+
+def test_the_verdict_comes_each_second_and_at_once_when_a_goal_ends(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    bench.say(driving(world, 2.5))
+    verdicts = [message for topic, message in bench.put if topic is table.EVALUATION]
+    assert len(verdicts) == 4  # at 0, 1 and 2 s, and at the goal's end
+    bench.node.close()
+    last = verdicts[-1]
+    assert isinstance(last, doc.Evaluation)
+    assert [goal.error_code for goal in last.goals] == [105]
+    assert last.recording == str(next(tmp_path.iterdir()))
+
+
+def test_without_a_recording_rerun_is_not_even_loaded(tmp_path: Path) -> None:
+    script = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from services.recorder.config import RecorderConfig\n"
+        "from services.recorder.node import RecorderNode\n"
+        "from tests.recorder.synthetic import Bench, driving, opening, room\n"
+        f"config = RecorderConfig(record=False, recordings_dir=Path({str(tmp_path)!r}))\n"
+        "node = RecorderNode(config)\n"
+        "bench, world = Bench(node), room()\n"
+        "bench.say(opening(world)); bench.say(driving(world, 0.5)); node.close()\n"
+        "assert 'rerun' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
+    (run,) = tmp_path.iterdir()
+    assert {path.name for path in run.iterdir()} == {"summary.json", "config.yaml"}
+    assert summary_of(run)["messages"]["/clock"]["received"] == 15
+
+
+def test_a_simulation_that_begins_anew_gets_a_folder_of_its_own(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 3.0))
+    bench.say(driving(world, 1.0))  # nobody says world, map or markers again
+    bench.node.close()
+    first, second = sorted(tmp_path.iterdir())
+    assert second.name == f"{first.name}_2"
+    assert summary_of(first)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+    assert summary_of(second)["sim_time_s"] == pytest.approx(1.0, abs=1e-3)
+    assert summary_of(second)["markers_seen"] == {"60": 10}
+    verify(first / "run.rrd")
+    drawn = entities_of(second / "run.rrd")
+    for entity in ("world/walls/bricks", "map", "entities/marker_60", "tf_static/base_scan"):
+        assert f"/{entity}: " in drawn, entity
+
+
+def test_a_new_world_gets_a_folder_and_the_same_one_again_does_not(tmp_path: Path) -> None:
+    first, second = room(), room("second", height_m=1.0)
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(first))
+    bench.say([(0, table.WORLD, first)])
+    assert bench.node.world_hash == first.hash
+    bench.say(opening(second))
+    assert bench.node.world_hash == second.hash
+    bench.node.close()
+    names = [run.name for run in sorted(tmp_path.iterdir())]
+    assert names == ["2026-11-21_12-00-00_room", "2026-11-21_12-00-00_second"]
+    assert "world/walls_above" not in entities_of(tmp_path / names[1] / "run.rrd")
+
+
+def test_a_message_from_an_earlier_world_is_counted_and_not_judged(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    bench.world_hash = "another"
+    bench.say(driving(world, 1.0))
+    bench.node.close()
+    summary = summary_of(next(tmp_path.iterdir()))
+    assert summary["goals"] == []
+    assert summary["messages"]["/odom"]["rejected_by"] == {"recorder: other world": 30}
+
+
+def test_what_is_said_before_there_is_a_world_is_kept(tmp_path: Path) -> None:
+    bench = Bench(recorder(tmp_path))
+    line = msg.Log(msg.time_from_ns(0), 20, "worldgen", "loading", "a.py", "f", 3)
+    bench.say([(0, table.ROSOUT, line)])
+    assert bench.node.waiting_for() == "a world"
+    assert list(tmp_path.iterdir()) == []
+    bench.say(opening(room()))
+    assert bench.node.waiting_for() is None
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    assert "/rosout/worldgen: " in entities_of(run / "run.rrd")
+
+
+def test_two_recorders_never_write_into_one_folder(tmp_path: Path) -> None:
+    world = room()
+    benches = [Bench(recorder(tmp_path, record=False)) for _ in range(3)]
+    for bench in benches:
+        bench.say(opening(world))
+    for seconds, bench in enumerate(benches, start=1):
+        bench.say(driving(world, float(seconds)))
+        bench.node.close()
+    times_s = [summary_of(run)["sim_time_s"] for run in sorted(tmp_path.iterdir())]
+    assert times_s == pytest.approx([1.0, 2.0, 3.0], abs=1e-3)
+
+
+def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(
+        ConfigError, match=r"^recordings folder not writable: .*file/runs: "
+    ) as told:
+        recorder(tmp_path / "file" / "runs")
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["summary.json", "run.rrd"])
+def test_an_out_dir_that_holds_a_run_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("")
+    with pytest.raises(ConfigError, match=f"out_dir: .* holds a run already \\({name}\\)"):
+        recorder(tmp_path, out_dir=tmp_path)
+
+
+def test_an_out_dir_is_the_run_s_folder(tmp_path: Path) -> None:
+    bench = Bench(recorder(tmp_path / "unused", out_dir=tmp_path / "a" / "b", record=False))
+    bench.say(opening(room()))
+    bench.node.close()
+    assert summary_of(tmp_path / "a" / "b")["world"] == "room"
+
+
+def test_a_full_disk_ends_the_recording_whole_and_room_brings_the_next_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = [10_000]
+    monkeypatch.setattr(run_module.Run, "_free_mib", lambda _: free[0])
+    monkeypatch.setattr(run_module, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(run_module, "SPACE_PERIOD_S", 0.0)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 1.0))
+    (run,) = tmp_path.iterdir()
+    free[0] = 3
+    bench.say(driving(world, 1.0, start_ns=1_000_000_000))
+    verify(run / "run.rrd")
+    waiting = bench.node.waiting_for()
+    assert waiting is not None
+    assert waiting.endswith("less than 64 MiB are free")
+    free[0] = 10_000
+    bench.say(driving(world, 1.0, start_ns=2_000_000_000))
+    assert bench.node.waiting_for() is None
+    bench.node.close()
+    verify(run / "run_2.rrd")
+    assert "/world/walls/bricks: " in entities_of(run / "run_2.rrd")
+    assert summary_of(run)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+
+
+def test_the_summary_is_there_while_the_run_lasts(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    (run,) = tmp_path.iterdir()
+    assert not (run / "summary.json").exists()
+    clock = bench.node._setting.wall_clock_s  # type: ignore[attr-defined]
+    clock.now_s += 6.0
+    bench.say(driving(world, 1.0))
+    assert summary_of(run)["messages"]["/clock"]["received"] > 0
+    bench.node.close()
