@@ -77,6 +77,9 @@ lock: $(STAMP) ## resolve the dependencies anew
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
 
+bench: $(STAMP) ## measure the speed that the README tells of
+	@.venv/bin/python -m services.embedded.bench
+
 image: ## build the container image
 	@docker compose --profile original --profile enhanced build
 

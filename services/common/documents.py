@@ -118,7 +118,7 @@ class World(Document):
     locations: tuple[Location, ...] = ()
     start: Planar
     map_resolution_m: Positive = 0.05
-    floor_diffuse: Rgba = (0.7, 0.7, 0.7, 1.0)
+    floor_diffuse: Rgba = (0.5, 0.5, 0.5, 1.0)
     sky: Rgba = (0.7, 0.7, 0.7, 1.0)
     light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
     light_ambient: Finite = 0.8

@@ -26,7 +26,7 @@ class NavigationConfig(ServiceConfig):
         default_factory=LocalizationParams, description="AMCL's parameters"
     )
     min_scan_match: float = Field(
-        0.4, ge=0, le=1, description="below this share of fitting beams the pose is not trusted"
+        0.6, ge=0, le=1, description="below this share of fitting beams the pose is not trusted"
     )
     initial_pose_std_m: float = Field(0.05, gt=0, description="of the start pose, along x and y")
     initial_pose_std_rad: float = Field(0.05, gt=0, description="of the start pose's heading")

@@ -114,7 +114,7 @@ class Recipe(Part):
     map_resolution_m: float = Field(
         0.05, ge=0.01, le=1.0, description="side of a cell of the map, metres"
     )
-    floor_diffuse: Colour = Field((0.7, 0.7, 0.7, 1.0), description="colour of the floor")
+    floor_diffuse: Colour = Field((0.5, 0.5, 0.5, 1.0), description="colour of the floor")
     sky: Colour = Field((0.7, 0.7, 0.7, 1.0), description="colour where there is nothing")
     light: LightRecipe = Field(LightRecipe(), description="what the camera sees by")
 
