@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -329,16 +330,13 @@ def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
 def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
     """The echoes, in the lidar's frame: where the robot believes them to be."""
     canvas.at(scan.header.stamp)
-    ranges = scan.ranges
-    echo = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
-    angle_rad = scan.angle_min + scan.angle_increment * np.flatnonzero(echo)
-    range_m = ranges[echo]
-    points = np.column_stack(
-        [range_m * np.cos(angle_rad), range_m * np.sin(angle_rad), np.zeros(len(range_m))]
-    )
+    ranges_m = scan.ranges
+    echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
+    directions = _directions(len(ranges_m), scan.angle_min, scan.angle_increment)
+    points = ranges_m[echo, np.newaxis] * directions[echo]
     looks = rr.Points3D.from_fields(colors=_SCAN, radii=0.02)
     _frame(canvas, "scan", scan.header.frame_id, looks)
-    canvas.recording.log("scan", rr.Points3D(points.astype(np.float32)))
+    canvas.recording.log("scan", rr.Points3D(points))
 
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
@@ -349,16 +347,9 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
             text = f"cannot draw pictures in {image.encoding}"
             _say(canvas, "camera/color/image_raw", text, "WARN")
         return
-    channels, conversion = _TO_BGR[image.encoding]
-    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
-    pixels = rows.reshape(image.height, image.width, channels)
-    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, canvas.jpeg_quality])
+    quality = canvas.jpeg_quality
     _frame(canvas, "camera/color/image_raw", IMAGE_FRAME)
-    canvas.recording.log(
-        "camera/color/image_raw",
-        rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"),
-    )
+    canvas.recording.log_later("camera/color/image_raw", lambda: _jpeg(image, quality))
 
 
 def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
@@ -680,6 +671,23 @@ _LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEB
 
 def _level(level: int) -> str:
     return next(name for least, name in _LEVELS if level >= least)
+
+
+@functools.cache
+def _directions(count: int, first_rad: float, step_rad: float) -> NDArray[np.float32]:
+    """(count, 3) unit vectors of a lidar's beams."""
+    angle_rad = first_rad + step_rad * np.arange(count)
+    beams = [np.cos(angle_rad), np.sin(angle_rad), np.zeros(count)]
+    return np.column_stack(beams).astype(np.float32)
+
+
+def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
+    channels, conversion = _TO_BGR[image.encoding]
+    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
+    pixels = rows.reshape(image.height, image.width, channels)
+    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 
 def _say(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,7 @@ BATCH_PERIOD_S = 0.25
 """Wall time after which what was logged goes to the file and to the live view."""
 _CLOSE_TIMEOUT_S = 1.5
 _FLUSH_TIMEOUT_S = 1.0
+_MOST_WAITING = 8
 
 
 Vector = tuple[float, float, float]
@@ -50,6 +53,8 @@ class Recording:
         self._stream = rr.RecordingStream(APPLICATION, recording_id=name, batcher_config=batches)
         self._stamp_ns = -1
         self._logged_stamp_ns: int | None = None
+        self._maker = ThreadPoolExecutor(1, thread_name_prefix="recording")
+        self._making: deque[Future[None]] = deque()
         self._scalars: dict[str, tuple[list[int], list[float]]] = {}
         self._transforms: dict[tuple[str, str, str], _Transforms] = {}
         sinks: list[rr.FileSink | rr.GrpcSink] = []
@@ -78,6 +83,12 @@ class Recording:
             self._logged_stamp_ns = self._stamp_ns
             self._stream.set_time(TIMELINE, duration=np.timedelta64(self._stamp_ns, "ns"))
         self._stream.log(path, *archetypes, static=static)
+
+    def log_later(self, path: str, make: Callable[[], rr.AsComponents]) -> None:
+        """Make an archetype, which takes long, beside the caller's work, and log it to an entity."""
+        while len(self._making) >= _MOST_WAITING:
+            self._making.popleft().result()
+        self._making.append(self._maker.submit(self._make, self._stamp_ns, path, make))
 
     def scalar(self, path: str, value: float) -> None:
         """Log a number to an entity."""
@@ -118,8 +129,7 @@ class Recording:
 
         Raises RecordingError where the disk does not take it.
         """
-        self.send_transforms()
-        self.send_numbers()
+        self._send_all()
         try:
             self._stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
         except (RuntimeError, TimeoutError, ValueError) as error:
@@ -127,14 +137,25 @@ class Recording:
 
     def close(self) -> None:
         """Write the file's end and let go of it; nothing may be logged after."""
-        self.send_transforms()
-        self.send_numbers()
+        self._send_all()
+        self._maker.shutdown()
         try:
             self._stream.flush(timeout_sec=_CLOSE_TIMEOUT_S)
         except (RuntimeError, TimeoutError, ValueError) as error:
             raise RecordingError(_one_line(error)) from error
         finally:
             self._stream.disconnect()
+
+    def _send_all(self) -> None:
+        while self._making:
+            self._making.popleft().result()
+        self.send_transforms()
+        self.send_numbers()
+
+    def _make(self, stamp_ns: int, path: str, make: Callable[[], rr.AsComponents]) -> None:
+        # Rerun keeps the time by thread: this one's is its own.
+        self._stream.set_time(TIMELINE, duration=np.timedelta64(stamp_ns, "ns"))
+        self._stream.log(path, make())
 
     def _send_columns(
         self, path: str, stamps_ns: list[int], columns: rr.ComponentColumnList

@@ -43,6 +43,9 @@ class Paper:
         del static
         self.logged.setdefault(path, []).extend(archetypes)
 
+    def log_later(self, path: str, make: Callable[[], Any]) -> None:
+        self.log(path, make())
+
     def scalar(self, path: str, value: float) -> None:
         self.scalars.setdefault(path, []).append((self.stamp_ns, value))
 
