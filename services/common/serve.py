@@ -5,13 +5,11 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import shutil
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from services.common import log, wire
@@ -44,7 +42,6 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
     """Run one service until it is told to stop or its work is done; the process ends with its exit
     code.
     """
-    _seed_numba_cache()
     name: str = node_type.name  # type: ignore[attr-defined]
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -198,12 +195,3 @@ class _Service:
                 sys.stderr.write(f"error: {self._node.name}: the loop hangs; ending the process\n")
                 sys.stderr.flush()
                 os._exit(EXIT_WATCHDOG)
-
-
-def _seed_numba_cache() -> None:
-    """Give a container with a read-only root a writable copy of the kernels compiled into its
-    image.
-    """
-    seed, cache = os.environ.get("MAZEBOT_NUMBA_CACHE_SEED"), os.environ.get("NUMBA_CACHE_DIR")
-    if seed and cache and Path(seed).is_dir() and not Path(cache).exists():
-        shutil.copytree(seed, cache)

@@ -1,0 +1,121 @@
+"""Real services in real processes on a real router."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from services.common import documents as doc
+from services.common.bus import (
+    BusConfig,
+    alive,
+    open_session,
+    pack_attachment,
+    publish,
+    put_once,
+    subscribe,
+    wait_until_alive,
+)
+from services.common.node import Envelope
+from services.common.topics import DIAGNOSTICS, WORLD_REQUEST, WORLD_STATUS
+from services.common.wire import decode
+from tests.router import free_port, running_router
+
+DEADLINE_S = 30.0
+
+
+@contextmanager
+def service(name: str, endpoint: str, *flags: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", f"services.{name}", *flags],
+        env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    with running_router() as address:
+        yield address
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    """The first line with these words. A process that ends without them fails the test."""
+    assert process.stdout is not None
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if words in line:
+            return line
+    raise AssertionError(f"never said {words!r}: {lines}")
+
+
+def test_a_service_waits_for_the_router_and_says_so_and_comes_up_when_it_does() -> None:
+    port = free_port()
+    address = f"tcp/127.0.0.1:{port}"
+    with service("worldgen", address) as process:
+        assert address in read_until(process, "waiting for the bus")
+        with running_router(port):
+            read_until(process, "connected")
+            assert "a world" in read_until(process, "waiting for")
+
+
+def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str) -> None:
+    session = open_session(BusConfig(connect=endpoint))
+    answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    subscription = subscribe(session, WORLD_STATUS, lambda payload, _: answers.put(payload))
+    with service("worldgen", endpoint) as process:
+        assert wait_until_alive(session, "worldgen", DEADLINE_S)
+        request = doc.WorldRequest(world_name="atlantis")
+        put_once(session, WORLD_REQUEST, request)
+        status = decode(WORLD_STATUS, answers.get(timeout=DEADLINE_S))
+        assert status.request == request
+        assert "atlantis" in status.error
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5.0) == 0
+    assert "worldgen" not in alive(session)
+    del subscription
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def test_garbage_is_counted_and_shown_and_the_service_goes_on(endpoint: str) -> None:
+    session = open_session(BusConfig(connect=endpoint))
+    told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    subscription = subscribe(session, DIAGNOSTICS, lambda payload, _: told.put(payload))
+    publisher = publish(session, WORLD_REQUEST)
+    with service("worldgen", endpoint) as process:
+        assert wait_until_alive(session, "worldgen", DEADLINE_S)
+        for number in range(5):
+            envelope = Envelope("ab" * 16, number, 0, "")
+            publisher.put(b"garbage", attachment=pack_attachment(envelope))
+        counted = ""
+        while not counted.startswith("5"):
+            (status,) = decode(DIAGNOSTICS, told.get(timeout=DEADLINE_S)).status
+            values = {value.key: value.value for value in status.values}
+            counted = values.get("rejected /world/request: malformed", "")
+        assert process.poll() is None
+    del subscription, publisher
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def test_a_flag_that_is_none_is_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "services.worldgen", "--nope", "1"],
+        capture_output=True, text=True, timeout=DEADLINE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "--nope" in done.stderr
