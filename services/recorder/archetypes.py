@@ -82,6 +82,7 @@ _ESTIMATE = (255, 140, 0)
 _PLAN = (52, 152, 255)
 _SCAN = (255, 60, 60)
 _MARKER = (255, 0, 200)
+_NAME = (255, 240, 120)
 _PARTICLE = (255, 200, 60)
 _SECOND = (150, 150, 150)
 _GOOD, _BAD = (46, 204, 113), (231, 76, 60)
@@ -469,7 +470,7 @@ def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> Non
             rr.Points3D(
                 [(p.x, p.y, p.z) for p in places],
                 labels=[f"id {detection.id.rpartition(':')[2]}" for detection in seen],
-                colors=_MARKER,
+                colors=_NAME,
                 radii=0.05,
             ),
         )
@@ -768,7 +769,7 @@ def _draw_outlines(
         canvas.recording.log(path, rr.LineStrips2D(outlines))
         # A label stands over the middle of its outline, and would hide the marker.
         below = [(outline[:, 0].mean(), outline[:, 1].max() + 8.0) for outline in outlines]
-        points = rr.Points2D.from_fields(colors=_MARKER, radii=0.0, show_labels=True)
+        points = rr.Points2D.from_fields(colors=_NAME, radii=0.0, show_labels=True)
         _frame(canvas, f"{path}/name", frame, points)
         canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
 

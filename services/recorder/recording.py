@@ -85,7 +85,7 @@ class Recording:
         self._stream.log(path, *archetypes, static=static)
 
     def log_later(self, path: str, make: Callable[[], rr.AsComponents]) -> None:
-        """Make an archetype, which takes long, beside the caller's work, and log it to an entity."""
+        """Log to an entity what takes long to make, beside the caller's work."""
         while len(self._making) >= _MOST_WAITING:
             self._making.popleft().result()
         self._making.append(self._maker.submit(self._make, self._stamp_ns, path, make))
