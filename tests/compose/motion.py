@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from typing import Any, cast
 
 import zenoh
 
 from services.common import wire
-from services.common.bus import BusConfig, alive, open_session, subscribe
+from services.common.bus import ALIVE_PREFIX, BusConfig, open_session, subscribe
 from services.common.messages import Odometry
 from services.common.topics import GROUND_TRUTH_ODOM
 
@@ -38,12 +39,22 @@ class Witness:
         self._session: zenoh.Session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
         self.seen: list[Motion] = []
         self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom)
+        self._appeared: dict[str, float] = {}
+        self._tokens = self._session.liveliness().declare_subscriber(
+            f"{ALIVE_PREFIX}*",
+            cast("Any", zenoh.handlers.Callback(self._on_token, indirect=False)),
+            history=True,
+        )
 
     def _on_odom(self, payload: bytes, _: bytes | None) -> None:
         odom: Odometry = wire.decode(GROUND_TRUTH_ODOM, payload)
         twist = odom.twist.twist
         speed_m_s = math.hypot(twist.linear.x, twist.linear.y)
         self.seen.append(Motion(time.monotonic(), speed_m_s, twist.angular.z))
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._appeared[str(sample.key_expr).removeprefix(ALIVE_PREFIX)] = time.monotonic()
 
     def driving(self) -> bool:
         """Whether the robot drives at a fair speed now."""
@@ -56,9 +67,10 @@ class Witness:
         )
         return next(moments, None)
 
-    def alive(self) -> set[str]:
-        """The services whose tokens are there."""
-        return alive(self._session)
+    def appeared_after(self, service: str, wall_s: float) -> float | None:
+        """When a service last announced itself, where that was after a moment."""
+        appeared_s = self._appeared.get(service, 0.0)
+        return appeared_s if appeared_s > wall_s else None
 
     def close(self) -> None:
         """Listen no more."""
