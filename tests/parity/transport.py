@@ -1,5 +1,4 @@
-"""A transport through CDR and a real router, and a record of everything that any transport carries.
-"""
+"""A transport through CDR and a real router, and a record of what a transport carries."""
 
 from __future__ import annotations
 
