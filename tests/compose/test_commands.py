@@ -38,7 +38,7 @@ def test_a_bare_up_starts_nothing_and_says_what_to_do(stack: Stack) -> None:
     refused = stack.compose("up")
     assert refused.returncode != 0
     (line,) = refused.stdout.strip().splitlines()
-    assert "name a demo: demo-world or demo-world-enhanced" in line
+    assert "NAME A DEMO: demo-world or demo-world-enhanced" in line
     assert stack.containers() == []
 
 

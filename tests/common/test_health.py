@@ -1,0 +1,54 @@
+"""Health by the liveliness token, as Docker asks for it."""
+
+import socket
+import subprocess
+import sys
+import time
+
+from services.common.bus import ALIVE_PREFIX, BusConfig, open_session
+from services.common.health import ALIVE_KEY, is_alive
+from tests.router import free_port, running_router
+
+
+def probe(endpoint: str, *services: str) -> int:
+    """The exit code of the probe as a process of its own."""
+    command = [sys.executable, "-m", "services.common.health", *services]
+    return subprocess.run(
+        command,
+        env={"MAZEBOT_BUS_CONNECT": endpoint},
+        timeout=20,
+        check=False,
+        stderr=subprocess.DEVNULL,
+    ).returncode
+
+
+def test_both_sides_have_the_same_key() -> None:
+    assert ALIVE_KEY == ALIVE_PREFIX
+
+
+def test_a_service_is_alive_as_long_as_its_token_stands() -> None:
+    with running_router() as endpoint:
+        assert is_alive(endpoint, "router")
+        assert not is_alive(endpoint, "physics")
+        session = open_session(BusConfig(connect=endpoint))
+        token = session.liveliness().declare_token(f"{ALIVE_PREFIX}physics")
+        assert probe(endpoint, "physics") == 0
+        token.undeclare()  # type: ignore[no-untyped-call]
+        assert probe(endpoint, "physics") == 1
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def test_nobody_is_alive_without_a_router() -> None:
+    assert probe(f"tcp/127.0.0.1:{free_port()}", "router") == 1
+
+
+def test_a_router_that_hangs_is_not_alive() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        start_s = time.monotonic()
+        assert probe(f"tcp/127.0.0.1:{port}", "router") == 1
+        assert time.monotonic() - start_s < 10.0
+
+
+def test_somebody_must_be_named() -> None:
+    assert probe("tcp/127.0.0.1:1") == 2
