@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 
-from services.common.bus import ALIVE_PREFIX, BusConfig, open_session
+from services.common.bus import ALIVE_PREFIX, BusConfig, open_session, wait_until_alive
 from services.common.health import ALIVE_KEY, is_alive
 from tests.router import free_port, running_router
 
@@ -28,9 +28,10 @@ def test_both_sides_have_the_same_key() -> None:
 
 def test_a_service_is_alive_as_long_as_its_token_stands() -> None:
     with running_router() as endpoint:
+        session = open_session(BusConfig(connect=endpoint))
+        assert wait_until_alive(session, "router", 10.0)
         assert is_alive(endpoint, "router")
         assert not is_alive(endpoint, "physics")
-        session = open_session(BusConfig(connect=endpoint))
         token = session.liveliness().declare_token(f"{ALIVE_PREFIX}physics")
         assert probe(endpoint, "physics") == 0
         token.undeclare()  # type: ignore[no-untyped-call]
