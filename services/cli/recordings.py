@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import socket
 import sys
+import threading
 from pathlib import Path
-from urllib.parse import quote
 
 from rich import box
 from rich.console import Console
@@ -14,11 +12,7 @@ from rich.table import Table
 
 from services.common.config import ConfigError
 from services.recorder.catalog import RecordingInfo, list_recordings
-from services.recorder.repair import rerun_binary
 from services.recorder.run_folder import RECORDING
-
-GRPC_PORT_AFTER_WEB = 1
-"""The page reads the recording from the port after its own."""
 
 
 def list_runs(directory: Path) -> None:
@@ -43,27 +37,20 @@ def list_runs(directory: Path) -> None:
 
 
 def view_run(directory: Path, name: str, web_port: int) -> None:
-    """Serve a run to a browser; the process becomes the viewer's server and ends with Ctrl-C.
+    """Serve a run to browsers on this machine until Ctrl-C.
 
-    Raises ConfigError where there is no such run or a port is taken.
+    Raises ConfigError where there is no such run or the port is taken.
     """
     recording = _find(directory, name)
-    binary = rerun_binary()
-    if binary is None:
-        raise ConfigError("recordings: the rerun program is not installed (make env)")
-    grpc_port = web_port + GRPC_PORT_AFTER_WEB
-    for port in (web_port, grpc_port):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                raise ConfigError(f"--port: {port} is taken; choose another") from None
-    source = quote(f"rerun+http://localhost:{grpc_port}/proxy", safe="")
-    sys.stdout.write(f"open http://localhost:{web_port}/?url={source}\n")
+    from services.recorder.live import WebPage  # noqa: PLC0415 - loads Rerun
+
+    page = WebPage("127.0.0.1", web_port, recording=recording)
+    sys.stdout.write(f"{recording}: open http://localhost:{web_port} (Ctrl-C ends)\n")
     sys.stdout.flush()
-    arguments = ["--serve-web", "--web-viewer-port", str(web_port), "--port", str(grpc_port)]
-    os.execv(binary, ["rerun", str(recording), *arguments, "--bind", "127.0.0.1"])
+    try:
+        threading.Event().wait()
+    finally:
+        page.close()
 
 
 def _find(directory: Path, name: str) -> Path:

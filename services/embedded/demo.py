@@ -35,6 +35,8 @@ from services.worldgen.loader import load_world
 from services.worldgen.node import WorldgenNode
 
 EXIT_INTERRUPTED = 130
+COMPACT_TIMEOUT_S = 20.0
+"""Nobody waits to kill this process, so that its recording may be made quick to open."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     """
     seed = ["--seed", str(options.seed)]
     camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
-    recorder = ["--record", str(options.record)]
+    recorder = ["--record", str(options.record), "--compact-timeout-s", str(COMPACT_TIMEOUT_S)]
     if options.out_dir is not None:
         recorder += ["--out-dir", str(options.out_dir)]
     bringup = ["--world-name", options.world_name, "--use-aruco", str(options.use_aruco)]

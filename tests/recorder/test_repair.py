@@ -67,8 +67,11 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
 def test_sigterm_ends_a_recording_whole(tmp_path: Path) -> None:
     script = KILLED.replace(
         "signal.pause()",
-        "signal.signal(signal.SIGTERM, lambda *_: None); print('ready', flush=True)\n"
-        "signal.pause(); node.close()",
+        # A signal that comes before it is waited for must count as well.
+        "import threading; told = threading.Event()\n"
+        "signal.signal(signal.SIGTERM, lambda *_: told.set()); print('ready', flush=True)\n"
+        "while not told.wait(0.05): pass\n"
+        "node.close()",
     )
     command = [sys.executable, "-c", script, str(tmp_path)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
