@@ -46,7 +46,7 @@ class PhysicsConfig(ServiceConfig):
         0.2, gt=0.0, le=10.0, description="without a velocity command for this long the robot stops"
     )
     watchdog_linear_deceleration_m_s2: float = Field(
-        4.0, gt=0.0, le=10.0, description="of a stop for want of commands"
+        3.2, gt=0.0, le=10.0, description="of a stop for want of commands"
     )
     watchdog_angular_deceleration_rad_s2: float = Field(
         12.0, gt=0.0, le=50.0, description="of a stop for want of commands"

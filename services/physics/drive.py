@@ -2,8 +2,8 @@
 
 A stop by the watchdog brakes harder than a command may: from 0.46 m/s and from 1.9 rad/s the robot
 has to be at rest 0.4 s after the last command, and 0.2 s of these have gone by when the watchdog
-trips. 2.5 m/s2 and 12 rad/s2 need 0.184 s and 0.158 s; on both wheels at once that is 4.2 m/s2 at
-the tyre, well within the grip of the weight on it.
+trips. 3.2 m/s2 and 12 rad/s2 need 0.144 s and 0.158 s, which leaves 0.04 s to the bus; on both
+wheels at once that is 4.9 m/s2 at the tyre, within the grip of the weight on it.
 """
 
 from __future__ import annotations
