@@ -1,0 +1,58 @@
+"""docker-compose.yaml as it is written; needs no Docker."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import yaml
+
+from services.common.config import ROOT
+from services.common.topics import SERVICES
+
+FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())
+STANZAS: dict[str, Any] = FILE["services"]
+NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
+OURS = [name for name in STANZAS if name != "nothing-named"]
+PROFILES = {"original", "enhanced"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_service_has_a_stanza_that_runs_it_in_both_profiles(name: str) -> None:
+    stanza = STANZAS[name]
+    assert stanza["command"][:3] == ["python", "-m", f"services.{name}"]
+    assert set(stanza["profiles"]) == PROFILES
+    assert stanza["restart"] == "unless-stopped"
+    assert stanza["healthcheck"]["test"][-1] == name
+
+
+def test_each_demo_needs_every_service() -> None:
+    for profile, demo in (("original", "demo-world"), ("enhanced", "demo-world-enhanced")):
+        stanza = STANZAS[demo]
+        assert stanza["command"] == ["python", "-m", "services.bringup"]
+        assert stanza["profiles"] == [profile]
+        assert stanza["restart"] == "no"
+        assert set(stanza["depends_on"]) == {*NAMES, f"one-world-at-a-time-{profile}"}
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_each_stanza_is_hardened(name: str) -> None:
+    stanza = STANZAS[name]
+    assert set(stanza["profiles"]) <= PROFILES
+    assert stanza["image"] == "mazebot"
+    assert stanza["read_only"] is True
+    assert stanza["cap_drop"] == ["ALL"]
+    assert stanza["security_opt"] == ["no-new-privileges:true"]
+    assert all(port.startswith("127.0.0.1:") for port in stanza.get("ports", ()))
+    assert "edge" not in stanza["networks"] or name in ("router", "recorder")
+    assert name == "recorder" or stanza["user"] == "10001:10001"
+
+
+def test_the_environment_file_enables_every_profile() -> None:
+    (line,) = (
+        line
+        for line in (ROOT / ".env").read_text().splitlines()
+        if line.startswith("COMPOSE_PROFILES=")
+    )
+    used = {profile for stanza in STANZAS.values() for profile in stanza["profiles"]}
+    assert set(line.partition("=")[2].split(",")) == used
