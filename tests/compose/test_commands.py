@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 
 import pytest
 
 from services.common.bus import BusConfig, open_session, subscribe
+from services.common.config import ROOT
 from services.common.documents import World
 from services.common.topics import WORLD
 from services.common.wire import decode
@@ -25,7 +27,7 @@ def stack(person: int) -> Iterator[Stack]:
 
 def running_world(stack: Stack) -> World:
     """The world that a stack has loaded."""
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=5.0)
+    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=10.0)
     worlds: list[World] = []
     subscription = subscribe(session, WORLD, lambda data, _: worlds.append(decode(WORLD, data)))
     wait_until(lambda: bool(worlds), 20.0, "a world")
@@ -112,6 +114,17 @@ def test_a_mistake_in_a_setting_is_told_in_one_line(
         ]
         assert len(errors) == 1
         assert reason in errors[0]
+
+
+def test_textures_of_one_s_own_are_taken(person: int) -> None:
+    with stack_of(person, {"TEXTURE_BASE": "./mine"}) as stack:
+        mine = stack.folder / "mine"
+        shutil.copytree(ROOT / "worlds" / "textures", mine)
+        # Concrete in place of bricks: one texture less in the world.
+        shutil.copy(mine / "concrete.png", mine / "bricks.png")
+        stack.compose("up", "--detach", DEMOS["enhanced"])
+        world = running_world(stack)
+        assert len({material.texture_sha256 for material in world.materials}) == 2
 
 
 def test_a_folder_of_textures_that_is_not_there_is_not_made(person: int) -> None:

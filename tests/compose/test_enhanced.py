@@ -30,7 +30,6 @@ DEMO = DEMOS["enhanced"]
 TOUR_S = 300.0
 Measured = Callable[[str, float], None]
 READ_ONLY_PLACES = ("/", "/opt/mazebot", "/home/mazebot", "/etc", "/usr")
-OUTSIDE = ("192.0.2.1", "1.1.1.1")
 
 
 @dataclass
@@ -119,16 +118,13 @@ for place in {READ_ONLY_PLACES}:
     assert tour.stack.inside(service, code) == ""
 
 
-@pytest.mark.parametrize("service", [*SERVICES, DEMO])
-def test_a_service_cannot_reach_the_world_outside(tour: Tour, service: str) -> None:
-    code = f"""
-import socket
-for address in {OUTSIDE}:
-    try:
-        socket.create_connection((address, 53), timeout=1.0)
-    except OSError:
-        continue
-    print(address)
+@pytest.mark.parametrize("service", sorted({*SERVICES, DEMO} - {"router", "recorder"}))
+def test_a_service_has_no_way_out(tour: Tour, service: str) -> None:
+    code = """
+for line in open("/proc/net/route").readlines()[1:]:
+    interface, destination, gateway = line.split()[:3]
+    if destination == "00000000" or gateway != "00000000":
+        print(line)
 """
     assert tour.stack.inside(service, code) == ""
 
