@@ -122,6 +122,8 @@ def test_textures_of_one_s_own_are_taken(person: int) -> None:
         shutil.copytree(ROOT / "worlds" / "textures", mine)
         # Concrete in place of bricks: one texture less in the world.
         shutil.copy(mine / "concrete.png", mine / "bricks.png")
+        for path in (mine, *mine.rglob("*")):
+            path.chmod(0o755 if path.is_dir() else 0o644)
         stack.compose("up", "--detach", DEMOS["enhanced"])
         world = running_world(stack)
         assert len({material.texture_sha256 for material in world.materials}) == 2
