@@ -57,6 +57,7 @@ class BringupNode(Node):
         self._config = config
         self._request = WorldRequest(world_name=config.world_name, use_aruco=config.use_aruco)
         self._requested = False
+        self._clock_seen_ns: int | None = None
         self._offered: World | None = None
         self._world: World | None = None
         self._goals: list[tuple[str, Planar]] = []
@@ -163,7 +164,11 @@ class BringupNode(Node):
             if active and not self._active[manager]:
                 self._active[manager] = True
                 logging.getLogger(manager).info(_ACTIVE)
-        if not all(self._active.values()) and now_ns > self._config.bringup_timeout_s * 1e9:
+        if self._clock_seen_ns is None and now_ns > 0:
+            # The stack may have run for long before this demo was started.
+            self._clock_seen_ns = now_ns
+        waited_ns = now_ns - (self._clock_seen_ns or now_ns)
+        if not all(self._active.values()) and waited_ns > self._config.bringup_timeout_s * 1e9:
             logging.getLogger(_MANAGERS[1]).error(
                 "Failed to bring up all requested nodes. Aborting bringup. Waiting for %s",
                 self.waiting_for(),

@@ -200,3 +200,15 @@ def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
     stage.step(40)
     assert stage.node.exit_code == EXIT_NOT_ACTIVE
     assert "perception (not up)" in caplog.text
+
+
+def test_a_stack_that_has_run_for_long_gets_the_same_time() -> None:
+    stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
+    stage.step()
+    stage.say(table.WORLD, WORLD)
+    stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
+    stage.now_ns = 500 * 10**9
+    stage.step(25)
+    assert stage.node.exit_code is None
+    stage.step(15)
+    assert stage.node.exit_code == EXIT_NOT_ACTIVE
