@@ -52,10 +52,10 @@ view: $(STAMP) ## open the newest recording in a browser
 	@.venv/bin/mazebot recordings view
 
 test: $(STAMP) ## pass the tests: no Docker, no network, no GPU
-	@.venv/bin/pytest -n 2 -m "not compose"
+	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser"
 
-test-compose: $(STAMP) image ## pass the tests of the containers (needs Docker)
-	@.venv/bin/pytest -m compose --timeout 900 tests/compose
+test-compose: $(STAMP) image ## pass the tests of the containers (Docker) and of the viewer (Chromium)
+	@.venv/bin/pytest -m "compose or browser" --timeout 900 tests/compose tests/browser
 
 check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/ruff check $(SOURCES)
