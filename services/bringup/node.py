@@ -13,6 +13,7 @@ from services.common import messages as msg
 from services.common.diagnostics import WAITING_KEY
 from services.common.documents import (
     Evaluation,
+    GoalReport,
     NavigationResult,
     NavigationStatus,
     Planar,
@@ -68,7 +69,6 @@ class BringupNode(Node):
         self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
         self._waiting: dict[str, str] = {}
         self._results: list[NavigationResult] = []
-        self._results_before = 0
         self._evaluation: Evaluation | None = None
         self._tour_end_ns = 0
 
@@ -110,7 +110,10 @@ class BringupNode(Node):
             return
         if self._goal_index < len(self._goals):
             self._drive(now_ns, inbox, outbox)
-        elif self._judged() or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
+        elif (
+            len(self._judged()) == len(self._results)
+            or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9
+        ):
             self._finish()
 
     def _listen(self, now_ns: int, inbox: Inbox) -> None:
@@ -138,11 +141,7 @@ class BringupNode(Node):
             self._navigation = navigation
             if navigation.goal is not None:
                 self._goal_sign_ns = now_ns
-        for evaluation in inbox.new(EVALUATION):
-            self._evaluation = evaluation
-            if not self._results and self._goal_stamp_ns is None:
-                # What an earlier tour in the same world left.
-                self._results_before = len(evaluation.goals)
+        self._evaluation = inbox.latest(EVALUATION) or self._evaluation
 
     def _enter(self, world: World) -> None:
         try:
@@ -207,16 +206,18 @@ class BringupNode(Node):
             ),
         )
 
-    def _judged(self) -> bool:
-        wanted = self._results_before + len(self._goals)
-        return self._evaluation is not None and len(self._evaluation.goals) >= wanted
+    def _judged(self) -> list[GoalReport]:
+        """The recorder's verdicts on our own goals; others may send the robot somewhere too."""
+        ours = {result.goal_stamp_ns for result in self._results}
+        goals = self._evaluation.goals if self._evaluation is not None else ()
+        return [goal for goal in goals if goal.goal_stamp_ns in ours]
 
     def _finish(self) -> None:
         reached = all(result.error_code == 0 for result in self._results)
-        if self._evaluation is not None and self._judged():
-            ours = self._evaluation.goals[self._results_before :]
-            reached = all(goal.reached for goal in ours)
-            evaluation = self._evaluation.model_copy(update={"goals": ours})
+        goals = self._judged()
+        if self._evaluation is not None and len(goals) == len(self._results):
+            reached = all(goal.reached for goal in goals)
+            evaluation = self._evaluation.model_copy(update={"goals": tuple(goals)})
             _LOG.info("tour finished\n%s", tour_table(evaluation))
         else:
             _LOG.warning("tour finished; the recorder has not judged it")

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import zenoh
 from pydantic import Field
 
+from services.common import messages as msg
 from services.common import wire
 from services.common.config import ServiceConfig
 from services.common.node import Envelope, Inbox, Node, Outbox
@@ -20,6 +21,7 @@ from services.common.topics import BY_NAME, Delivery, Topic, owned_by, read_by
 M = TypeVar("M")
 
 ALIVE_PREFIX = "mazebot/alive/"
+WAIT_BEFORE_DROP_US = 10_000
 
 # rmw_zenoh's attachment (sequence number, source time, gid with its length), and behind it the
 # world's hash.
@@ -58,6 +60,8 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
         "transport/link/tx/lease": 2000,
+        # Zenoh's own 1 ms is less than a busy machine needs to send what is queued.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }
     try:
         for key, value in options.items():
@@ -221,8 +225,15 @@ def publish(
         encoding=encoding,
         congestion_control=control.DROP if latest and not lossless else control.BLOCK,
         express=latest,
-        priority=zenoh.Priority.REAL_TIME if topic.name == "/cmd_vel" else zenoh.Priority.DATA,
+        priority=_priority(topic),
     )
+
+
+def _priority(topic: Topic[M]) -> zenoh.Priority:
+    """Each priority has a queue of its own: what is small never waits behind a picture."""
+    if topic.name == "/cmd_vel":
+        return zenoh.Priority.REAL_TIME
+    return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
 
 
 def put_once(

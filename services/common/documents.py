@@ -238,6 +238,7 @@ class GoalReport(Document):
     recoveries: int
     error_code: int
     error_msg: str = ""
+    goal_stamp_ns: int = Field(0, description="stamp of the goal's message")
     localisation_error_m: Finite = Field(0.0, description="mean while driving to this goal")
     contacts: int = Field(0, description="contacts while driving to this goal")
 

@@ -257,6 +257,7 @@ class RunEvaluation:
             recoveries=result.number_of_recoveries,
             error_code=result.error_code,
             error_msg=result.error_msg,
+            goal_stamp_ns=result.goal_stamp_ns,
         )
         return [(result, report)]
 
