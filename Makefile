@@ -11,7 +11,7 @@ PYTHON := .venv/bin/python
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo demo-original up down goal recordings view test test-compose check fix generate lock bench image clean
+.PHONY: help env demo demo-original up down goal recordings view test test-compose check fix generate lock bench seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -79,6 +79,9 @@ lock: $(STAMP) ## resolve the dependencies anew
 
 bench: $(STAMP) ## measure the speed that the README tells of
 	@.venv/bin/python -m services.embedded.bench
+
+seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
+	@.venv/bin/python -m services.embedded.seeds
 
 image: ## build the container image
 	@docker compose --profile original --profile enhanced build

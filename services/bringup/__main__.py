@@ -1,3 +1,5 @@
+"""Runs the service: `python -m services.bringup`."""
+
 from services.bringup.config import BringupConfig
 from services.bringup.node import BringupNode
 from services.common.serve import main

@@ -1,4 +1,4 @@
-"""The Zenoh session of one process: the only file that imports zenoh."""
+"""The Zenoh session of one process: how every node's messages get on the wire and off it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from services.common import messages as msg
 from services.common import wire
 from services.common.config import ServiceConfig
 from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import BY_NAME, Delivery, Topic, owned_by, read_by
+from services.common.topics import BY_NAME, CMD_VEL, Delivery, Topic, owned_by, read_by
 
 M = TypeVar("M")
 
 ALIVE_PREFIX = "mazebot/alive/"
 WAIT_BEFORE_DROP_US = 10_000
+"""As in docker/router.json5."""
 
 # rmw_zenoh's attachment (sequence number, source time, gid with its length), and behind it the
 # world's hash.
@@ -111,7 +112,6 @@ class Bus:
         """Declare them. `lossless` is for lockstep: no message is dropped, whoever is slow."""
         self._session = session
         self._inbox = inbox
-        self._prefix = prefix
         self._publishers: dict[str, Any] = {}
         self._subscribers: list[Any] = []
         self._token: zenoh.LivelinessToken | None = None
@@ -231,7 +231,7 @@ def publish(
 
 def _priority(topic: Topic[M]) -> zenoh.Priority:
     """Each priority has a queue of its own: what is small never waits behind a picture."""
-    if topic.name == "/cmd_vel":
+    if topic.name == CMD_VEL.name:
         return zenoh.Priority.REAL_TIME
     return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
 

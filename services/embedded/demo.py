@@ -17,9 +17,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from services.bringup.config import BringupConfig
 from services.bringup.node import BringupNode
 from services.common import log
-from services.common.config import load
+from services.common.config import ConfigError, load
 from services.common.node import Node
-from services.embedded.executive import Executive, MemoryTransport
+from services.embedded.executive import Executive, MemoryTransport, StalledError
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig
@@ -124,6 +124,9 @@ def run(options: DemoOptions) -> int:
 
         try:
             code = executive.run(until)
+        except StalledError as error:
+            # Whoever ran the command gets a line, not a traceback.
+            raise ConfigError(str(error)) from error
         finally:
             executive.close()
     if bringup.recording:

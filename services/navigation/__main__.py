@@ -1,3 +1,5 @@
+"""Runs the service: `python -m services.navigation`."""
+
 from services.common.serve import main
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode

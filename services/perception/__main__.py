@@ -1,3 +1,5 @@
+"""Runs the service: `python -m services.perception`."""
+
 from services.common.serve import main
 from services.perception.config import PerceptionConfig
 from services.perception.node import PerceptionNode

@@ -1,3 +1,5 @@
+"""Runs the service: `python -m services.recorder`."""
+
 from services.common.serve import main
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode

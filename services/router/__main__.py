@@ -1,3 +1,5 @@
+"""Runs the router: `python -m services.router`."""
+
 import logging
 import os
 import signal

@@ -1,3 +1,5 @@
+"""Runs the service: `python -m services.worldgen`."""
+
 from services.common.serve import main
 from services.worldgen.config import WorldgenConfig
 from services.worldgen.node import WorldgenNode

@@ -42,7 +42,6 @@ class ZenohTransport:
         self._config = BusConfig(connect=endpoint)
         self._inboxes: dict[str, Inbox] = {}
         self._buses: list[Bus] = []
-        self._ready = False
         self.record: Record = []
 
     def connect(self, node: Node) -> tuple[Inbox, Outbox]:
