@@ -18,6 +18,9 @@ from services.common.frames import SE2
 Rgba = tuple[float, float, float, float]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Point2 = tuple[Finite, Finite]
+Vector = tuple[Finite, Finite, Finite]
+Quaternion = tuple[Finite, Finite, Finite, Finite]
 
 
 class Document(BaseModel):
@@ -31,6 +34,9 @@ class WorldRequest(Document):
 
     world_name: str = Field(description="name of a recipe in worlds/, e.g. `sim_house_enhanced`")
     use_aruco: bool = Field(True, description="keep the recipe's ArUco markers")
+    overrides: tuple[str, ...] = Field(
+        (), description="`field=value` in YAML, put over the recipe's: `maze.seed=3`"
+    )
 
 
 class WorldStatus(Document):
@@ -67,9 +73,22 @@ class Material(Document):
     name: str
     texture_sha256: str = Field("", description="asset of the texture; empty: plain colour")
     texture_name: str = Field("", description="file name of the texture, for people")
-    texture_side_m: Positive = Field(1.0, description="length on the wall of one tile's side")
+    texture_side_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        1.0,
+        description="length on a surface of one tile's side; 0: stretched once over each face, as "
+        "Gazebo does. Meshes have texture coordinates of their own.",
+    )
     ambient: Rgba = (1.0, 1.0, 1.0, 1.0)
     diffuse: Rgba = (1.0, 1.0, 1.0, 1.0)
+
+
+class Covering(Document):
+    """A stretch of a wall's face, from the floor to the top, with a material of its own."""
+
+    side: Literal["left", "right"] = Field(description="as a marker's")
+    from_m: Finite = Field(description="along the wall's x axis, from its centre")
+    to_m: Finite = Field(description="greater than `from_m`")
+    material: str = Field(description="name of a material of the world")
 
 
 class Wall(Document):
@@ -83,6 +102,7 @@ class Wall(Document):
     y_m: Finite = Field(description="centre")
     yaw_rad: Finite
     material: str = Field(description="name of a material of the world")
+    coverings: tuple[Covering, ...] = Field((), description="what looks otherwise; none overlap")
 
     def map_from_wall(self) -> SE2:
         """Pose of the wall's centre."""
@@ -106,6 +126,133 @@ class Marker(Document):
     height_m: Finite = Field(description="of the marker's centre above the floor")
 
 
+class Box(Document):
+    """Centred at its origin."""
+
+    kind: Literal["box"] = "box"
+    size_m: tuple[Positive, Positive, Positive]
+
+
+class Cylinder(Document):
+    """Along z, centred at its origin."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Cone(Document):
+    """Along z, centred at half its height, its tip at +z."""
+
+    kind: Literal["cone"] = "cone"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Capsule(Document):
+    """A cylinder along z with a half sphere on either end; `length_m` is the cylinder's."""
+
+    kind: Literal["capsule"] = "capsule"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Sphere(Document):
+    """Centred at its origin."""
+
+    kind: Literal["sphere"] = "sphere"
+    radius_m: Positive
+
+
+class Ellipsoid(Document):
+    """Centred at its origin."""
+
+    kind: Literal["ellipsoid"] = "ellipsoid"
+    radii_m: tuple[Positive, Positive, Positive]
+
+
+class Plane(Document):
+    """A flat rectangle at z = 0, seen and solid from +z only."""
+
+    kind: Literal["plane"] = "plane"
+    size_m: tuple[Positive, Positive]
+
+
+class Polyline(Document):
+    """Simple polygons in the plane z = 0, raised to `height_m`; one within another is a hole."""
+
+    kind: Literal["polyline"] = "polyline"
+    polygons_m: tuple[tuple[Point2, ...], ...]
+    height_m: Positive
+
+
+class Mesh(Document):
+    """Triangles from an asset."""
+
+    kind: Literal["mesh"] = "mesh"
+    sha256: str = Field(description="asset of the triangles, as geometry.mesh_to_bytes writes them")
+    name: str = Field("", description="file, and submesh, that it came from, for people")
+    scale: Vector = Field((1.0, 1.0, 1.0), description="none is zero")
+
+
+Geometry = Annotated[
+    Box | Cylinder | Cone | Capsule | Sphere | Ellipsoid | Plane | Polyline | Mesh,
+    Field(discriminator="kind"),
+]
+
+
+class Shape(Document):
+    """A part of a body: what is seen, what is solid, or both."""
+
+    name: str
+    geometry: Geometry
+    position_m: Vector = Field((0.0, 0.0, 0.0), description="in the body's frame")
+    orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="body_from_shape")
+    material: str = Field("", description="name of a material of the world; empty: not seen")
+    solid: bool = Field(True, description="robot, lidar and map meet it")
+
+
+class Body(Document):
+    """A rigid thing of any shapes. Walls are not among them."""
+
+    name: str
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        0.0, description="0: it never moves"
+    )
+    shapes: tuple[Shape, ...]
+
+
+class Room(Document):
+    """A named part of the floor."""
+
+    name: str
+    polygon_m: tuple[Point2, ...] = Field(description="its corners, in turn")
+    floor_material: str = Field("", description="empty: the world's")
+
+
+class Ceiling(Document):
+    """A flat ceiling over all walls."""
+
+    height_m: Positive
+    material: str
+
+
+class PointLight(Document):
+    """A lamp. At distance d within `range_m` its light is diffuse / (constant + linear d +
+    quadratic d^2), as in SDF; beyond, nothing.
+    """
+
+    name: str
+    position_m: Vector
+    diffuse: Rgba = (1.0, 1.0, 1.0, 1.0)
+    range_m: Positive = 10.0
+    constant: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 1.0
+    linear: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    quadratic: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+
+
 class World(Document):
     """A resolved world: everything in it, with the hash that identifies it."""
 
@@ -115,10 +262,15 @@ class World(Document):
     walls: tuple[Wall, ...]
     materials: tuple[Material, ...]
     markers: tuple[Marker, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    rooms: tuple[Room, ...] = ()
     locations: tuple[Location, ...] = ()
     start: Planar
     map_resolution_m: Positive = 0.05
-    floor_diffuse: Rgba = (0.5, 0.5, 0.5, 1.0)
+    map_sha256: str = Field("", description="of a ready map's cells; empty: made from the world")
+    floor_material: str = Field("", description="name of a material; empty: a plain grey one")
+    ceiling: Ceiling | None = None
+    lights: tuple[PointLight, ...] = ()
     sky: Rgba = (0.7, 0.7, 0.7, 1.0)
     light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
     light_ambient: Finite = 0.8

@@ -77,7 +77,7 @@ WORLD_STATUS = Topic(
 ASSETS = Topic(
     "/world/assets", msg.CompressedImage, ("worldgen", "spawner"), ("physics", "recorder"),
     _LATCHED,
-    "a texture as PNG; `frame_id` is the sha256 of its bytes", depth=64,
+    "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes", depth=256,
 )  # fmt: skip
 WORLD = Topic(
     "/world", doc.World, ("worldgen",),

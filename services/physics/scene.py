@@ -89,7 +89,7 @@ def build_scene(
         builder.add_wall(wall, material or _UNKNOWN_MATERIAL)
     for entity in entities:
         builder.add_panel(entity)
-    builder.add_floor(world.floor_diffuse)
+    builder.add_floor(materials.get(world.floor_material, _UNKNOWN_MATERIAL).diffuse)
     return builder.scene()
 
 

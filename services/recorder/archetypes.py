@@ -224,7 +224,7 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
     if len(ends):
         margin_m = 0.8
         low, high = ends.min(axis=0) - margin_m, ends.max(axis=0) + margin_m
-        _static_mesh(canvas, "world/floor", floor(low, high, -0.01, world.floor_diffuse))
+        _static_mesh(canvas, "world/floor", floor(low, high, -0.01, next((m.diffuse for m in world.materials if m.name == world.floor_material), (0.5, 0.5, 0.5, 1.0))))
     canvas.recording.log(
         "world/locations",
         rr.CoordinateFrame(MAP_FRAME),

@@ -6,11 +6,11 @@ import logging
 
 import numpy as np
 
+from services.common.furnish import PanelStyle, furnish
 from services.common.messages import CompressedImage, header
 from services.common.node import Inbox, Node, Outbox
 from services.common.topics import ASSETS, DESIRED_ENTITIES, WORLD
 from services.spawner.config import SpawnerConfig
-from services.spawner.furnish import furnish
 
 _log = logging.getLogger("spawner")
 
@@ -23,7 +23,7 @@ class SpawnerNode(Node):
     wakes = (WORLD,)
 
     def __init__(self, config: SpawnerConfig) -> None:
-        self._config = config
+        self._style = PanelStyle(config.panel_gap_m, config.module_px, config.clear_view_m)
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Furnish the newest world."""
@@ -31,7 +31,7 @@ class SpawnerNode(Node):
         if world is None:
             return
         self.world_hash = world.hash
-        entities, textures = furnish(world, self._config, max_markers=ASSETS.depth)
+        entities, textures = furnish(world, self._style)
         for sha256, data in textures.items():
             picture = np.frombuffer(data, np.uint8)
             outbox.put(ASSETS, CompressedImage(header(0, sha256), format="png", data=picture))

@@ -19,7 +19,7 @@ from services.common.documents import World
 from services.common.frames import SE2
 from services.worldgen import png
 from services.worldgen.occupancy import FREE, MAX_CELLS, OCCUPIED, Grid, occupancy
-from services.worldgen.recipe import MistakeError, Recipe, mistakes
+from services.worldgen.recipe import MistakeError, PoseRecipe, Recipe, mistakes
 from services.worldgen.resolve import resolve, resolve_walls, used_materials
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
@@ -100,12 +100,13 @@ def _build(recipe: Recipe, path: Path, use_aruco: bool, texture_dir: Path) -> Lo
             f"makes {grid.columns} x {grid.rows} cells: must be coarser, or the walls closer "
             f"together, for at most {MAX_CELLS} cells",
         )
-    start = grid.cell(recipe.start.x_m, recipe.start.y_m)
+    place = recipe.start or PoseRecipe(x_m=0.0, y_m=0.0)
+    start = grid.cell(place.x_m, place.y_m)
     if start is None:
-        raise MistakeError(("start",), _xy(recipe.start), "must lie among the walls")
+        raise MistakeError(("start",), _xy(place), "must lie among the walls")
     cells = occupancy(walls, grid, start)
     if cells[start] == OCCUPIED:
-        raise MistakeError(("start",), _xy(recipe.start), "must not lie in a wall")
+        raise MistakeError(("start",), _xy(place), "must not lie in a wall")
     for name, place in recipe.locations.items():
         cell = grid.cell(place.x_m, place.y_m)
         if cell is None or cells[cell] != FREE:

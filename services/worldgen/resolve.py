@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from services.common.documents import Location, Material, Planar, Wall, World
-from services.worldgen.recipe import Recipe
+from services.worldgen.recipe import PoseRecipe, Recipe
 
 
 def used_materials(recipe: Recipe) -> list[str]:
-    """Names of the materials that a wall has, in the order of the walls."""
-    return list(dict.fromkeys(wall.material for wall in resolve_walls(recipe)))
+    """Names of the materials that something has: walls in their order, then the floor."""
+    walls = [wall.material for wall in resolve_walls(recipe)]
+    return list(dict.fromkeys([*walls, recipe.floor_material]))
 
 
 def resolve_walls(recipe: Recipe) -> tuple[Wall, ...]:
@@ -35,7 +36,7 @@ def resolve(
     recipe: Recipe, file_name: str, texture_sha256: Mapping[str, str], use_aruco: bool
 ) -> World:
     """The world of a recipe without mistakes. `texture_sha256` is by file name of the texture."""
-    start = recipe.start
+    start = recipe.start or PoseRecipe(x_m=0.0, y_m=0.0)
     world = World(
         name=recipe.name,
         recipe=file_name,
@@ -60,7 +61,7 @@ def resolve(
         ),
         start=Planar(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad),
         map_resolution_m=recipe.map_resolution_m,
-        floor_diffuse=recipe.floor_diffuse,
+        floor_material=recipe.floor_material,
         sky=recipe.sky,
         light_direction=recipe.light.direction,
         light_ambient=recipe.light.ambient,

@@ -15,10 +15,10 @@ from services.common.frames import SE2, rotation_from_quaternion
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import ASSETS, DESIRED_ENTITIES, WORLD, Topic
 from services.spawner.config import SpawnerConfig
-from services.spawner.furnish import furnish
+from services.common.furnish import furnish
 from services.spawner.node import SpawnerNode
 from services.worldgen.loader import load_world
-from tests.spawner.house import marker, wall, world
+from tests.common.house import marker, wall, world
 
 Sent = list[tuple[Topic[object], object, Envelope]]
 
@@ -34,7 +34,7 @@ def run(node: SpawnerNode, *worlds: World) -> Sent:
 
 
 def refusals(markers: Sequence[Marker]) -> list[tuple[str, str]]:
-    desired, _ = furnish(world([wall(length_m=4.0)], markers), SpawnerConfig())
+    desired, _ = furnish(world([wall(length_m=4.0)], markers))
     return [(refusal.name, refusal.reason) for refusal in desired.refused]
 
 
@@ -146,7 +146,7 @@ def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
     )
 )  # fmt: skip
 def test_whatever_a_marker_says_it_hangs_or_is_refused(one: Marker) -> None:
-    desired, textures = furnish(world([wall()], [one]), SpawnerConfig())
+    desired, textures = furnish(world([wall()], [one]))
     assert len(desired.entities) + len(desired.refused) == 1
     assert len(desired.entities) == len(textures)
     assert all("\n" not in refusal.reason for refusal in desired.refused)
@@ -156,7 +156,7 @@ def test_a_wall_at_any_yaw_has_a_good_pose_for_its_marker() -> None:
     for yaw_rad in np.linspace(-3.0, 3.0, 7):
         host = wall(pose=SE2(1.0, 2.0, float(yaw_rad)))
         ahead = host.map_from_wall() @ SE2(0.0, 2.0, 0.0)
-        desired, _ = furnish(world([host], [marker()], start=ahead), SpawnerConfig())
+        desired, _ = furnish(world([host], [marker()], start=ahead))
         (entity,) = desired.entities
         normal = rotation_from_quaternion(*entity.orientation_xyzw)[:, 2]
         towards = np.array([ahead.x_m, ahead.y_m]) - entity.position_m[:2]

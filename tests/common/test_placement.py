@@ -7,9 +7,9 @@ import pytest
 
 from services.common.documents import Marker, Planar, Wall
 from services.common.frames import SE2, rotation_from_rpy, transform_matrix
-from services.spawner.placement import Panel, Placement, hang
+from services.common.placement import Panel, Placement, hang
 from services.worldgen.loader import load_world
-from tests.spawner.house import marker, wall
+from tests.common.house import marker, wall
 
 SIDE_M = 0.4
 START = Planar(x_m=0.0, y_m=3.0, yaw_rad=0.0)

@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 
+from services.common import marker_picture
 from services.common.documents import Entities, Entity, Marker, Refusal, World
 from services.common.frames import quaternion_from_rotation
-from services.spawner import texture
-from services.spawner.config import SpawnerConfig
-from services.spawner.placement import Panel, Placement, hang
+from services.common.placement import Panel, Placement, hang
+
+MAX_MARKERS = 128
+
+
+@dataclass(frozen=True)
+class PanelStyle:
+    """How markers are drawn, and how they hang."""
+
+    gap_m: float = 0.002
+    """From a wall's face to the marker's, against z-fighting."""
+    module_px: int = 64
+    """Side of one module of a marker in its picture."""
+    clear_view_m: float = 0.5
+    """Depth in front of a marker that must be free."""
 
 
 def furnish(
-    world: World, config: SpawnerConfig, max_markers: int = 64
+    world: World, style: PanelStyle = PanelStyle(), max_markers: int = MAX_MARKERS
 ) -> tuple[Entities, dict[str, bytes]]:
     """The entities that a world's markers make, and their textures as PNG by sha256.
 
     A marker that cannot hang is refused, and the others hang all the same; of two with one id, or
     in one place, the first hangs.
     """
-    placement = Placement(world.walls, world.start, config.clear_view_m)
+    placement = Placement(world.walls, world.start, style.clear_view_m)
     walls = {wall.name: wall for wall in world.walls}
     entities: list[Entity] = []
     refused: list[Refusal] = []
@@ -28,7 +42,7 @@ def furnish(
     on_wall: dict[int, str] = {}
     for marker in world.markers:
         name = f"aruco_{marker.id}"
-        reason = texture.identity_problem(marker)
+        reason = marker_picture.identity_problem(marker)
         if not reason and marker.id in on_wall:
             # The small dictionaries are the beginnings of the large ones: an id is one marker.
             reason = f"id: {marker.id}: must be unique: it hangs on {on_wall[marker.id]}"
@@ -37,13 +51,13 @@ def furnish(
         if not reason and len(entities) >= max_markers:
             reason = f"there are {max_markers} markers already: no more fit"
         if not reason:
-            side_m = texture.panel_side_m(marker)
-            panel = hang(name, marker, walls[marker.wall], side_m, config.panel_gap_m)
+            side_m = marker_picture.panel_side_m(marker)
+            panel = hang(name, marker, walls[marker.wall], side_m, style.gap_m)
             reason = placement.problem(panel, hanging, marker.wall)
         if reason:
             refused.append(Refusal(name=name, reason=reason))
             continue
-        data = texture.draw(marker, config.module_px)
+        data = marker_picture.draw(marker, style.module_px)
         sha256 = hashlib.sha256(data).hexdigest()
         textures[sha256] = data
         on_wall[marker.id] = marker.wall

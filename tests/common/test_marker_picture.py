@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.spawner import texture
-from tests.spawner.house import marker
+from services.common import marker_picture
+from tests.common.house import marker
 
 
 def picture(data: bytes) -> NDArray[np.uint8]:
@@ -25,7 +25,7 @@ def test_a_detector_finds_the_marker_in_its_texture(
     dictionary: str, id_: int, modules: int, quiet_zone_modules: int
 ) -> None:
     one = marker(dictionary=dictionary, id=id_, quiet_zone_modules=quiet_zone_modules)
-    grey = picture(texture.draw(one, 64))
+    grey = picture(marker_picture.draw(one, 64))
     side = modules + 2 * quiet_zone_modules
     assert grey.shape == (side * 64, side * 64)
     assert set(np.unique(grey)) == {0, 255}
@@ -37,25 +37,25 @@ def test_a_detector_finds_the_marker_in_its_texture(
     # Upright, and as large as the panel says.
     expected = [[first, first], [last, first], [last, last], [first, last]]
     assert corners[0].reshape(4, 2) == pytest.approx(np.array(expected), abs=1.5)
-    assert texture.panel_side_m(one) == pytest.approx(one.size_m * side / modules)
+    assert marker_picture.panel_side_m(one) == pytest.approx(one.size_m * side / modules)
 
 
 def test_the_black_square_has_the_size_of_the_marker() -> None:
-    grey = picture(texture.draw(marker(), 64))
+    grey = picture(marker_picture.draw(marker(), 64))
     black = np.flatnonzero((grey == 0).any(0))
-    metres_a_pixel = texture.panel_side_m(marker()) / grey.shape[1]
+    metres_a_pixel = marker_picture.panel_side_m(marker()) / grey.shape[1]
     assert (black[-1] - black[0] + 1) * metres_a_pixel == pytest.approx(0.3, abs=1e-12)
 
 
 def test_every_module_is_of_one_colour() -> None:
-    grey = picture(texture.draw(marker(), 16))
+    grey = picture(marker_picture.draw(marker(), 16))
     cells = grey.reshape(8, 16, 8, 16)
     assert (cells.min((1, 3)) == cells.max((1, 3))).all()
 
 
 def test_a_wide_quiet_zone_takes_smaller_modules() -> None:
     one = marker(quiet_zone_modules=16)
-    assert picture(texture.draw(one, 64)).shape == (38 * 53, 38 * 53)
+    assert picture(marker_picture.draw(one, 64)).shape == (38 * 53, 38 * 53)
 
 
 @pytest.mark.parametrize(
@@ -68,5 +68,5 @@ def test_a_wide_quiet_zone_takes_smaller_modules() -> None:
     ],
 )
 def test_a_marker_that_does_not_exist_is_named(changes: dict[str, object], said: str) -> None:
-    found = texture.identity_problem(marker(**changes))
+    found = marker_picture.identity_problem(marker(**changes))
     assert found.startswith(said) if said else found == ""

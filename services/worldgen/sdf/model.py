@@ -1,0 +1,170 @@
+"""An SDF world after every include, pose and frame has been resolved: plain data, no XML."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from services.common.documents import Rgba
+from services.common.frames import Array
+from services.worldgen.recipe import GeometryRecipe
+
+
+class Ignored(BaseModel):
+    """Something in a file that is not simulated."""
+
+    model_config = ConfigDict(frozen=True)
+
+    what: str
+    """e.g. `plugin gz-sim-physics-system`, `joint wheel_left (revolute)`, `state`"""
+    where: str
+    """file:line, and the element's path: `house.sdf:12: world default/model box`"""
+
+
+class SdfError(BaseModel):
+    """Something wrong in a file."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: str
+    """The specification's name of it where it has one: DUPLICATE_NAME, RESERVED_NAME,
+    ATTRIBUTE_MISSING, ELEMENT_MISSING, MODEL_WITHOUT_LINK, POSE_RELATIVE_TO_INVALID,
+    POSE_RELATIVE_TO_CYCLE, URI_LOOKUP, ...
+    """
+    where: str
+    message: str
+
+
+class Included(BaseModel):
+    """A file that an <include> brought in."""
+
+    model_config = ConfigDict(frozen=True)
+
+    uri: str
+    name: str
+    file: str
+
+
+class ImportReport(BaseModel):
+    """What an import found, brought in, left out and refused."""
+
+    model_config = ConfigDict(frozen=True)
+
+    world: str
+    """Name of the world; a model file makes a world of its own name."""
+    models: int
+    """All, nested and included ones among them."""
+    links: int
+    collisions: dict[str, int]
+    """Number by type of geometry: box, cylinder, mesh, ..."""
+    visuals: dict[str, int]
+    materials: tuple[str, ...]
+    """Each different material once: `script Gazebo/Wood`, `albedo bricks.png`, `rgba 1 0 0 1`"""
+    includes: tuple[Included, ...]
+    ignored: tuple[Ignored, ...]
+    errors: tuple[SdfError, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SdfMaterial:
+    """How a visual looks."""
+
+    ambient: Rgba | None = None
+    diffuse: Rgba | None = None
+    script: str = ""
+    """Name of a material of Gazebo's; its colour is in ambient and diffuse where it is known."""
+    albedo_map: Path | None = None
+    """Of an existing picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class SdfShape:
+    """A collision or a visual."""
+
+    role: Literal["collision", "visual"]
+    name: str
+    link_from_shape: Array
+    geometry: GeometryRecipe
+    """A mesh's `file` is the name alone; see `mesh_file`."""
+    mesh_file: Path | None = None
+    material: SdfMaterial | None = None
+    attributes: dict[str, str] = field(default_factory=dict)
+    """Of the namespace that exports write into."""
+
+
+@dataclass(frozen=True, eq=False)
+class SdfLink:
+    """A link of a model."""
+
+    name: str
+    """With its models': `outer::inner::link`"""
+    model: str
+    """`outer::inner`"""
+    world_from_link: Array
+    static: bool
+    """Its outermost model is, or it has joints that are not simulated: then it stands still."""
+    mass_kg: float
+    fixed_to: str
+    """Name of the link that fixed joints make it one with; its own name where it stands alone."""
+    shapes: tuple[SdfShape, ...]
+    attributes: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SdfModel:
+    """A model."""
+
+    name: str
+    """`outer::inner`"""
+    static: bool
+    world_from_model: Array
+    attributes: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SdfLight:
+    """A light."""
+
+    kind: Literal["directional", "point", "spot"]
+    name: str
+    world_from_light: Array
+    diffuse: Rgba
+    direction: tuple[float, float, float]
+    """In the light's frame."""
+    range_m: float
+    constant: float
+    linear: float
+    quadratic: float
+
+
+@dataclass(frozen=True)
+class FramePose:
+    """Where something is: for `mazebot world show --frames`."""
+
+    kind: Literal["model", "link", "joint", "frame"]
+    name: str
+    """`outer::inner::frame`"""
+    model_from_frame: Array
+    """(4, 4) in the model that directly holds it; in the world for what the world holds."""
+    world_from_frame: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SdfWorld:
+    """A whole file."""
+
+    file: Path
+    name: str
+    models: tuple[SdfModel, ...]
+    links: tuple[SdfLink, ...]
+    lights: tuple[SdfLight, ...]
+    frames: tuple[FramePose, ...]
+    ambient: Rgba | None
+    """<scene><ambient>"""
+    background: Rgba | None
+    attributes: dict[str, str]
+    """Of the world's own element of the exports' namespace, text by name."""
+    report: ImportReport
