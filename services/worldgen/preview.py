@@ -1,0 +1,662 @@
+"""Pictures of a world for people: a plan seen from above, and a model for any viewer of glTF."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from services.common.documents import Entity, Material, Planar, Rgba, Shape, Wall, World
+from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
+from services.common.furnish import furnish
+from services.common.geometry import TriangleMesh, mesh_from_bytes, triangles_of
+from services.common.surfaces import Surface, surfaces
+from services.worldgen.loader import LoadedWorld
+from services.worldgen.occupancy import FREE, OCCUPIED, wall_corners
+
+MAX_SIDE_PX = 1800
+"""Of the plan alone; its margins come to it."""
+ROBOT_RADIUS_M = 0.22
+
+# Their types say nothing.
+_PBR: Any = trimesh.visual.material.PBRMaterial
+_TextureVisuals: Any = trimesh.visual.TextureVisuals
+
+Rgb = tuple[int, int, int]
+Picture = NDArray[np.uint8]
+
+_MAX_PX_M = 150.0
+_MIN_SIDE_PX = 560
+_OVERSAMPLING = 2
+_MARGIN_M = 0.35
+_UNKNOWN: Rgb = (178, 183, 190)
+_INK: Rgb = (32, 36, 42)
+_PAPER: Rgb = (255, 255, 255)
+_START: Rgb = (16, 122, 58)
+_PLACE: Rgb = (20, 74, 160)
+_CORE: Rgb = (70, 74, 80)
+_TINTS: tuple[Rgb, ...] = (
+    (230, 25, 75), (0, 130, 200), (60, 170, 60), (245, 130, 48), (145, 30, 180), (0, 150, 150),
+    (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
+)  # fmt: skip
+"""Of markers, in turn."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """Where the plan's metres lie on its pixels."""
+
+    low_m: Array
+    high_m: Array
+    px_m: float
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        width, height = (self.high_m - self.low_m) * self.px_m
+        return math.ceil(width), math.ceil(height)
+
+    def at(self, points_m: Array) -> list[tuple[float, float]]:
+        """Pixels of (n, 2) points, y downwards."""
+        x = (points_m[:, 0] - self.low_m[0]) * self.px_m
+        y = (self.high_m[1] - points_m[:, 1]) * self.px_m
+        return [(float(a), float(b)) for a, b in zip(x, y, strict=True)]
+
+    def one(self, x_m: float, y_m: float) -> tuple[float, float]:
+        return self.at(np.array([[x_m, y_m]]))[0]
+
+
+def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
+    """The plan of a world, (height, width, 3) RGB, about 2000 pixels a side at most.
+
+    `seen` is (markers, rows, columns), as visibility.seen_from makes it of the entities that
+    `furnish` hangs, in their order: the cells of the map from which each can be read. None leaves
+    these areas out.
+    """
+    world = loaded.world
+    entities = furnish(world)[0].entities
+    meshes = _meshes(loaded)
+    outlines = _outlines(world, meshes)
+    view = _view(world, outlines)
+    colours = material_colours(world, loaded.assets)
+    scale = _OVERSAMPLING
+    fine = _View(view.low_m, view.high_m, view.px_m * scale)
+    picture = _floor(loaded, fine, colours)
+    if seen is not None and len(seen):
+        picture = _tinted(picture, loaded, fine, seen)
+    canvas = Image.fromarray(picture)
+    draw = ImageDraw.Draw(canvas)
+    _grid(draw, fine)
+    for room in world.rooms:
+        ring = fine.at(np.array([*room.polygon_m, room.polygon_m[0]]))
+        _dashed(draw, ring, (120, 124, 130), scale)
+    for wall in world.walls:
+        _wall(draw, fine, wall, colours)
+    for outline in outlines:
+        _body(draw, fine, outline, colours)
+    for index, entity in enumerate(entities):
+        _marker(draw, fine, entity, _TINTS[index % len(_TINTS)])
+    _robot(draw, fine, world.start)
+    for place in world.locations:
+        _place(draw, fine, place)
+    plan = canvas.resize(view.size_px, Image.Resampling.BOX)
+    _labels(plan, view, world, entities)
+    return np.asarray(_framed(plan, view, _figures(loaded, entities, seen), world))
+
+
+def plan_png(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> bytes:
+    """The same as PNG, with the same bytes each time."""
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 9]
+    plan = cv2.cvtColor(draw_plan(loaded, seen), cv2.COLOR_RGB2BGR)
+    done, data = cv2.imencode(".png", plan, options)
+    if not done:
+        raise RuntimeError("OpenCV cannot write PNG")
+    return bytes(data.tobytes())
+
+
+def material_colours(world: World, assets: Mapping[str, bytes]) -> dict[str, Rgb]:
+    """The colour of each material by name: its texture's mean, or its diffuse colour."""
+    return {m.name: _mean_colour(m, assets) for m in world.materials}
+
+
+def _mean_colour(material: Material, assets: Mapping[str, bytes]) -> Rgb:
+    data = assets.get(material.texture_sha256)
+    if data is None:
+        r, g, b = (round(255 * value) for value in material.diffuse[:3])
+        return r, g, b
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    b, g, r = (round(float(value)) for value in np.asarray(bgr).mean((0, 1)))
+    return r, g, b
+
+
+@dataclass(frozen=True, eq=False)
+class _Outline:
+    """A shape of a body from above: (n, 2) corners of its convex hull, and its heights."""
+
+    corners_m: Array
+    low_m: float
+    high_m: float
+    material: str
+    solid: bool
+    moves: bool
+
+
+def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline]:
+    """Of every shape, lower ones first."""
+    found = []
+    for body in world.bodies:
+        map_from_body = transform_matrix(
+            rotation_from_quaternion(*body.orientation_xyzw), body.position_m
+        )
+        for shape in body.shapes:
+            points = _points(shape, meshes) @ map_from_body[:3, :3].T + map_from_body[:3, 3]
+            hull = cv2.convexHull(points[:, :2].astype(np.float32))[:, 0].astype(np.float64)
+            found.append(
+                _Outline(
+                    hull, float(points[:, 2].min()), float(points[:, 2].max()),
+                    shape.material, shape.solid, body.mass_kg > 0.0,
+                )
+            )  # fmt: skip
+    return sorted(found, key=lambda outline: outline.high_m)
+
+
+def _points(shape: Shape, meshes: Mapping[str, TriangleMesh]) -> Array:
+    """(n, 3) corners of a shape's triangles in the body's frame."""
+    body_from_shape = transform_matrix(
+        rotation_from_quaternion(*shape.orientation_xyzw), shape.position_m
+    )
+    points = triangles_of(shape.geometry, meshes).vertices_m
+    return np.asarray(points @ body_from_shape[:3, :3].T + body_from_shape[:3, 3])
+
+
+def _meshes(loaded: LoadedWorld) -> dict[str, TriangleMesh]:
+    wanted = sorted(
+        {
+            shape.geometry.sha256
+            for body in loaded.world.bodies
+            for shape in body.shapes
+            if shape.geometry.kind == "mesh"
+        }
+    )
+    return {sha256: mesh_from_bytes(loaded.assets[sha256]) for sha256 in wanted}
+
+
+def _view(world: World, outlines: Sequence[_Outline]) -> _View:
+    points = [np.array([[world.start.x_m, world.start.y_m]])]
+    points += [np.array(wall_corners(wall)) for wall in world.walls]
+    # Wide planes lie under the world rather than in it.
+    points += [outline.corners_m for outline in outlines if outline.solid or not world.walls]
+    points += [np.array([[place.x_m, place.y_m]]) for place in world.locations]
+    every = np.concatenate(points)
+    low, high = every.min(0) - _MARGIN_M, every.max(0) + _MARGIN_M
+    longest = float((high - low).max())
+    return _View(low, high, min(MAX_SIDE_PX / longest, max(_MAX_PX_M, _MIN_SIDE_PX / longest)))
+
+
+def _floor(loaded: LoadedWorld, view: _View, colours: Mapping[str, Rgb]) -> Picture:
+    """Free floor in the rooms' colours, what is unknown grey."""
+    world = loaded.world
+    width, height = view.size_px
+    floor = Image.new("RGB", (width, height), _light(colours.get(world.floor_material, _CORE)))
+    draw = ImageDraw.Draw(floor)
+    for room in world.rooms:
+        if room.floor_material:
+            draw.polygon(
+                view.at(np.array(room.polygon_m)), fill=_light(colours[room.floor_material])
+            )
+    known = _warped((loaded.map_cells == FREE).astype(np.uint8), loaded, view)
+    occupied = _warped((loaded.map_cells == OCCUPIED).astype(np.uint8), loaded, view)
+    # Under walls and bodies, which are drawn over it, the floor goes on.
+    picture = np.asarray(floor).copy()
+    picture[(known == 0) & (occupied == 0)] = _UNKNOWN
+    return picture
+
+
+def _light(colour: Rgb) -> Rgb:
+    """Paler, so that lines and letters show on it."""
+    r, g, b = (round(0.45 * value + 0.55 * 255) for value in colour)
+    return r, g, b
+
+
+def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: _View) -> NDArray[np.uint8]:
+    """A map's cells as the plan's pixels, 0 beyond the map."""
+    resolution = loaded.world.map_resolution_m
+    origin = loaded.map_origin
+    width, height = view.size_px
+    # Plan pixel -> metres -> the map's own metres -> cells, whose centres have whole coordinates.
+    map_from_plan = np.array(
+        [
+            [1.0 / view.px_m, 0.0, view.low_m[0] + 0.5 / view.px_m],
+            [0.0, -1.0 / view.px_m, view.high_m[1] - 0.5 / view.px_m],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    inverse = SE2(*origin).inverse()
+    c, s = math.cos(inverse.yaw_rad), math.sin(inverse.yaw_rad)
+    grid_from_map = np.array([[c, -s, inverse.x_m], [s, c, inverse.y_m], [0.0, 0.0, 1.0]])
+    cells_from_grid = np.array(
+        [[1.0 / resolution, 0.0, -0.5], [0.0, 1.0 / resolution, -0.5], [0.0, 0.0, 1.0]]
+    )
+    matrix = (cells_from_grid @ grid_from_map @ map_from_plan)[:2]
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(cells, matrix, (width, height), flags=flags), np.uint8)
+
+
+def _tinted(picture: Picture, loaded: LoadedWorld, view: _View, seen: NDArray[np.bool_]) -> Picture:
+    """Each marker's area in its colour; where several overlap, in the mean of theirs."""
+    tints = np.array([_TINTS[index % len(_TINTS)] for index in range(len(seen))], np.float32)
+    count = seen.sum(0, dtype=np.float32)
+    mixed = np.tensordot(seen.astype(np.float32), tints, axes=(0, 0))
+    mixed /= np.maximum(count, 1.0)[..., None]
+    colours = np.dstack(
+        [_warped(np.rint(mixed[..., k]).astype(np.uint8), loaded, view) for k in range(3)]
+    )
+    strength = np.where(count > 0, 70 + 12 * np.minimum(count, 4), 0).astype(np.uint8)
+    share = _warped(strength, loaded, view).astype(np.float32)[..., None] / 255.0
+    return np.asarray(np.rint(picture * (1.0 - share) + colours * share), np.uint8)
+
+
+def _grid(draw: ImageDraw.ImageDraw, view: _View) -> None:
+    width, height = view.size_px
+    step = _step_m(view.px_m / _OVERSAMPLING)
+    for x in _ticks(view.low_m[0], view.high_m[0], step):
+        at = view.one(x, 0.0)[0]
+        draw.line([(at, 0), (at, height)], fill=(188, 192, 198), width=1)
+    for y in _ticks(view.low_m[1], view.high_m[1], step):
+        at = view.one(0.0, y)[1]
+        draw.line([(0, at), (width, at)], fill=(188, 192, 198), width=1)
+
+
+def _step_m(px_m: float) -> float:
+    """Metres between two lines of the grid: 1, 2 or 5 times a power of ten, 60 pixels or more."""
+    for step in (m * 10.0**e for e in range(-1, 5) for m in (1.0, 2.0, 5.0)):
+        if step * px_m >= 60.0:
+            return step
+    return 1e5
+
+
+def _ticks(low: float, high: float, step: float) -> list[float]:
+    return [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)]
+
+
+def _dashed(
+    draw: ImageDraw.ImageDraw, points: Sequence[tuple[float, float]], fill: Rgb, width: int
+) -> None:
+    dash = 7.0 * _OVERSAMPLING
+    for (x0, y0), (x1, y1) in pairwise(points):
+        length = math.hypot(x1 - x0, y1 - y0)
+        for k in range(0, math.ceil(length / dash), 2):
+            a, b = k * dash / length, min((k + 1) * dash / length, 1.0)
+            draw.line(
+                [
+                    (x0 + a * (x1 - x0), y0 + a * (y1 - y0)),
+                    (x0 + b * (x1 - x0), y0 + b * (y1 - y0)),
+                ],
+                fill=fill,
+                width=width,
+            )
+
+
+def _wall(draw: ImageDraw.ImageDraw, view: _View, wall: Wall, colours: Mapping[str, Rgb]) -> None:
+    """A dark core between its two faces, each in its materials' colours."""
+    length, thickness = wall.length_m / 2.0, wall.thickness_m / 2.0
+    whole = _strip(wall, -length, length, -thickness, thickness)
+    if wall.thickness_m * view.px_m < 6 * _OVERSAMPLING:
+        # Too thin for bands: dark, so that a maze shows its lines.
+        draw.polygon(view.at(whole), fill=_dark(colours[wall.material]))
+        return
+    draw.polygon(view.at(whole), fill=_CORE)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        inner, outer = sign * thickness * 0.3, sign * thickness
+        face = _strip(wall, -length, length, inner, outer)
+        draw.polygon(view.at(face), fill=colours[wall.material])
+        for cover in wall.coverings:
+            if cover.side == side:
+                start, end = max(cover.from_m, -length), min(cover.to_m, length)
+                piece = _strip(wall, start, end, inner, outer)
+                draw.polygon(view.at(piece), fill=colours[cover.material])
+    draw.polygon(view.at(whole), outline=_INK, width=1)
+
+
+def _strip(wall: Wall, from_m: float, to_m: float, low_m: float, high_m: float) -> Array:
+    corners = ((from_m, low_m), (to_m, low_m), (to_m, high_m), (from_m, high_m))
+    places = [wall.map_from_wall() @ SE2(x, y, 0.0) for x, y in corners]
+    return np.array([(place.x_m, place.y_m) for place in places])
+
+
+def _dark(colour: Rgb) -> Rgb:
+    r, g, b = (round(0.45 * value) for value in colour)
+    return r, g, b
+
+
+def _body(
+    draw: ImageDraw.ImageDraw, view: _View, outline: _Outline, colours: Mapping[str, Rgb]
+) -> None:
+    """What is solid filled, what is only seen by its outline; what moves has a thick outline."""
+    points = view.at(outline.corners_m)
+    width = (3 if outline.moves else 1) * _OVERSAMPLING
+    fill = colours.get(outline.material, _CORE) if outline.solid else None
+    if len(points) > 2:
+        draw.polygon(points, fill=fill, outline=_INK, width=width)
+    else:
+        draw.line(points, fill=_INK, width=width)
+
+
+def _marker(draw: ImageDraw.ImageDraw, view: _View, entity: Entity, colour: Rgb) -> None:
+    """A bar along the face, and a tick into the room it looks into."""
+    x, y, right, normal = _panel(entity)
+    half = max(entity.panel_side_m / 2.0, 4.0 * _OVERSAMPLING / view.px_m)
+    depth = max(0.05, 4.0 * _OVERSAMPLING / view.px_m)
+    centre = np.array([x, y])
+    bar = [
+        centre - half * right, centre + half * right,
+        centre + half * right + depth * normal, centre - half * right + depth * normal,
+    ]  # fmt: skip
+    draw.polygon(view.at(np.array(bar)), fill=colour, outline=_INK, width=_OVERSAMPLING // 2)
+    tip = [centre + 0.5 * half * right, centre - 0.5 * half * right, centre + 2.2 * depth * normal]
+    draw.polygon(view.at(np.array(tip) + depth * normal), fill=colour)
+
+
+def _panel(entity: Entity) -> tuple[float, float, Array, Array]:
+    """Centre, right and normal of a marker on the floor."""
+    rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+    return entity.position_m[0], entity.position_m[1], rotation[:2, 0], rotation[:2, 2]
+
+
+def _robot(draw: ImageDraw.ImageDraw, view: _View, start: Planar) -> None:
+    """To scale, its heading a line from its middle to beyond its edge."""
+    x, y = view.one(start.x_m, start.y_m)
+    radius = ROBOT_RADIUS_M * view.px_m
+    box = [x - radius, y - radius, x + radius, y + radius]
+    width = max(2 * _OVERSAMPLING, round(0.02 * view.px_m))
+    draw.ellipse(box, fill=(205, 240, 215), outline=_START, width=width)
+    _arrow(draw, (x, y), start.yaw_rad, 1.6 * radius, _START)
+
+
+def _place(draw: ImageDraw.ImageDraw, view: _View, place: Planar) -> None:
+    x, y = view.one(place.x_m, place.y_m)
+    radius = max(0.07 * view.px_m, 4.0 * _OVERSAMPLING)
+    _arrow(draw, (x, y), place.yaw_rad, max(0.32 * view.px_m, 14.0 * _OVERSAMPLING), _PLACE)
+    draw.ellipse([x - radius, y - radius, x + radius, y + radius], fill=_PLACE)
+
+
+def _arrow(
+    draw: ImageDraw.ImageDraw, at: tuple[float, float], yaw_rad: float, length: float, colour: Rgb
+) -> None:
+    along = np.array([math.cos(yaw_rad), -math.sin(yaw_rad)])
+    across = np.array([-along[1], along[0]])
+    head = 0.38 * length
+    tip, neck = np.array(at) + length * along, np.array(at) + (length - head) * along
+    width = max(2, round(0.11 * length))
+    draw.line([at, (float(neck[0]), float(neck[1]))], fill=colour, width=width)
+    corners = (tip, neck + 0.55 * head * across, neck - 0.55 * head * across)
+    draw.polygon([(float(p[0]), float(p[1])) for p in corners], fill=colour)
+
+
+def _font(size_px: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size=size_px)
+
+
+def _labels(plan: Image.Image, view: _View, world: World, entities: Sequence[Entity]) -> None:
+    """Names over the plan, each where it hides as little as it can."""
+    draw = ImageDraw.Draw(plan)
+    size = min(max(0.13 * view.px_m, 12.0), 20.0)
+    small = _font(size)
+    # What names must not lie on: each other, locations and robot.
+    taken: list[tuple[float, float, float, float]] = []
+    for spot in (world.start, *world.locations):
+        x, y = view.one(spot.x_m, spot.y_m)
+        reach = max(ROBOT_RADIUS_M * view.px_m if spot is world.start else 0.0, 8.0)
+        taken.append((x - reach, y - reach, x + reach, y + reach))
+    if len(entities) <= 200:
+        for index, entity in enumerate(entities):
+            x_m, y_m, right, normal = _panel(entity)
+            tip = np.array([x_m, y_m]) + (0.16 + 0.75 * size / view.px_m) * normal
+            near = [tip, tip + 0.25 * right, tip - 0.25 * right, tip + 0.2 * normal]
+            colour = _dark(_TINTS[index % len(_TINTS)])
+            spots = view.at(np.array(near))
+            _write(draw, spots, str(entity.marker_id), small, colour, taken, view.size_px)
+    for place in world.locations:
+        x, y = view.one(place.x_m, place.y_m)
+        spots = _around((x, y), 1.4 * size, place.yaw_rad)
+        _write(draw, spots, place.name, small, _PLACE, taken, view.size_px)
+    x, y = view.one(world.start.x_m, world.start.y_m)
+    reach = max(1.2 * ROBOT_RADIUS_M * view.px_m, 10.0) + size
+    spots = _around((x, y), reach, world.start.yaw_rad)
+    _write(draw, spots, "start", small, _START, taken, view.size_px)
+    large = _font(1.15 * size)
+    for room in world.rooms:
+        middle = _pole(np.array(room.polygon_m))
+        spots = view.at(middle + np.array([[0.0, 0.0], [0.0, 0.3], [0.0, -0.3], [0.3, 0.5]]))
+        name = room.name.replace("_", " ")
+        _write(draw, spots, name, large, (96, 100, 108), taken, view.size_px)
+
+
+def _around(at: tuple[float, float], reach: float, yaw_rad: float) -> list[tuple[float, float]]:
+    """Spots for a name around a place, those farthest from its arrow first."""
+    x, y = at
+    spots = [
+        (x, y - reach), (x, y + reach), (x + 2.4 * reach, y), (x - 2.4 * reach, y),
+        (x, y - 2.0 * reach), (x, y + 2.0 * reach),
+    ]  # fmt: skip
+    c, s = math.cos(yaw_rad), -math.sin(yaw_rad)
+    return sorted(spots, key=lambda spot: round((spot[0] - x) * c + (spot[1] - y) * s, 3) > 0.0)
+
+
+def _pole(polygon: Array) -> Array:
+    """A point well inside a polygon: the middle of its mean, where that is inside."""
+    return np.array(shapely.Polygon(polygon).representative_point().coords[0])
+
+
+def _write(
+    draw: ImageDraw.ImageDraw,
+    spots: Iterable[tuple[float, float]],
+    text: str,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+    colour: Rgb,
+    taken: list[tuple[float, float, float, float]],
+    size_px: tuple[int, int],
+) -> None:
+    """Write at the first of the spots where nothing is written yet, or at the first of all."""
+    width, height = size_px
+    boxes = []
+    for x, y in spots:
+        left, top, right, bottom = draw.textbbox((x, y), text, font=font, anchor="mm")
+        dx = max(2.0 - left, 0.0) + min(width - 2.0 - right, 0.0)
+        dy = max(2.0 - top, 0.0) + min(height - 2.0 - bottom, 0.0)
+        boxes.append(((x + dx, y + dy), (left + dx, top + dy, right + dx, bottom + dy)))
+    clear = (
+        (spot, box)
+        for spot, box in boxes
+        if not any(
+            box[0] < t[2] and t[0] < box[2] and box[1] < t[3] and t[1] < box[3] for t in taken
+        )
+    )
+    spot, box = next(clear, boxes[0])
+    taken.append(box)
+    draw.text(spot, text, fill=colour, font=font, anchor="mm", stroke_width=2, stroke_fill=_PAPER)
+
+
+def _figures(
+    loaded: LoadedWorld, entities: Sequence[Entity], seen: NDArray[np.bool_] | None
+) -> str:
+    world = loaded.world
+    free = int((loaded.map_cells == FREE).sum())
+    parts = [
+        _count(len(world.walls), "wall"),
+        _count(len(world.bodies), "body", "bodies"),
+        _count(len(entities), "marker"),
+    ]
+    if len(entities) < len(world.markers):
+        parts[-1] += f" ({len(world.markers) - len(entities)} refused)"
+    parts.append(f"{free * world.map_resolution_m**2:.1f} sq m free")
+    if seen is not None and len(seen):
+        reachable = free
+        covered = int(seen.any(0).sum())
+        parts.append(f"markers seen from {covered / max(reachable, 1):.0%} of it")
+    return "   ".join(parts)
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _framed(plan: Image.Image, view: _View, figures: str, world: World) -> Image.Image:
+    """Title above, axes beside, a scale bar under the plan."""
+    left, top, right, bottom = 62, 76, 24, 84
+    width, height = plan.size
+    name_font, text_font, tick_font = _font(30), _font(17), _font(15)
+    probe = ImageDraw.Draw(plan)
+    title = max(
+        probe.textlength(world.name, font=name_font), probe.textlength(figures, font=text_font)
+    )
+    total = max(left + width + right, math.ceil(title) + 2 * left)
+    canvas = Image.new("RGB", (total, top + height + bottom), _PAPER)
+    canvas.paste(plan, (left, top))
+    draw = ImageDraw.Draw(canvas)
+    draw.text((left, 14), world.name, fill=_INK, font=name_font)
+    draw.text((left, 50), figures, fill=(90, 94, 100), font=text_font)
+    draw.rectangle([left - 1, top - 1, left + width, top + height], outline=_INK, width=1)
+    step = _step_m(view.px_m)
+    digits = max(0, -math.floor(math.log10(step)))
+    for x in _ticks(view.low_m[0], view.high_m[0], step):
+        at = left + view.one(x, 0.0)[0]
+        draw.line([(at, top + height), (at, top + height + 6)], fill=_INK)
+        draw.text((at, top + height + 9), f"{x:.{digits}f}", fill=_INK, font=tick_font, anchor="mt")
+    for y in _ticks(view.low_m[1], view.high_m[1], step):
+        at = top + view.one(0.0, y)[1]
+        draw.line([(left - 7, at), (left - 1, at)], fill=_INK)
+        draw.text((left - 10, at), f"{y:.{digits}f}", fill=_INK, font=tick_font, anchor="rm")
+    draw.text(
+        (left - 10, top + height + 9), "y, x  m", fill=(90, 94, 100), font=tick_font, anchor="rt"
+    )
+    _scale_bar(draw, (left, top + height + 50), 2.0 * step, view.px_m, text_font)
+    return canvas
+
+
+def _scale_bar(
+    draw: ImageDraw.ImageDraw,
+    at: tuple[int, int],
+    step_m: float,
+    px_m: float,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+) -> None:
+    x, y = at
+    length = step_m * px_m
+    draw.rectangle([x, y, x + length, y + 8], fill=_PAPER, outline=_INK)
+    draw.rectangle([x, y, x + length / 2.0, y + 8], fill=_INK)
+    draw.text((x + length + 10, y + 4), f"{step_m:g} m", fill=_INK, font=font, anchor="lm")
+
+
+def world_glb(loaded: LoadedWorld) -> bytes:
+    """The world, markers and all, as binary glTF: y up, metres, textures inside.
+
+    Bodies that move stand where they stand at the start. The same bytes for the same world.
+    """
+    world = loaded.world
+    entities, pictures = furnish(world)
+    bodies = {body.name: body for body in world.bodies}
+    looks = {m.name: _look(m, loaded.assets) for m in world.materials}
+    scene: Any = trimesh.Scene()
+    # One mesh for each kind and material: a maze has thousands of faces.
+    groups: dict[tuple[str, str, bool], list[TriangleMesh]] = {}
+    for surface in surfaces(world, _meshes(loaded)):
+        mesh = surface.mesh
+        if surface.moves:
+            body = bodies[surface.name]
+            rotation = rotation_from_quaternion(*body.orientation_xyzw)
+            mesh = mesh.moved(transform_matrix(rotation, body.position_m))
+        groups.setdefault(_group(surface), []).append(mesh)
+    for (kind, material, textured), meshes in groups.items():
+        name = f"{kind}_{material}" + ("" if textured else "_plain")
+        look = looks[material] if textured else _plain(material, world)
+        _add(scene, name, _joined(meshes), look)
+    for entity in entities.entities:
+        picture = Image.open(io.BytesIO(pictures[entity.texture_sha256]))
+        _add(scene, entity.name, _panel_mesh(entity), _material(entity.name, (1, 1, 1, 1), picture))
+    # glTF has y up (glTF 2.0 specification, section 3.4).
+    scene.apply_transform(
+        np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
+    )
+    return bytes(scene.export(file_type="glb"))
+
+
+def _group(surface: Surface) -> tuple[str, str, bool]:
+    return surface.kind, surface.material, surface.textured
+
+
+def _joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
+    firsts = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
+    return TriangleMesh(
+        np.concatenate([mesh.vertices_m for mesh in meshes]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+        np.concatenate([mesh.uvs for mesh in meshes]),
+        np.concatenate(
+            [m.triangles + first for m, first in zip(meshes, firsts, strict=False)]
+        ).astype(np.int32),
+    )
+
+
+def _panel_mesh(entity: Entity) -> TriangleMesh:
+    half = entity.panel_side_m / 2.0
+    rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+    corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    return TriangleMesh(
+        corners @ rotation.T + np.array(entity.position_m),
+        np.tile(rotation[:, 2], (4, 1)),
+        np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+        np.array([[0, 2, 1], [0, 3, 2]], np.int32),
+    )
+
+
+def _look(material: Material, assets: Mapping[str, bytes]) -> Any:
+    data = assets.get(material.texture_sha256)
+    if data is None:
+        return _material(material.name, material.diffuse, None)
+    return _material(material.name, (1.0, 1.0, 1.0, 1.0), Image.open(io.BytesIO(data)))
+
+
+def _plain(name: str, world: World) -> Any:
+    material = next(material for material in world.materials if material.name == name)
+    return _material(f"{name}_plain", material.diffuse, None)
+
+
+def _material(name: str, colour: Rgba, picture: Image.Image | None) -> Any:
+    return _PBR(
+        name=name,
+        baseColorFactor=[round(255 * value) for value in colour],
+        baseColorTexture=picture,
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+    )
+
+
+def _add(
+    scene: Any,
+    name: str,
+    mesh: TriangleMesh,
+    material: Any,
+) -> None:
+    # trimesh has v upwards, and turns it over for glTF.
+    uvs = np.stack([mesh.uvs[:, 0], 1.0 - mesh.uvs[:, 1]], axis=1)
+    scene.add_geometry(
+        trimesh.Trimesh(
+            vertices=mesh.vertices_m,
+            faces=mesh.triangles,
+            vertex_normals=mesh.normals,
+            visual=_TextureVisuals(uv=uvs, material=material),
+            process=False,
+            validate=False,
+        ),
+        node_name=name,
+        geom_name=name,
+    )
