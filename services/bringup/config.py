@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+import json
+import re
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+from pydantic_settings import NoDecode
 
 from services.common.config import ServiceConfig
 from services.common.documents import Finite
+
+
+def _listed(value: object) -> object:
+    """A text as the list it stands for: JSON, or `field=value` with commas between."""
+    if not isinstance(value, str):
+        return value
+    if value.lstrip().startswith("["):
+        return json.loads(value)
+    # Only where a field begins: a value such as {x_m: 1, y_m: 2} has commas of its own.
+    return re.split(r",(?=\s*[A-Za-z_][\w.]*=)", value) if value.strip() else ()
 
 
 class BringupConfig(ServiceConfig):
@@ -13,9 +28,15 @@ class BringupConfig(ServiceConfig):
 
     world_name: str = Field("sim_house_enhanced", description="the world to ask for")
     use_aruco: bool = Field(True, description="keep the world's ArUco markers")
+    # NoDecode: a flag given twice arrives as one text, with a comma between.
+    world_overrides: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)] = Field(
+        (),
+        description="put over the world's recipe: `maze.seed=3`; more after commas or as JSON",
+    )
     tour: tuple[str, ...] = Field(
-        ("location1", "location2", "location3", "location4", "home"),
-        description="names of locations to drive to, in order; `home` is the robot's start",
+        (),
+        description="names of locations to drive to, in order; `home` is the robot's start; none: "
+        "all of the world's, then `home`",
     )
     goal: tuple[Finite, Finite, Finite] | None = Field(
         None, description="x (m), y (m), yaw (rad) in the map frame: one goal in place of the tour"

@@ -8,7 +8,7 @@ import logging
 
 from services.bringup.config import BringupConfig
 from services.bringup.table import tour_table
-from services.bringup.tour import tour_goals
+from services.bringup.tour import NoLocationsError, tour_goals
 from services.common import messages as msg
 from services.common.diagnostics import WAITING_KEY
 from services.common.documents import (
@@ -56,7 +56,11 @@ class BringupNode(Node):
 
     def __init__(self, config: BringupConfig) -> None:
         self._config = config
-        self._request = WorldRequest(world_name=config.world_name, use_aruco=config.use_aruco)
+        self._request = WorldRequest(
+            world_name=config.world_name,
+            use_aruco=config.use_aruco,
+            overrides=config.world_overrides,
+        )
         self._requested = False
         self._clock_seen_ns: int | None = None
         self._offered: World | None = None
@@ -145,17 +149,25 @@ class BringupNode(Node):
 
     def _enter(self, world: World) -> None:
         try:
-            self._goals = tour_goals(world, self._config.tour)
-            if self._config.goal is not None:
-                x_m, y_m, yaw_rad = self._config.goal
-                self._goals = [("goal", Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))]
+            self._goals = self._goals_in(world)
         except ValueError as error:
             _LOG.error("%s", error)
-            self.exit_code = EXIT_REFUSED
+            nowhere = isinstance(error, NoLocationsError)
+            self.exit_code = EXIT_NOT_REACHED if nowhere else EXIT_REFUSED
             return
         self._world = world
-        walls, markers = len(world.walls), len(world.markers)
-        _LOG.info("world %s (%s): %d walls, %d markers", world.name, world.hash, walls, markers)
+        walls, bodies, markers = len(world.walls), len(world.bodies), len(world.markers)
+        _LOG.info(
+            "world %s (%s): %d walls, %d bodies, %d markers",
+            *(world.name, world.hash, walls, bodies, markers),
+        )
+
+    def _goals_in(self, world: World) -> list[tuple[str, Planar]]:
+        """Raises ValueError where the tour leads nowhere."""
+        if self._config.goal is None:
+            return tour_goals(world, self._config.tour)
+        x_m, y_m, yaw_rad = self._config.goal
+        return [("goal", Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))]
 
     def _announce(self, now_ns: int) -> None:
         states = (self._navigation.localization_active, self._navigation.navigation_active)

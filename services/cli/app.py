@@ -49,9 +49,16 @@ def demo(
         str,
         typer.Option(
             "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
-            help="enhanced (sim_house_enhanced) or original (sim_house)",
+            help="enhanced (sim_house_enhanced), original (sim_house), or another of the worlds",
         ),
     ] = "enhanced",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="field=value put over the world's recipe; may be given again"),
+    ] = None,
+    worlds_dir: Annotated[
+        Path | None, typer.Option(help="folder of the worlds [default: worlds]")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="the run's one seed")] = 7,
     out: Annotated[
         Path | None,
@@ -88,6 +95,8 @@ def demo(
         texture_base=texture_base,
         renderer=renderer,
         goal=goal,
+        overrides=tuple(overrides or ()),
+        worlds_dir=worlds_dir,
     )
     raise typer.Exit(embedded.run(options))
 

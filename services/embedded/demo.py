@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +16,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from services.bringup.config import BringupConfig
-from services.bringup.node import BringupNode
+from services.bringup.node import EXIT_NOT_REACHED, BringupNode
+from services.bringup.tour import NoLocationsError, tour_goals
 from services.common import log
 from services.common.config import ConfigError, load
 from services.common.node import Node
@@ -52,6 +54,9 @@ class DemoOptions:
     texture_base: Path | None = None
     renderer: str = "auto"
     goal: tuple[float, float, float] | None = None
+    overrides: tuple[str, ...] = ()
+    """`field=value`, put over the world's recipe."""
+    worlds_dir: Path | None = None
 
 
 def build_nodes(options: DemoOptions) -> list[Node]:
@@ -64,9 +69,6 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     recorder = ["--record", str(options.record), "--compact-timeout-s", str(COMPACT_TIMEOUT_S)]
     if options.out_dir is not None:
         recorder += ["--out-dir", str(options.out_dir)]
-    bringup = ["--world-name", options.world_name, "--use-aruco", str(options.use_aruco)]
-    if options.goal is not None:
-        bringup += ["--goal", json.dumps(options.goal)]
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
         WorldgenNode(load(WorldgenConfig, "worldgen", _worldgen_flags(options))),
@@ -74,25 +76,48 @@ def build_nodes(options: DemoOptions) -> list[Node]:
         SpawnerNode(load(SpawnerConfig, "spawner", seed)),
         PerceptionNode(load(PerceptionConfig, "perception", seed)),
         NavigationNode(load(NavigationConfig, "navigation", seed)),
-        BringupNode(load(BringupConfig, "bringup", seed + bringup)),
+        BringupNode(_bringup_config(options)),
         RecorderNode(load(RecorderConfig, "recorder", seed + recorder)),
     ]
+
+
+def _bringup_config(options: DemoOptions) -> BringupConfig:
+    flags = ["--seed", str(options.seed), "--world-name", options.world_name]
+    flags += ["--use-aruco", str(options.use_aruco)]
+    flags += ["--world-overrides", json.dumps(options.overrides)]
+    if options.goal is not None:
+        flags += ["--goal", json.dumps(options.goal)]
+    return load(BringupConfig, "bringup", flags)
 
 
 def _worldgen_flags(options: DemoOptions) -> list[str]:
     flags = ["--seed", str(options.seed)]
     if options.texture_base is not None:
         flags += ["--texture-base", str(options.texture_base)]
+    if options.worlds_dir is not None:
+        flags += ["--worlds-dir", str(options.worlds_dir)]
     return flags
 
 
 def check_world(options: DemoOptions) -> None:
     """Read the world before anything is started.
 
-    Raises ConfigError where it cannot be had.
+    Raises ConfigError where it cannot be had or lacks a place of the tour, NoLocationsError where
+    it has none at all.
     """
     config = load(WorldgenConfig, "worldgen", _worldgen_flags(options))
-    load_world(options.world_name, options.use_aruco, config.worlds_dir, config.texture_base)
+    more = {"overrides": options.overrides} if options.overrides else {}
+    loaded = load_world(
+        options.world_name, options.use_aruco, config.worlds_dir, config.texture_base, **more
+    )
+    bringup = _bringup_config(options)
+    if bringup.goal is None:
+        try:
+            tour_goals(loaded.world, bringup.tour)
+        except NoLocationsError:
+            raise
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
 
 
 def run(options: DemoOptions) -> int:
@@ -102,7 +127,11 @@ def run(options: DemoOptions) -> int:
     """
     console = Console(soft_wrap=True)
     rosout = log.configure(_ConsoleHandler(console))
-    check_world(options)
+    try:
+        check_world(options)
+    except NoLocationsError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return EXIT_NOT_REACHED
     nodes = build_nodes(options)
     executive = Executive(nodes, MemoryTransport(), rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))

@@ -12,8 +12,10 @@ from services.bringup.node import (
     EXIT_REFUSED,
     BringupNode,
 )
+from services.bringup.tour import tour_goals
 from services.common import documents as doc
 from services.common import topics as table
+from services.common.config import ConfigError, load
 from services.common.messages import ns_from_time
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import Topic
@@ -51,10 +53,10 @@ class Stage:
     def goals(self) -> list[Any]:
         return [message for name, message in self.sent if name == "/goal_pose"]
 
-    def bring_up(self) -> None:
+    def bring_up(self, world: doc.World = WORLD) -> None:
         self.step()
         (request,) = [message for name, message in self.sent if name == "/world/request"]
-        self.say(table.WORLD, WORLD)
+        self.say(table.WORLD, world)
         self.say(table.WORLD_STATUS, doc.WorldStatus(request=request, world_hash=HASH))
         self.say(table.NAVIGATION_STATUS, ACTIVE)
         self.step()
@@ -170,6 +172,60 @@ def test_an_unknown_location_is_refused_before_driving(caplog: pytest.LogCapture
     assert stage.node.exit_code == EXIT_REFUSED
     assert "'kitchen'" in caplog.text
     assert "location1" in caplog.text
+
+
+def test_without_a_tour_every_location_is_driven_to_and_then_home() -> None:
+    goals = tour_goals(WORLD, ())
+    assert [name for name, _ in goals] == [*(place.name for place in WORLD.locations), "home"]
+    assert goals[-1][1] == WORLD.start
+
+
+def test_a_place_that_is_called_home_is_home() -> None:
+    home = doc.Location(name="home", x_m=1.0, y_m=0.0, yaw_rad=0.0)
+    world = WORLD.model_copy(update={"locations": (home, *WORLD.locations)})
+    goals = tour_goals(world, ())
+    assert [name for name, _ in goals].count("home") == 1
+    assert dict(goals)["home"] == doc.Planar(x_m=1.0, y_m=0.0, yaw_rad=0.0)
+
+
+def test_a_world_without_locations_names_the_remedy(caplog: pytest.LogCaptureFixture) -> None:
+    nowhere = WORLD.model_copy(update={"locations": ()})
+    stage = Stage(BringupConfig(world_name="tiny"))
+    stage.bring_up(nowhere)
+    assert stage.node.exit_code == EXIT_NOT_REACHED
+    (line,) = [r.getMessage() for r in caplog.records if r.levelno >= logging.ERROR]
+    assert "tiny.yaml" in line
+    assert "`locations:`" in line
+    assert "--goal" in line
+    stage = Stage(BringupConfig(world_name="tiny", goal=(1.0, 0.0, 0.0)))
+    stage.bring_up(nowhere)
+    assert [(g.pose.position.x, g.pose.position.y) for g in stage.goals()] == [(1, 0)]
+
+
+@pytest.mark.parametrize(
+    ("flags", "overrides"),
+    [
+        ([], ()),
+        (["maze.seed=3"], ("maze.seed=3",)),
+        (["maze.seed=3", "maze.rows=4"], ("maze.seed=3", "maze.rows=4")),
+        (["start={x_m: 1, y_m: 2}"], ("start={x_m: 1, y_m: 2}",)),
+        (['["start={x_m: 1, y_m: 2}", "maze.seed=3"]'], ("start={x_m: 1, y_m: 2}", "maze.seed=3")),
+    ],
+)
+def test_overrides_go_into_the_request(flags: list[str], overrides: tuple[str, ...]) -> None:
+    arguments = [word for flag in flags for word in ("--world-overrides", flag)]
+    stage = Stage(load(BringupConfig, "bringup", arguments))
+    stage.step()
+    assert stage.sent[0][1].overrides == overrides
+
+
+def test_overrides_come_from_the_environment_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    for text, overrides in (("", ()), ("maze.seed=3,maze.rows=4", ("maze.seed=3", "maze.rows=4"))):
+        monkeypatch.setenv("MAZEBOT_BRINGUP_WORLD_OVERRIDES", text)
+        assert load(BringupConfig, "bringup", []).world_overrides == overrides
+    monkeypatch.setenv("MAZEBOT_BRINGUP_WORLD_OVERRIDES", "[maze")
+    with pytest.raises(ConfigError, match=r"world_overrides.*maze"):
+        load(BringupConfig, "bringup", [])
 
 
 def test_a_goal_that_navigation_forgot_is_sent_again(stage: Stage) -> None:
