@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ from services.common.config import ROOT, ConfigError
 from services.common.documents import World
 from services.common.frames import SE2
 from services.worldgen import png
-from services.worldgen.occupancy import FREE, MAX_CELLS, OCCUPIED, Grid, occupancy
+from services.worldgen.occupancy import FREE, OCCUPIED, grid_of, occupancy
 from services.worldgen.recipe import MistakeError, PoseRecipe, Recipe, mistakes
-from services.worldgen.resolve import resolve, resolve_walls, used_materials
+from services.worldgen.resolve import resolve, used_materials
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
 SHORT_NAMES = {"original": "sim_house", "enhanced": "sim_house_enhanced"}
@@ -91,20 +92,16 @@ def _build(recipe: Recipe, path: Path, use_aruco: bool, texture_dir: Path) -> Lo
         raise MistakeError(("name",), recipe.name, f"must be {path.stem!r}, as the file is called")
     for mistake in mistakes(recipe):
         raise mistake
-    walls = resolve_walls(recipe)
-    grid = Grid(walls, recipe.map_resolution_m)
-    if grid.rows * grid.columns > MAX_CELLS:
-        raise MistakeError(
-            ("map_resolution_m",),
-            recipe.map_resolution_m,
-            f"makes {grid.columns} x {grid.rows} cells: must be coarser, or the walls closer "
-            f"together, for at most {MAX_CELLS} cells",
-        )
+    bare = resolve(recipe, path.name, defaultdict(str), use_aruco)
+    try:
+        grid = grid_of(bare, {})
+    except ValueError as error:
+        raise MistakeError(("map_resolution_m",), recipe.map_resolution_m, str(error)) from error
     place = recipe.start or PoseRecipe(x_m=0.0, y_m=0.0)
     start = grid.cell(place.x_m, place.y_m)
     if start is None:
         raise MistakeError(("start",), _xy(place), "must lie among the walls")
-    cells = occupancy(walls, grid, start)
+    cells = occupancy(bare, {}, grid)
     if cells[start] == OCCUPIED:
         raise MistakeError(("start",), _xy(place), "must not lie in a wall")
     for name, place in recipe.locations.items():

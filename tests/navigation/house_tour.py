@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import SE2, Array, wrap_angle
+from services.worldgen.footprint import wall_corners
 from services.worldgen.loader import LoadedWorld, load_world
-from services.worldgen.occupancy import wall_corners
 
 ODOMETRY_NS = 33_333_333
 SCAN_NS = 100_000_000

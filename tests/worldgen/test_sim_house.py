@@ -10,8 +10,8 @@ import shapely
 
 from services.common.documents import World
 from services.common.frames import SE2
+from services.worldgen.footprint import wall_corners
 from services.worldgen.loader import LoadedWorld, known_worlds, load_world
-from services.worldgen.occupancy import wall_corners
 
 WORLDS = ("sim_house", "sim_house_enhanced")
 NUMBERS = (0, 1, 10, 11, 13, 14, 15, 17, 18, 19, 2, 20, 21, 22, 24, 25, 29, 3, 30, 31, 32, 33, 35,
