@@ -298,7 +298,7 @@ def _rectangles(
 
 
 def tiles(
-    lefts_m: Array, rights_m: Array, heights_m: Array, tile_side_m: float, widths_m: Array
+    lefts_m: Array, rights_m: Array, heights_m: Array, tile_side_m: float | Array, widths_m: Array
 ) -> Array:
     """Texture coordinates, (n, 4, 2), of stretches of upright faces from their bottom left on.
 
@@ -306,16 +306,12 @@ def tiles(
     of a face `widths_m` wide. v counts down from a whole number, so that none is negative. A tile
     of no side is stretched over each face.
     """
-    if tile_side_m <= 0.0:
-        left, right = lefts_m / widths_m, rights_m / widths_m
-        bottom, top = np.ones_like(left), np.zeros_like(left)
-    else:
-        left, right = lefts_m / tile_side_m, rights_m / tile_side_m
-        up = heights_m / tile_side_m
-        bottom = np.ceil(up)
-        top = bottom - up
+    metric = np.broadcast_to(np.asarray(tile_side_m) > 0.0, lefts_m.shape)
+    across = np.where(metric, tile_side_m, widths_m)
+    up = heights_m / np.where(metric, tile_side_m, heights_m)
+    left, right, bottom = lefts_m / across, rights_m / across, np.ceil(up)
     u = np.stack((left, right, right, left), axis=1)
-    v = np.stack((bottom, bottom, top, top), axis=1)
+    v = np.stack((bottom, bottom, bottom - up, bottom - up), axis=1)
     return np.stack((u, v), axis=2)
 
 
