@@ -12,6 +12,9 @@ from services.common.documents import Rgba
 from services.common.frames import Array
 from services.worldgen.recipe import GeometryRecipe
 
+MAZEBOT_NAMESPACE = "https://mazebot.example/sdf"
+"""Of what exports write into SDF that SDF has no word for; prefix `mazebot`."""
+
 
 class Ignored(BaseModel):
     """Something in a file that is not simulated."""
