@@ -1,4 +1,4 @@
-"""World generator: answers a request for a world with its textures, description and map."""
+"""World generator: answers a request for a world with its assets, description and map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STAT
 from services.worldgen.config import WorldgenConfig
 from services.worldgen.loader import LoadedWorld, WorldError, load_world
 
-Load = Callable[[str, bool, Path, Path | None], LoadedWorld]
+Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 
 _log = logging.getLogger("worldgen")
 
@@ -52,7 +52,11 @@ class WorldgenNode(Node):
         config = self._config
         try:
             loaded = self._load(
-                request.world_name, request.use_aruco, config.worlds_dir, config.texture_base
+                request.world_name,
+                request.use_aruco,
+                config.worlds_dir,
+                config.texture_base,
+                request.overrides,
             )
         except WorldError as error:
             return str(error)
@@ -72,8 +76,9 @@ class WorldgenNode(Node):
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
         world = loaded.world
         for sha256, data in loaded.assets.items():
-            texture = np.frombuffer(data, np.uint8)
-            outbox.put(ASSETS, CompressedImage(header(0, sha256), format="png", data=texture))
+            form = "npz" if sha256 in loaded.meshes else "png"
+            content = np.frombuffer(data, np.uint8)
+            outbox.put(ASSETS, CompressedImage(header(0, sha256), format=form, data=content))
         outbox.put(WORLD, world)
         # A map of a world that does not change has no time of its own.
         outbox.put(
@@ -81,11 +86,13 @@ class WorldgenNode(Node):
         )
         rows, columns = loaded.map_cells.shape
         _log.info(
-            "Loaded world %s (%s): map of %d x %d cells, %d textures",
-            world.name, _about(loaded), columns, rows, len(loaded.assets),
+            "Loaded world %s (%s): map of %d x %d cells, %d textures, %d meshes",
+            world.name, _about(loaded), columns, rows,
+            len(loaded.assets) - len(loaded.meshes), len(loaded.meshes),
         )  # fmt: skip
 
 
 def _about(loaded: LoadedWorld) -> str:
     world = loaded.world
-    return f"{len(world.walls)} walls, {len(world.markers)} markers, hash {world.hash}"
+    bodies = f"{len(world.bodies)} bodies, " if world.bodies else ""
+    return f"{len(world.walls)} walls, {bodies}{len(world.markers)} markers, hash {world.hash}"

@@ -5,7 +5,6 @@ Everything is in the frame `map`: metres, radians, x and y on the floor, z up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -126,7 +125,11 @@ class CylinderRecipe(PlacedRecipe):
 
 
 class MeshRecipe(PlacedRecipe):
-    """Triangles of a file: DAE, OBJ, STL or GLB."""
+    """Triangles of a file: DAE, OBJ, STL or GLB.
+
+    Without a `material` it has those of the file; each becomes the world's as `file.part`, where
+    the recipe has none of that name.
+    """
 
     file: FileName = Field(description="file name in the folder of meshes")
     submesh: str | None = Field(None, max_length=128, description="the one part of the file to use")
@@ -170,7 +173,11 @@ class ShapeRecipe(Part):
         (0.0, 0.0, 0.0), description="in the body's frame, metres"
     )
     orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="of unit length")
-    material: Name | None = Field(None, description="name of a material; none: it is not seen")
+    material: Name | None = Field(
+        None,
+        description="name of a material; the file name of its mesh: the mesh's own; none: it is "
+        "not seen",
+    )
     solid: bool = Field(True, description="robot, lidar and map meet it")
 
 
@@ -285,7 +292,9 @@ class Recipe(Part):
         description="materials given in turn to the walls, in the order of `walls`, then the "
         "maze's",
     )
-    floor_material: Name = Field(description="name of a material")
+    floor_material: Name | None = Field(
+        None, description="name of a material; none: a plain grey one"
+    )
     ceiling: CeilingRecipe | None = Field(None, description="none: the sky is seen")
     rooms: dict[Name, RoomRecipe] = Field(default_factory=dict, description="by name; none overlap")
     markers: tuple[Marker, ...] = Field(
@@ -309,46 +318,3 @@ class Recipe(Part):
     sky: Colour = Field((0.7, 0.7, 0.7, 1.0), description="colour where there is nothing")
     light: LightRecipe = Field(LightRecipe(), description="sun, and light from everywhere")
     lights: tuple[PointLightRecipe, ...] = Field((), max_length=8, description="lamps")
-
-
-class MistakeError(Exception):
-    """Something wrong in a recipe: where, what stands there, and what would be right."""
-
-    def __init__(self, location: tuple[str | int, ...], value: object, must: str) -> None:
-        super().__init__(must)
-        self.location = location
-        self.value = value
-        self.must = must
-
-
-def mistakes(recipe: Recipe) -> Iterator[MistakeError]:
-    """What is wrong between the fields of a recipe, in the order of the file."""
-    materials = ", ".join(recipe.materials)
-    for index, name in enumerate(recipe.wall_materials):
-        if name not in recipe.materials:
-            yield MistakeError(("wall_materials", index), name, f"must be one of {materials}")
-    names: dict[str, int] = {}
-    for index, wall in enumerate(recipe.walls):
-        if wall.name in names:
-            yield MistakeError(
-                ("walls", index, "name"),
-                wall.name,
-                f"must be unique: walls[{names[wall.name]}] has it",
-            )
-        names.setdefault(wall.name, index)
-        if wall.material is not None and wall.material not in recipe.materials:
-            yield MistakeError(
-                ("walls", index, "material"), wall.material, f"must be one of {materials}"
-            )
-    for index, marker in enumerate(recipe.markers):
-        if marker.wall not in names:
-            yield MistakeError(
-                ("markers", index, "wall"), marker.wall, "must be the name of one of the walls"
-            )
-    if not any(recipe.light.direction):
-        yield MistakeError(("light", "direction"), recipe.light.direction, "must not be zero")
-    textures = {m.texture for m in recipe.materials.values() if m.texture}
-    if len(textures) > MAX_ASSETS:
-        yield MistakeError(
-            ("materials",), f"{len(textures)} textures", f"must be at most {MAX_ASSETS}"
-        )

@@ -27,10 +27,12 @@ class Bench:
         self._outbox = Outbox(self.node, lambda *message: self.sent.append(message))
         self._sequence = 0
 
-    def ask(self, world_name: str, use_aruco: bool = True) -> WorldStatus:
+    def ask(
+        self, world_name: str, use_aruco: bool = True, overrides: tuple[str, ...] = ()
+    ) -> WorldStatus:
         """Ask for a world and return the answer; `sent` holds what came with it."""
         self.sent.clear()
-        request = WorldRequest(world_name=world_name, use_aruco=use_aruco)
+        request = WorldRequest(world_name=world_name, use_aruco=use_aruco, overrides=overrides)
         self.inbox.deliver(WORLD_REQUEST, request, Envelope("bringup", self._sequence, 0, ""))
         self._sequence += 1
         self.node.step(0, self.inbox, self._outbox)
@@ -83,6 +85,20 @@ def test_the_same_world_may_be_asked_for_again(bench: Bench) -> None:
     assert [topic for topic, _, _ in bench.sent] == [WORLD_STATUS]
 
 
+def test_overrides_make_another_world(bench: Bench) -> None:
+    error = bench.ask("room", overrides=("wall_hight=2",)).error
+    assert error.startswith("override wall_hight=2: wall_hight: unknown field: must be one of ")
+    assert bench.ask("room", overrides=("wall_height=2",)).error == ""
+    (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+    assert {wall.height_m for wall in world.walls} == {2.0}  # type: ignore[attr-defined]
+    assert "must be the world that is running" in bench.ask("room").error
+
+
+def test_a_path_is_no_name(bench: Bench, tmp_path: Path) -> None:
+    for name in (f"{tmp_path}/room", f"{tmp_path}/room.yaml", "../room", "./room", "room.yaml"):
+        assert bench.ask(name).error.endswith("must be one of hall, room")
+
+
 def test_another_world_is_refused_and_the_first_stays(bench: Bench) -> None:
     running = bench.ask("room").world_hash
     for name, use_aruco in (("hall", True), ("room", False)):
@@ -123,4 +139,4 @@ def test_the_node_reads_through_the_function_it_is_given() -> None:
     bench.node = WorldgenNode(config, load=load)  # type: ignore[arg-type]
     bench.inbox = Inbox(bench.node)
     assert bench.ask("room", use_aruco=False).error == "no"
-    assert asked == [("room", False, Path("worlds"), Path("textures"))]
+    assert asked == [("room", False, Path("worlds"), Path("textures"), ())]

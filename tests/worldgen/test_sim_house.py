@@ -54,8 +54,10 @@ def test_the_two_houses_have_one_footprint(original: World, enhanced: World) -> 
 def test_the_original_is_one_metre_high_plain_and_bare(original: World) -> None:
     assert {wall.height_m for wall in original.walls} == {1.0}
     assert [(m.name, m.texture_sha256, m.ambient) for m in original.materials] == [
-        ("plain", "", (1.0, 1.0, 1.0, 1.0))
+        ("plain", "", (1.0, 1.0, 1.0, 1.0)),
+        ("grey_floor", "", (0.5, 0.5, 0.5, 1.0)),
     ]
+    assert original.floor_material == "grey_floor"
     assert original.markers == ()
 
 
@@ -67,6 +69,7 @@ def test_the_enhanced_is_three_metres_high_with_textures_in_turn(enhanced: World
         ("bricks.png", (0.7, 0.3, 0.2), (0.8, 0.4, 0.3)),
         ("concrete.png", (0.6, 0.6, 0.6), (0.7, 0.7, 0.7)),
         ("wood_.png", (0.5, 0.35, 0.2), (0.6, 0.4, 0.25)),
+        ("", (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
     ]
 
 
