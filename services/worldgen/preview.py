@@ -15,14 +15,16 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
 
-from services.common.documents import Entity, Material, Planar, Rgba, Shape, Wall, World
+from services.common.documents import Body, Entity, Material, Planar, Rgba, Shape, Wall, World
 from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
 from services.common.geometry import TriangleMesh, mesh_from_bytes, triangles_of
 from services.common.surfaces import Surface, surfaces
+from services.worldgen.footprint import Footprint, footprint, wall_corners
 from services.worldgen.loader import LoadedWorld
-from services.worldgen.occupancy import FREE, OCCUPIED, wall_corners
+from services.worldgen.occupancy import FREE, UNKNOWN
 
 MAX_SIDE_PX = 1800
 """Of the plan alone; its margins come to it."""
@@ -140,11 +142,13 @@ def _mean_colour(material: Material, assets: Mapping[str, bytes]) -> Rgb:
 
 @dataclass(frozen=True, eq=False)
 class _Outline:
-    """A shape of a body from above: (n, 2) corners of its convex hull, and its heights."""
+    """A shape of a body from above."""
 
     corners_m: Array
-    low_m: float
-    high_m: float
+    """(n, 2), of its convex hull."""
+    floor: Footprint
+    """What it takes of the robot's level."""
+    top_m: float
     material: str
     solid: bool
     moves: bool
@@ -154,28 +158,21 @@ def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline
     """Of every shape, lower ones first."""
     found = []
     for body in world.bodies:
-        map_from_body = transform_matrix(
-            rotation_from_quaternion(*body.orientation_xyzw), body.position_m
-        )
         for shape in body.shapes:
-            points = _points(shape, meshes) @ map_from_body[:3, :3].T + map_from_body[:3, 3]
+            map_from_shape = _pose(body) @ _pose(shape)
+            points = triangles_of(shape.geometry, meshes).moved(map_from_shape).vertices_m
             hull = cv2.convexHull(points[:, :2].astype(np.float32))[:, 0].astype(np.float64)
-            found.append(
-                _Outline(
-                    hull, float(points[:, 2].min()), float(points[:, 2].max()),
-                    shape.material, shape.solid, body.mass_kg > 0.0,
-                )
-            )  # fmt: skip
-    return sorted(found, key=lambda outline: outline.high_m)
+            floor = Footprint()
+            if shape.solid:
+                floor = footprint(shape.geometry, map_from_shape, meshes)
+            top_m, moves = float(points[:, 2].max()), body.mass_kg > 0.0
+            found.append(_Outline(hull, floor, top_m, shape.material, shape.solid, moves))
+    return sorted(found, key=lambda outline: outline.top_m)
 
 
-def _points(shape: Shape, meshes: Mapping[str, TriangleMesh]) -> Array:
-    """(n, 3) corners of a shape's triangles in the body's frame."""
-    body_from_shape = transform_matrix(
-        rotation_from_quaternion(*shape.orientation_xyzw), shape.position_m
-    )
-    points = triangles_of(shape.geometry, meshes).vertices_m
-    return np.asarray(points @ body_from_shape[:3, :3].T + body_from_shape[:3, 3])
+def _pose(placed: Body | Shape | Entity) -> Array:
+    """(4, 4), to the frame in which its pose is given."""
+    return transform_matrix(rotation_from_quaternion(*placed.orientation_xyzw), placed.position_m)
 
 
 def _meshes(loaded: LoadedWorld) -> dict[str, TriangleMesh]:
@@ -213,11 +210,11 @@ def _floor(loaded: LoadedWorld, view: _View, colours: Mapping[str, Rgb]) -> Pict
             draw.polygon(
                 view.at(np.array(room.polygon_m)), fill=_light(colours[room.floor_material])
             )
-    known = _warped((loaded.map_cells == FREE).astype(np.uint8), loaded, view)
-    occupied = _warped((loaded.map_cells == OCCUPIED).astype(np.uint8), loaded, view)
-    # Under walls and bodies, which are drawn over it, the floor goes on.
+    # The floor goes on for a cell under walls and bodies, which are drawn over it.
+    free = ndimage.binary_dilation(loaded.map_cells == FREE, np.ones((3, 3)))
+    free &= loaded.map_cells != UNKNOWN
     picture = np.asarray(floor).copy()
-    picture[(known == 0) & (occupied == 0)] = _UNKNOWN
+    picture[_warped(free.astype(np.uint8), loaded, view) == 0] = _UNKNOWN
     return picture
 
 
@@ -341,14 +338,16 @@ def _dark(colour: Rgb) -> Rgb:
 def _body(
     draw: ImageDraw.ImageDraw, view: _View, outline: _Outline, colours: Mapping[str, Rgb]
 ) -> None:
-    """What is solid filled, what is only seen by its outline; what moves has a thick outline."""
-    points = view.at(outline.corners_m)
+    """Filled where it stands in the robot's way, and an outline: a thick one where it moves."""
+    fill = colours.get(outline.material, _CORE)
+    for polygons in outline.floor.polygons_m:
+        for polygon in polygons:
+            draw.polygon(view.at(polygon), fill=fill, outline=fill)
+    for segment in () if outline.floor.outline_m is None else outline.floor.outline_m:
+        draw.line(view.at(segment), fill=fill, width=2 * _OVERSAMPLING)
     width = (3 if outline.moves else 1) * _OVERSAMPLING
-    fill = colours.get(outline.material, _CORE) if outline.solid else None
-    if len(points) > 2:
-        draw.polygon(points, fill=fill, outline=_INK, width=width)
-    else:
-        draw.line(points, fill=_INK, width=width)
+    corners = np.vstack([outline.corners_m, outline.corners_m[:1]])
+    draw.line(view.at(corners), fill=_INK, width=width, joint="curve")
 
 
 def _marker(draw: ImageDraw.ImageDraw, view: _View, entity: Entity, colour: Rgb) -> None:
@@ -417,6 +416,10 @@ def _labels(plan: Image.Image, view: _View, world: World, entities: Sequence[Ent
         x, y = view.one(spot.x_m, spot.y_m)
         reach = max(ROBOT_RADIUS_M * view.px_m if spot is world.start else 0.0, 8.0)
         taken.append((x - reach, y - reach, x + reach, y + reach))
+        head = view.one(
+            spot.x_m + 0.3 * math.cos(spot.yaw_rad), spot.y_m + 0.3 * math.sin(spot.yaw_rad)
+        )
+        taken.append((head[0] - 8.0, head[1] - 8.0, head[0] + 8.0, head[1] + 8.0))
     if len(entities) <= 200:
         for index, entity in enumerate(entities):
             x_m, y_m, right, normal = _panel(entity)
@@ -435,8 +438,7 @@ def _labels(plan: Image.Image, view: _View, world: World, entities: Sequence[Ent
     _write(draw, spots, "start", small, _START, taken, view.size_px)
     large = _font(1.15 * size)
     for room in world.rooms:
-        middle = _pole(np.array(room.polygon_m))
-        spots = view.at(middle + np.array([[0.0, 0.0], [0.0, 0.3], [0.0, -0.3], [0.3, 0.5]]))
+        spots = view.at(_within(np.array(room.polygon_m)))
         name = room.name.replace("_", " ")
         _write(draw, spots, name, large, (96, 100, 108), taken, view.size_px)
 
@@ -452,9 +454,16 @@ def _around(at: tuple[float, float], reach: float, yaw_rad: float) -> list[tuple
     return sorted(spots, key=lambda spot: round((spot[0] - x) * c + (spot[1] - y) * s, 3) > 0.0)
 
 
-def _pole(polygon: Array) -> Array:
-    """A point well inside a polygon: the middle of its mean, where that is inside."""
-    return np.array(shapely.Polygon(polygon).representative_point().coords[0])
+def _within(polygon_m: Array) -> Array:
+    """(n, 2) points in a polygon, the one farthest from its border first, then those around it."""
+    polygon = shapely.make_valid(shapely.Polygon(polygon_m))
+    middle = shapely.get_coordinates(shapely.maximum_inscribed_circle(polygon, 0.05))[0]
+    low, high = polygon_m.min(0), polygon_m.max(0)
+    x, y = np.meshgrid(np.linspace(low[0], high[0], 13), np.linspace(low[1], high[1], 13))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    points = points[shapely.contains_xy(shapely.buffer(polygon, -0.15), points)]
+    near = np.argsort(np.linalg.norm(points - middle, axis=1), kind="stable")
+    return np.vstack([middle, points[near]])
 
 
 def _write(
@@ -572,9 +581,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     for surface in surfaces(world, _meshes(loaded)):
         mesh = surface.mesh
         if surface.moves:
-            body = bodies[surface.name]
-            rotation = rotation_from_quaternion(*body.orientation_xyzw)
-            mesh = mesh.moved(transform_matrix(rotation, body.position_m))
+            mesh = mesh.moved(_pose(bodies[surface.name]))
         groups.setdefault(_group(surface), []).append(mesh)
     for (kind, material, textured), meshes in groups.items():
         name = f"{kind}_{material}" + ("" if textured else "_plain")
