@@ -183,11 +183,14 @@ def _rooms(rows: int, columns: int, rng: np.random.Generator) -> tuple[Bits, Bit
     right_open = np.zeros((rows, columns), np.bool_)
     up_open = np.zeros((rows, columns), np.bool_)
     inside = np.zeros((rows, columns), np.bool_)
-    largest = [min(_MAX_ROOM_CELLS, max(2, count // 2)) for count in (rows, columns)]
+    shape = np.array((rows, columns))
+    largest = np.clip(shape // 2, 2, _MAX_ROOM_CELLS)
+    tried_sizes = rng.integers(2, largest + 1, (rows * columns, 2))
+    tried_corners = rng.integers(0, shape - tried_sizes + 1)
     rooms: list[tuple[int, int, int, int]] = []
-    for _ in range(max(rows * columns // 2, 10)):
-        height, width = (int(rng.integers(2, most + 1)) for most in largest)
-        row, column = int(rng.integers(rows - height + 1)), int(rng.integers(columns - width + 1))
+    for (row, column), (height, width) in zip(
+        tried_corners.tolist(), tried_sizes.tolist(), strict=True
+    ):
         if inside[
             max(row - 1, 0) : row + height + 1, max(column - 1, 0) : column + width + 1
         ].any():
@@ -239,7 +242,6 @@ def _walls(
     Where walls meet at a corner one along x fills it, and one along y begins at its face; a wall
     that ends on another's side begins at that side. A free end reaches half a thickness beyond.
     """
-    rows, columns = inside.shape
     padded = np.pad(inside, 1)
     # Along x: (rows + 1, columns), below row i; along y: (rows, columns + 1), left of column j.
     along_x = padded[:-1, 1:-1] | padded[1:, 1:-1]

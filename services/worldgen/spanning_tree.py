@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 Bits = NDArray[np.bool_]
 
 _RIGHT, _UP, _LEFT, _DOWN = 0, 1, 2, 3
-_BITS_A_DIRECTION = 2
 
 
 def wilson(rows: int, columns: int, seed: int) -> tuple[Bits, Bits]:
@@ -47,9 +46,10 @@ def _grown(
 
 def _directions(seed: int, count: int) -> NDArray[np.uint8]:
     """Directions 0 to 3, each equally likely: bits of PCG64, whose stream numpy never changes."""
-    shifts = np.arange(0, 64, _BITS_A_DIRECTION, np.uint64)
-    words = np.random.PCG64(seed).random_raw(-(-count // len(shifts)))
-    return ((words[:, None] >> shifts) & np.uint64(3)).astype(np.uint8).ravel()
+    shifts = np.arange(0, 64, 2).astype(np.uint64)
+    words: NDArray[np.uint64] = np.random.PCG64(seed).random_raw(-(-count // len(shifts)))
+    directions: NDArray[np.uint8] = (words[:, None] >> shifts & np.uint64(3)).astype(np.uint8)
+    return directions.ravel()
 
 
 @numba.njit(cache=True)
@@ -144,7 +144,7 @@ def _backtracker(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8])
 
 @numba.njit(cache=True)
 def _joined(right_open: Bits, up_open: Bits, cell: int, direction: int) -> bool:
-    rows, columns = right_open.shape
+    columns = right_open.shape[1]
     row, column = cell // columns, cell % columns
     if direction == _RIGHT:
         return bool(right_open[row, column])
