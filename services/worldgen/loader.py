@@ -4,6 +4,7 @@ what is wrong.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,13 +18,13 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from services.common.config import ROOT, ConfigError
-from services.common.documents import World
+from services.common.documents import Planar, World
 from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from services.worldgen import maze as mazes
 from services.worldgen import png
 from services.worldgen.mistakes import mistakes
-from services.worldgen.occupancy import FREE, OCCUPIED, grid_of, occupancy
+from services.worldgen.occupancy import FREE, OCCUPIED, Grid, grid_of, occupancy
 from services.worldgen.overrides import (
     MAX_OVERRIDES,
     parse_override,
@@ -48,7 +49,9 @@ from services.worldgen.resolve import (
     maze_wall_names,
     mesh_keys,
     resolve,
+    with_textures,
 )
+from services.worldgen.sound_parts import SoundParts, sound_parts
 from services.worldgen.yaml_source import Source, read_source
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
@@ -126,6 +129,23 @@ def _loaded(
     return loading.loaded
 
 
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A world as far as its mistakes let it be made."""
+
+    recipe: Recipe
+    world: World
+    meshes: Mapping[str, TriangleMesh]
+    grid: Grid
+    cells: NDArray[np.int8]
+    """(rows, columns) in the grid, made from the world even where there is a ready map."""
+
+    def is_free(self, place: Planar) -> bool:
+        """Whether a place lies on free floor that is connected to the start."""
+        cell = self.grid.cell(place.x_m, place.y_m)
+        return cell is not None and bool(self.cells[cell] == FREE)
+
+
 class Loading:
     """What became of a recipe: the world where there is one, and everything that is wrong."""
 
@@ -136,29 +156,58 @@ class Loading:
         worlds_dir: Path,
         texture_base: Path | None,
         overrides: Sequence[str],
+        *,
+        thorough: bool = False,
+        name: str | None = None,
     ) -> None:
-        """`sources` are the recipe, then the one it extends, and so on."""
+        """`sources` are the recipe, then the one it extends, and so on. A thorough one leaves out
+        what is wrong and judges the rest. `name` is what the recipe must be called where that is
+        not the name of its file.
+        """
         self.problems: list[Problem] = []
         self.loaded: LoadedWorld | None = None
-        self.textures_dir = texture_base or worlds_dir / "textures"
+        self.draft: Draft | None = None
+        """Of a thorough one, where that can be made."""
         self._sources = tuple(sources)
         self._overrides: list[tuple[Location, Source]] = []
         self._worlds_dir = worlds_dir
+        self._textures_dir = texture_base or worlds_dir / "textures"
+        self._thorough = thorough
+        self._sound: SoundParts | None = None
         self._assets: dict[str, bytes] = {}
         self._mesh_of: dict[str, TriangleMesh] = {}
+        file = Path(self._sources[0].file)
+        name = name or file.stem
         content = self._merged(overrides)
-        if self.problems:
+        if self.problems and not thorough:
             return
         try:
             recipe = Recipe.model_validate(content, strict=True)
         except ValidationError as error:
-            self._add_all(error)
-            return
-        self._build(recipe, Path(self._sources[0].file), use_aruco)
+            wrong = self._add_all(error)
+            if not thorough:
+                return
+            self._sound = sound_parts(content, wrong, name)
+            try:
+                recipe = Recipe.model_validate(self._sound.content, strict=True)
+            except ValidationError:
+                return
+        self._build(recipe, file.name, name, use_aruco)
 
-    def add(self, mistake: Mistake, missing: bool = False) -> None:
-        """Add a problem, with the file and the line of its place."""
-        location = mistake.location
+    def add(self, mistake: Mistake) -> None:
+        """Add a problem of the recipe as it was judged, with the file and the line of its place.
+
+        What is only wrong because something was left out is passed over.
+        """
+        location, other = mistake.location, mistake.other
+        if self._sound is not None:
+            if self._sound.explains(location, mistake.value):
+                return
+            location, other = self._sound.before(location), self._sound.before(other)
+        must = mistake.must.replace("{other}", field_name(other))
+        self._add(location, shown_value(mistake.value), must, mistake.fatal)
+
+    def _add(self, location: Location, value: str, must: str, fatal: bool = True) -> None:
         given = [source for place, source in self._overrides if location[: len(place)] == place]
         if given:
             source = given[-1]
@@ -169,15 +218,15 @@ class Loading:
                 file=source.file,
                 line=source.line_of(location),
                 field=field_name(location),
-                value="" if missing else shown_value(mistake.value),
-                must=words(mistake.must),
-                fatal=mistake.fatal,
+                value=value,
+                must=words(must),
+                fatal=fatal,
             )
         )
 
     def read_texture(self, name: str, location: Location, fatal: bool = True) -> bytes | None:
         """The bytes of a texture; None where it is not one, which adds a problem."""
-        path = self.textures_dir / name
+        path = self._textures_dir / name
         try:
             if not path.is_file():
                 path.read_bytes()
@@ -215,53 +264,61 @@ class Loading:
             self._overrides.append((place, Source(shown_override(override), {})))
         return content
 
-    def _add_all(self, error: ValidationError) -> None:
-        said = set()
-        for problem in error.errors(include_url=False):
+    def _add_all(self, error: ValidationError) -> list[Location]:
+        """Add what is wrong in single fields; returns where."""
+        said: dict[tuple[Location, str], str] = {}
+        found = error.errors(include_url=False)
+        for problem in found:
+            # Parts that are wrong do not count as parts: then a list may seem too short.
+            within = [other for other in found if other["loc"][: len(problem["loc"])] ==
+                      problem["loc"]] if problem["type"] == "too_short" else ()  # fmt: skip
+            if len(within) > 1:
+                continue
             location, _ = place_of(problem["loc"])
             must = _must(problem, place_of(problem["loc"][:-1])[1])
-            if (location, must) not in said:
-                said.add((location, must))
-                self.add(Mistake(location, problem["input"], must), problem["type"] == "missing")
+            missing = problem["type"] == "missing"
+            said.setdefault((location, must), "" if missing else shown_value(problem["input"]))
+        for (location, must), value in said.items():
+            self._add(location, value, must)
+        return [location for location, _ in said]
 
-    def _build(self, recipe: Recipe, path: Path, use_aruco: bool) -> None:
-        """Make the world as far as its mistakes let it; it is there where none is fatal."""
-        if recipe.name != path.stem:
-            must = f"must be {path.stem!r}, as the file is called"
-            self.add(Mistake(("name",), recipe.name, must))
+    def _build(self, recipe: Recipe, file_name: str, name: str, use_aruco: bool) -> None:
+        """Make the world, or as much of it as its mistakes let be made."""
+        if recipe.name != name:
+            self.add(Mistake(("name",), recipe.name, f"must be {name!r}, as the file is called"))
         maze = self._maze(recipe)
         for mistake in mistakes(recipe, maze_wall_names(maze)):
             self.add(mistake)
         meshes = self._meshes(recipe)
-        world = resolve(recipe, path.name, maze, {}, meshes, use_aruco)
-        textures = self._textures(recipe, {material.name for material in world.materials})
-        if len(self._assets) > MAX_ASSETS:
-            must = f"must be at most {MAX_ASSETS}, with the parts of meshes"
-            self.add(Mistake(("materials",), f"{len(self._assets)} textures and meshes", must))
-        if self._has_fatal():
-            # Geometry is judged all the same, where there is enough of it.
-            if not (world.walls or world.bodies):
-                return
+        world = resolve(recipe, file_name, maze, meshes, use_aruco)
+        world = self._with_textures(recipe, world)
+        if not (self._thorough or self._may_run()):
+            return
+        # Without a start nothing can be said about what is reached from it.
+        if self._sound is not None and not self._sound.dropped.isdisjoint(("start", "maze")):
+            return
         try:
             grid = grid_of(world, self._mesh_of)
         except ValueError as error:
             self.add(Mistake(("map_resolution_m",), recipe.map_resolution_m, str(error)))
             return
-        cells = occupancy(world, self._mesh_of, grid)
-        self._places(recipe, world, grid, cells)
-        if self._has_fatal():
-            return
-        world = resolve(recipe, path.name, maze, textures, meshes, use_aruco)
-        world = self._with_placed_markers(recipe, world, cells, grid.origin, use_aruco)
-        world, cells, origin = self._with_ready_map(recipe, world, cells, grid.origin)
-        if self._has_fatal():
-            return
-        self.loaded = LoadedWorld(
-            finished(world), self._assets, cells, origin, self._mesh_of, recipe
-        )
+        draft = Draft(recipe, world, self._mesh_of, grid, occupancy(world, self._mesh_of, grid))
+        self._judge_places(draft)
+        cells, origin = draft.cells, grid.origin
+        if self._may_run():
+            world = self._with_placed_markers(draft, use_aruco)
+            draft = dataclasses.replace(draft, world=world)
+        if recipe.map is not None:
+            world, cells, origin = self._with_ready_map(recipe.map, draft)
+        if self._thorough:
+            self.draft = draft
+        if self._may_run():
+            self.loaded = LoadedWorld(
+                finished(world), self._assets, cells, origin, self._mesh_of, recipe
+            )
 
-    def _has_fatal(self) -> bool:
-        return any(problem.fatal for problem in self.problems)
+    def _may_run(self) -> bool:
+        return not any(problem.fatal for problem in self.problems)
 
     def _maze(self, recipe: Recipe) -> mazes.Maze | None:
         if recipe.maze is None:
@@ -272,18 +329,19 @@ class Loading:
             self.add(Mistake(("maze", "cell_m"), recipe.maze.cell_m, str(error)))
             return None
 
-    def _textures(self, recipe: Recipe, used: set[str]) -> dict[str, str]:
-        """sha256 by file name, of the textures that something has."""
+    def _with_textures(self, recipe: Recipe, world: World) -> World:
+        """The world with the textures that its materials have and that can be read."""
         sha256_of: dict[str, str] = {}
-        seen: set[str] = set()
+        used = {material.name for material in world.materials}
         for name, material in recipe.materials.items():
-            if name not in used or not material.texture or material.texture in seen:
-                continue
-            seen.add(material.texture)
-            data = self.read_texture(material.texture, ("materials", name, "texture"))
-            if data is not None:
-                sha256_of[material.texture] = self._asset(data)
-        return sha256_of
+            texture = material.texture
+            if name in used and texture and texture not in sha256_of:
+                data = self.read_texture(texture, ("materials", name, "texture"))
+                sha256_of[texture] = "" if data is None else self._asset(data)
+        if len(self._assets) > MAX_ASSETS:
+            must = f"must be at most {MAX_ASSETS}"
+            self.add(Mistake(("materials",), f"{len(self._assets)} textures and meshes", must))
+        return with_textures(world, sha256_of)
 
     def _meshes(self, recipe: Recipe) -> dict[MeshKey, tuple[MeshAsset, ...]]:
         """The meshes that can be read; the others add problems."""
@@ -330,57 +388,57 @@ class Loading:
         self._assets[sha256] = data
         return sha256
 
-    def _places(self, recipe: Recipe, world: World, grid: Any, cells: NDArray[np.int8]) -> None:
+    def _judge_places(self, draft: Draft) -> None:
         """Start and locations must be on the floor."""
-        start = grid.cell(world.start.x_m, world.start.y_m)
+        world, cells = draft.world, draft.cells
+        start = draft.grid.cell(world.start.x_m, world.start.y_m)
         xy = (world.start.x_m, world.start.y_m)
+        open_floor = self._sound is not None and self._sound.lost_something_solid
         if start is None:
-            self.add(Mistake(("start",), xy, "must lie among the walls"))
+            if not open_floor:
+                self.add(Mistake(("start",), xy, "must lie among the walls"))
             return
         if cells[start] == OCCUPIED:
             inside = "must not lie in a wall or anything else that is solid"
             self.add(Mistake(("start",), xy, inside))
             return
         for place in world.locations:
-            cell = grid.cell(place.x_m, place.y_m)
-            if cell is None or cells[cell] != FREE:
+            cell = draft.grid.cell(place.x_m, place.y_m)
+            in_solid = cell is not None and cells[cell] == OCCUPIED
+            if in_solid or not (draft.is_free(place) or open_floor):
                 must = "must lie on free floor that is connected to the start"
                 self.add(Mistake(("locations", place.name), (place.x_m, place.y_m), must))
 
-    def _with_placed_markers(
-        self, recipe: Recipe, world: World, cells: NDArray[np.int8], origin: SE2, use_aruco: bool
-    ) -> World:
-        if recipe.marker_cover is None or not use_aruco:
-            return world
+    def _with_placed_markers(self, draft: Draft, use_aruco: bool) -> World:
+        wanted = draft.recipe.marker_cover
+        if wanted is None or not use_aruco:
+            return draft.world
+        # What solves for the fewest takes long to import.
         from services.worldgen.marker_cover import cover  # noqa: PLC0415
 
         try:
-            markers = cover(world, cells, origin, recipe.marker_cover)
+            markers = cover(draft.world, draft.cells, draft.grid.origin, wanted)
         except ValueError as error:
-            self.add(Mistake(("marker_cover",), recipe.marker_cover.share, str(error)))
-            return world
-        return finished(world, markers=(*world.markers, *markers))
+            self.add(Mistake(("marker_cover",), wanted.share, str(error)))
+            return draft.world
+        return draft.world.model_copy(update={"markers": (*draft.world.markers, *markers)})
 
-    def _with_ready_map(
-        self, recipe: Recipe, world: World, cells: NDArray[np.int8], origin: SE2
-    ) -> tuple[World, NDArray[np.int8], SE2]:
-        if recipe.map is None:
-            return world, cells, origin
+    def _with_ready_map(self, name: str, draft: Draft) -> tuple[World, NDArray[np.int8], SE2]:
+        """The world, the map's cells and its origin."""
         from services.worldgen.map_files import read_map  # noqa: PLC0415
 
         try:
-            ready = read_map(self._worlds_dir / "maps" / recipe.map)
+            ready = read_map(self._worlds_dir / "maps" / name)
         except ConfigError as error:
-            self.add(Mistake(("map",), recipe.map, str(error)))
-            return world, cells, origin
-        content = np.array([*ready.cells.shape], "<i8").tobytes() + ready.cells.tobytes()
-        pose = np.array([*ready.origin], "<f8").tobytes()
-        changed = finished(
-            world,
-            map_sha256=hashlib.sha256(content + pose).hexdigest(),
-            map_resolution_m=ready.resolution_m,
-        )
-        return changed, ready.cells, ready.origin
+            self.add(Mistake(("map",), name, str(error)))
+            return draft.world, draft.cells, draft.grid.origin
+        shape, pose = np.array(ready.cells.shape, "<i8"), np.array(ready.origin, "<f8")
+        content = shape.tobytes() + pose.tobytes() + ready.cells.tobytes()
+        changes = {
+            "map_sha256": hashlib.sha256(content).hexdigest(),
+            "map_resolution_m": ready.resolution_m,
+        }
+        return draft.world.model_copy(update=changes), ready.cells, ready.origin
 
 
 def named_sources(name: str, worlds_dir: Path) -> list[Source]:

@@ -71,7 +71,7 @@ def placed(recipe: Recipe) -> Iterator[tuple[Location, Placed]]:
 
 
 def _names(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
-    first = dict.fromkeys(maze_wall_names, "the maze")
+    first: dict[str, Location] = dict.fromkeys(maze_wall_names, ("maze",))
     things: list[tuple[Location, WallRecipe | Placed]] = [
         (("walls", index), wall) for index, wall in enumerate(recipe.walls)
     ]
@@ -82,9 +82,9 @@ def _names(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
         )
     for location, thing in things:
         if thing.name in first:
-            must = f"must be unique: {first[thing.name]} has it"
-            yield Mistake((*location, "name"), thing.name, must)
-        first.setdefault(thing.name, f"{location[0]}[{location[1]}]")
+            must = "must be unique: {other} has it"
+            yield Mistake((*location, "name"), thing.name, must, other=first[thing.name])
+        first.setdefault(thing.name, location)
         if not isinstance(thing, WallRecipe) and thing.mass_kg > 0.0 and thing.name in _FRAMES:
             must = "must not be the name of a frame of the robot's: it moves"
             yield Mistake((*location, "name"), thing.name, must)
@@ -261,8 +261,8 @@ def _lights(lights: Sequence[PointLightRecipe]) -> Iterator[Mistake]:
     names: dict[str, int] = {}
     for index, light in enumerate(lights):
         if light.name in names:
-            must = f"must be unique: lights[{names[light.name]}] has it"
-            yield Mistake(("lights", index, "name"), light.name, must)
+            must, other = "must be unique: {other} has it", ("lights", names[light.name])
+            yield Mistake(("lights", index, "name"), light.name, must, other=other)
         names.setdefault(light.name, index)
         if light.constant == light.linear == light.quadratic == 0.0:
             must = "must be > 0, or linear or quadratic must be"

@@ -20,7 +20,7 @@ _FIXED = ("name", "extends")
 def shown_override(override: str) -> str:
     """As the file of a problem: `override maze.seed=3`."""
     text = words(override[:MAX_CHARACTERS])
-    return f"override {text if len(text) <= 60 else text[:57] + '...'}"
+    return f"override {text if len(text) <= 60 else text[:57] + '...'}".rstrip()
 
 
 def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location, Any]:
@@ -60,7 +60,12 @@ def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location,
             here = here[step]
         except (LookupError, TypeError):
             here = None
-    return tuple(place), parse_value(text, shown)
+    try:
+        return tuple(place), parse_value(text, shown)
+    except WorldError as error:
+        # It has one line only.
+        (problem,) = error.problems
+        raise WorldError([problem.model_copy(update={"line": 0})]) from error
 
 
 def with_value(content: Any, place: Location, value: Any) -> Any:
@@ -93,7 +98,8 @@ def _index(step: str, content: tuple[Any, ...], before: Location, shown: str) ->
             if isinstance(part, Mapping) and part.get("name") == step:
                 return index
     must = f"must be a number less than {len(content)}, or a name"
-    raise _wrong(shown, must, field_name((*before, step)))
+    asked = int(step) if step.isascii() and step.isdigit() and len(step) < 10 else step
+    raise _wrong(shown, must, field_name((*before, asked)))
 
 
 def _key(steps: list[str], content: Mapping[Any, Any]) -> str:

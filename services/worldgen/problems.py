@@ -61,7 +61,9 @@ class Mistake:
     location: Location
     value: object
     must: str
+    """`{other}` in it stands for the other place."""
     fatal: bool = True
+    other: Location = ()
 
 
 def field_name(location: Location) -> str:

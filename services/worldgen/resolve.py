@@ -71,13 +71,12 @@ def resolve(
     recipe: Recipe,
     file_name: str,
     maze: Maze | None,
-    textures: Mapping[str, str],
     meshes: Meshes,
     use_aruco: bool,
 ) -> doc.World:
-    """The world of a recipe, but for placed markers, ready map and hash: see `finished`.
+    """The world of a recipe, but for textures, placed markers, ready map and hash.
 
-    `textures` are sha256 by file name. What is not there, of textures and meshes, is left out.
+    Meshes that are not there are left out, and so are materials.
     """
     start: PoseRecipe | doc.Planar = PoseRecipe(x_m=0.0, y_m=0.0)
     locations: dict[str, PoseRecipe | doc.Planar] = dict(recipe.locations)
@@ -108,7 +107,7 @@ def resolve(
         recipe=file_name,
         hash="",
         walls=walls,
-        materials=_materials(recipe, list(dict.fromkeys(used)), textures, meshes),
+        materials=_materials(recipe, list(dict.fromkeys(used)), meshes),
         markers=recipe.markers if use_aruco else (),
         bodies=bodies,
         rooms=rooms,
@@ -128,9 +127,21 @@ def resolve(
     )
 
 
-def finished(world: doc.World, **changes: object) -> doc.World:
-    """The world with some fields changed, and with the hash of what is in it."""
-    world = world.model_copy(update=changes)
+def with_textures(world: doc.World, sha256_of: Mapping[str, str]) -> doc.World:
+    """The world with the textures of its materials, by file name."""
+    materials = tuple(
+        material
+        if material.texture_sha256
+        else material.model_copy(
+            update={"texture_sha256": sha256_of.get(material.texture_name, "")}
+        )
+        for material in world.materials
+    )
+    return world.model_copy(update={"materials": materials})
+
+
+def finished(world: doc.World) -> doc.World:
+    """The world with the hash of what is in it."""
     return world.model_copy(update={"hash": world.content_hash()})
 
 
@@ -280,9 +291,7 @@ def _unit(orientation_xyzw: doc.Quaternion) -> doc.Quaternion:
     return x, y, z, w
 
 
-def _materials(
-    recipe: Recipe, names: Sequence[str], textures: Mapping[str, str], meshes: Meshes
-) -> tuple[doc.Material, ...]:
+def _materials(recipe: Recipe, names: Sequence[str], meshes: Meshes) -> tuple[doc.Material, ...]:
     own = {asset.name: asset for assets in meshes.values() for asset in assets}
     found = []
     for name in names:
@@ -291,7 +300,6 @@ def _materials(
             found.append(
                 doc.Material(
                     name=name,
-                    texture_sha256=textures.get(material.texture or "", ""),
                     texture_name=material.texture or "",
                     texture_side_m=material.texture_side_m,
                     ambient=material.ambient,
