@@ -10,6 +10,11 @@ from services.common.documents import Rgba
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 
 
+SHEET_THICKNESS_M = 0.001
+"""Of what exports write for things without any: rooms' floors, the ceiling, a plane that is solid.
+"""
+
+
 def sdf_root(version: str) -> etree._Element:
     """`<sdf version="...">`, with the prefix `mazebot` declared."""
     return etree.Element("sdf", nsmap={"mazebot": MAZEBOT_NAMESPACE}, version=version)

@@ -1,0 +1,894 @@
+"""A resolved SDF world as a recipe, with the pictures and meshes that it needs."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from PIL import Image
+from pydantic import TypeAdapter, ValidationError
+
+from services.common import documents as doc
+from services.common.config import ConfigError
+from services.common.frames import Array, inverse_matrix, quaternion_from_rotation
+from services.common.placement import CONTACT_M
+from services.worldgen import png
+from services.worldgen.recipe import GeometryRecipe, MeshGeometry
+from services.worldgen.sdf.model import (
+    Ignored,
+    ImportReport,
+    SdfError,
+    SdfLink,
+    SdfMaterial,
+    SdfModel,
+    SdfShape,
+    SdfWorld,
+)
+from services.worldgen.sdf.writing import SHEET_THICKNESS_M
+
+FLOOR_M = 0.001
+"""What is no farther from z = 0 stands, or lies, on the floor."""
+MAX_LIGHTS = 8
+MAX_PIXELS = 64_000_000
+"""Of a picture before it is made smaller."""
+
+_ALIGNED = 1e-6
+"""Sine of the angle by which a wall may lean."""
+_LEANS = 1e-3
+"""Sine of the angle by which a marker may lean, or turn away from its wall."""
+_SAME = 1e-9
+_NOISE = 1e-14
+_HEADER = "# Made from "
+_DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
+_WHITE = (1.0, 1.0, 1.0, 1.0)
+# What SDF says where a world has a scene, or lights, but nothing of these.
+_SDF_AMBIENT = (0.4, 0.4, 0.4, 1.0)
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class ImportedWorld:
+    """What an SDF world becomes."""
+
+    recipe: dict[str, Any]
+    """As recipe.Recipe takes it."""
+    files: dict[str, bytes]
+    """By their path from the recipe's folder: `textures/x.png`, `meshes/y.glb`, `maps/z.yaml`."""
+    report: ImportReport
+    """The reader's, with what could not be converted either."""
+
+
+def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
+    """The recipe called `name` of a world in SDF.
+
+    A static, solid, visible, upright box on the floor becomes a wall, a horizontal plane at z = 0
+    the floor, the first directional light the sun, a panel as marker_model writes it a marker on
+    the wall that it is on; everything else becomes a body, one for all links that fixed joints make
+    one. What is neither is added to the report's `ignored`, a picture or mesh that cannot be read
+    to its `errors`. Raises nothing.
+    """
+    return _Conversion(sdf, name).run()
+
+
+def recipe_yaml(recipe: Mapping[str, Any]) -> str:
+    """A recipe as YAML that brings the same numbers back."""
+    text = yaml.dump(
+        _plain(recipe), Dumper=_Dumper, sort_keys=False, default_flow_style=None,
+        allow_unicode=True, width=100,
+    )  # fmt: skip
+    return str(text)
+
+
+def write_recipe(imported: ImportedWorld, file: Path) -> None:
+    """Write a recipe, and what it needs in the folders beside it.
+
+    A picture or mesh gets another name where one that differs has its name already. The recipe is
+    written last, and replaces none but an earlier import's. Raises ConfigError.
+    """
+    try:
+        if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
+            raise ConfigError(f"{file}: is there already, and was not made by an import")
+        renamed = {
+            path: _free_path(file.parent, path, data) for path, data in imported.files.items()
+        }
+        recipe = {**_renamed(imported.recipe, renamed), "name": file.stem}
+        for path, data in imported.files.items():
+            _write(file.parent / renamed[path], data)
+        source = " ".join(imported.report.world.split()) or "a world"
+        text = f"{_HEADER}{source!r} in SDF by `mazebot world import`.\n{recipe_yaml(recipe)}"
+        _write(file, text.encode())
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be written: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: is there already, and was not made by an import") from error
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+# The reader of recipes takes these for numbers: as names they need quotes.
+_Dumper.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+def _plain(value: Any) -> Any:
+    """Lists for tuples."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return value
+
+
+def _write(file: Path, data: bytes) -> None:
+    """Whole or not at all; a file that holds the same is left alone."""
+    if file.is_file() and file.read_bytes() == data:
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    making = file.with_name(f".{file.name}.making")
+    try:
+        making.write_bytes(data)
+        making.replace(file)
+    finally:
+        making.unlink(missing_ok=True)
+
+
+def _free_path(folder: Path, path: str, data: bytes) -> str:
+    file = folder / path
+    if not file.exists() or (file.is_file() and file.read_bytes() == data):
+        return path
+    kind, _, name = path.rpartition("/")
+    stem, dot, suffix = name.rpartition(".")
+    return f"{kind}/{stem}-{hashlib.sha256(data).hexdigest()[:8]}{dot}{suffix}"
+
+
+def _renamed(recipe: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
+    """The recipe with the files' other names."""
+
+    def name(kind: str, old: str) -> str:
+        return paths.get(f"{kind}/{old}", old).rpartition("/")[2]
+
+    changed = dict(recipe)
+    changed["materials"] = {
+        key: {**look, "texture": name("textures", look["texture"])} if "texture" in look else look
+        for key, look in recipe["materials"].items()
+    }
+    changed["bodies"] = [
+        {**body, "shapes": [_with_mesh(shape, name) for shape in body["shapes"]]}
+        for body in recipe.get("bodies", ())
+    ]
+    if not changed["bodies"]:
+        del changed["bodies"]
+    if "map" in recipe:
+        changed["map"] = name("maps", recipe["map"])
+    return changed
+
+
+def _with_mesh(shape: Mapping[str, Any], name: Callable[[str, str], str]) -> dict[str, Any]:
+    geometry = shape["geometry"]
+    if geometry["kind"] != "mesh":
+        return dict(shape)
+    new = name("meshes", geometry["file"])
+    changed = {**shape, "geometry": {**geometry, "file": new}}
+    if shape.get("material") == geometry["file"]:
+        changed["material"] = new
+    return changed
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A shape of a group of links, collision and visual made one."""
+
+    name: str
+    where: str
+    body_from_part: Array
+    geometry: GeometryRecipe
+    solid: bool
+    has_end: bool
+    """False for a collision that is a plane, which in SDF has no end."""
+    visual: SdfShape | None
+    mesh_file: Path | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Links that are one body."""
+
+    name: str
+    world_from_body: Array
+    static: bool
+    mass_kg: float
+    links: tuple[SdfLink, ...]
+    parts: tuple[_Part, ...]
+    coverings: tuple[tuple[Array, SdfShape], ...]
+    """body_from_covering, and the visual"""
+
+
+class _Conversion:
+    def __init__(self, sdf: SdfWorld, name: str) -> None:
+        self._sdf = sdf
+        self._name = name
+        self._ignored: list[Ignored] = []
+        self._errors: list[SdfError] = []
+        self._files: dict[str, bytes] = {}
+        self._materials: dict[str, dict[str, Any]] = {}
+        self._textures: dict[Path, str] = {}
+        """File name in the folder of textures by picture; empty where it is none."""
+        self._meshes: dict[tuple[Path, str | None, bool], tuple[str, str | None]] = {}
+        """File name in the folder of meshes, and submesh."""
+        self._walls: list[dict[str, Any]] = []
+        self._bodies: list[dict[str, Any]] = []
+        self._rooms: dict[str, Any] = {}
+        self._ceiling: dict[str, Any] | None = None
+        self._has_floor = False
+        self._floor_material: str | None = None
+        self._taken: set[str] = set()
+        self._wall_of_link: dict[str, str] = {}
+
+    def run(self) -> ImportedWorld:
+        markers = {model.name: model for model in self._sdf.models if "marker" in model.attributes}
+        for group in self._groups(set(markers)):
+            self._convert(group)
+        found_markers = self._markers(markers)
+        recipe: dict[str, Any] = {
+            "name": self._name,
+            "wall_height_m": _commonest([wall["height_m"] for wall in self._walls], 1.0),
+            "wall_thickness_m": _commonest([wall["thickness_m"] for wall in self._walls], 0.15),
+        }
+        for wall in self._walls:
+            for key in ("height_m", "thickness_m"):
+                if wall[key] == recipe[f"wall_{key}"]:
+                    del wall[key]
+        recipe |= self._map_and_places()
+        recipe |= self._lights()
+        recipe["materials"] = self._materials or {"plain": _look(None)}
+        recipe["wall_materials"] = [next(iter(recipe["materials"]))]
+        if self._floor_material is not None:
+            recipe["floor_material"] = self._floor_material
+        if self._ceiling is not None:
+            recipe["ceiling"] = self._ceiling
+        for key, value in (
+            ("rooms", self._rooms),
+            ("markers", found_markers),
+            ("walls", self._walls),
+            ("bodies", self._bodies),
+        ):
+            if value:
+                recipe[key] = value
+        report = self._sdf.report.model_copy(
+            update={
+                "ignored": (*self._sdf.report.ignored, *self._ignored),
+                "errors": (*self._sdf.report.errors, *self._errors),
+            }
+        )
+        return ImportedWorld(recipe, self._files, report)
+
+    # Links to groups of parts
+
+    def _groups(self, markers: set[str]) -> Iterator[_Group]:
+        """Links by what fixed joints make one, in the order of their first links."""
+        members: dict[str, list[SdfLink]] = {}
+        for link in self._sdf.links:
+            if link.model not in markers:
+                members.setdefault(link.fixed_to, []).append(link)
+        links_of_model = Counter(link.model for link in self._sdf.links)
+        for root_name, links in members.items():
+            root = next((link for link in links if link.name == root_name), links[0])
+            body_from_world = inverse_matrix(root.world_from_link)
+            parts: list[_Part] = []
+            coverings: list[tuple[Array, SdfShape]] = []
+            for link in links:
+                body_from_link = (
+                    np.eye(4) if link is root else body_from_world @ link.world_from_link
+                )
+                for shape in link.shapes:
+                    if shape.role == "visual" and "covering" in shape.attributes:
+                        coverings.append((body_from_link @ shape.link_from_shape, shape))
+                parts += self._parts(link, body_from_link)
+            short = root.name.rpartition("::")[2]
+            if links_of_model[root.model] == 1:
+                short = root.model.rpartition("::")[2] or short
+            noted = _json(root.attributes.get("name"), str)
+            yield _Group(
+                name=noted or short,
+                world_from_body=root.world_from_link,
+                static=all(link.static for link in links),
+                mass_kg=sum(link.mass_kg for link in links),
+                links=tuple(links),
+                parts=tuple(parts),
+                coverings=tuple(coverings),
+            )
+
+    def _parts(self, link: SdfLink, body_from_link: Array) -> Iterator[_Part]:
+        """Collisions, each with the visual that is the same thing, and the visuals left over."""
+        visuals = [
+            shape
+            for shape in link.shapes
+            if shape.role == "visual"
+            and not {"covering", "room", "ceiling"} & set(shape.attributes)
+        ]
+        prepared: list[tuple[SdfShape, Array, GeometryRecipe, SdfShape | None]] = []
+        for shape in link.shapes:
+            if shape.role != "collision":
+                continue
+            pose, geometry = _solid(shape)
+            match = next((v for v in visuals if _same(shape, pose, geometry, v)), None)
+            if match is not None:
+                visuals.remove(match)
+            prepared.append((shape, pose, geometry, match))
+        # In the order of the exports: a body's shapes come back as they were.
+        order = {id(shape): index for index, shape in enumerate(link.shapes)}
+        alone = [(visual, visual.link_from_shape, visual.geometry, visual) for visual in visuals]
+        for shape, pose, geometry, visual in sorted(
+            [*prepared, *alone], key=lambda one: order[id(one[0])]
+        ):
+            noted = _json(shape.attributes.get("shape"), str)
+            yield _Part(
+                name=noted or shape.name,
+                where=f"{link.name}::{shape.name}",
+                body_from_part=_product(body_from_link, pose),
+                geometry=geometry,
+                solid=shape.role == "collision",
+                has_end=not isinstance(shape.geometry, doc.Plane) or shape.role == "visual",
+                visual=visual,
+                mesh_file=shape.mesh_file,
+            )
+
+    # Groups to walls, bodies, floor, rooms and ceiling
+
+    def _convert(self, group: _Group) -> None:
+        for link in group.links:
+            for shape in link.shapes:
+                self._room_or_ceiling(link, shape)
+        parts = [part for part in group.parts if not self._is_floor(group, part)]
+        if not parts:
+            return
+        # A wall's whole group is upright boxes on the floor; a table's is not.
+        poses = [_product(group.world_from_body, part.body_from_part) for part in parts]
+        is_wall = (
+            group.static
+            and group.links[0].attributes.get("kind") != "body"
+            and all(_is_wall(part, pose) for part, pose in zip(parts, poses, strict=True))
+        )
+        if is_wall:
+            for part, pose in zip(parts, poses, strict=True):
+                name = group.name if len(parts) == 1 else f"{group.name}_{part.name}"
+                self._wall(group, part, pose, name)
+        else:
+            self._body(group, parts)
+
+    def _room_or_ceiling(self, link: SdfLink, shape: SdfShape) -> None:
+        if shape.role != "visual":
+            return
+        pose = _product(link.world_from_link, shape.link_from_shape)
+        room = _json(shape.attributes.get("room"), str)
+        if room is not None and isinstance(shape.geometry, doc.Polyline):
+            corners = shape.geometry.polygons_m[0]
+            moved = [pose @ np.array([x, y, 0.0, 1.0]) for x, y in corners]
+            look: dict[str, Any] = {"polygon_m": [_numbers(corner[:2]) for corner in moved]}
+            material = self._material(shape)
+            if material is not None:
+                look["floor_material"] = material
+            self._rooms[self._free(_legal(room), self._rooms)] = look
+        elif "ceiling" in shape.attributes and isinstance(shape.geometry, doc.Box):
+            bottom_m = pose[2, 3] - shape.geometry.size_m[2] / 2.0
+            self._ceiling = {
+                "material": self._material(shape) or self._named("colour", _look(None)),
+                "height_m": _number(bottom_m),
+            }
+
+    def _is_floor(self, group: _Group, part: _Part) -> bool:
+        """Whether a part is the floor, or a plane without end that cannot be simulated."""
+        pose = _product(group.world_from_body, part.body_from_part)
+        level = pose[2, 2] > 1.0 - _ALIGNED and abs(pose[2, 3]) <= FLOOR_M and group.static
+        if part.has_end:
+            # What lies on a floor's collision shows how the floor looks.
+            is_floor = (
+                level
+                and isinstance(part.geometry, doc.Plane)
+                and not part.solid
+                and any(not other.has_end for other in group.parts)
+            )
+        elif level and not self._has_floor:
+            is_floor = self._has_floor = True
+        else:
+            self._ignore("plane collision that is not the floor", part.where)
+            return part.visual is None
+        if is_floor and part.visual is not None and self._floor_material is None:
+            self._floor_material = self._material(part.visual)
+        return is_floor
+
+    def _wall(self, group: _Group, part: _Part, pose: Array, wanted: str) -> None:
+        assert isinstance(part.geometry, doc.Box)
+        length_m, thickness_m, height_m = part.geometry.size_m
+        yaw_rad = math.atan2(pose[1, 0], pose[0, 0])
+        if group.links[0].attributes.get("kind") != "wall" and thickness_m > length_m:
+            length_m, thickness_m = thickness_m, length_m
+            yaw_rad = math.remainder(yaw_rad + math.pi / 2.0, math.tau)
+        name = self._free(_legal(wanted), self._taken)
+        self._taken.add(name)
+        wall: dict[str, Any] = {
+            "name": name,
+            "length_m": length_m,
+            "x_m": _number(pose[0, 3]),
+            "y_m": _number(pose[1, 3]),
+            "yaw_rad": _number(yaw_rad),
+            "thickness_m": thickness_m,
+            "height_m": height_m,
+        }
+        assert part.visual is not None
+        wall["material"] = self._material(part.visual)
+        coverings = []
+        for body_from_covering, shape in group.coverings:
+            covering = _product(inverse_matrix(part.body_from_part), body_from_covering)
+            material = self._material(shape)
+            if isinstance(shape.geometry, doc.Box) and material is not None:
+                half_m, along_m = shape.geometry.size_m[0] / 2.0, covering[0, 3]
+                coverings.append(
+                    {
+                        "side": "left" if covering[1, 3] > 0.0 else "right",
+                        "from_m": _number(along_m - half_m),
+                        "to_m": _number(along_m + half_m),
+                        "material": material,
+                    }
+                )
+        if coverings:
+            wall["coverings"] = coverings
+        self._walls.append(wall)
+        self._wall_of_link[group.links[0].name] = name
+
+    def _body(self, group: _Group, parts: Sequence[_Part]) -> None:
+        shapes = []
+        taken: set[str] = set()
+        for part in parts:
+            geometry = self._geometry(part)
+            if geometry is None:
+                continue
+            material = None
+            if part.visual is not None:
+                material = self._material(part.visual, geometry.get("file"))
+            name = self._free(part.name, taken)
+            taken.add(name)
+            shape = {"name": name, "geometry": geometry, **_placed(part.body_from_part)}
+            if material is not None:
+                shape["material"] = material
+            if not (part.solid and part.has_end):
+                shape["solid"] = False
+            shapes.append(shape)
+        if not shapes:
+            return
+        name = self._free("".join(c if c.isprintable() else "_" for c in group.name), self._taken)
+        self._taken.add(name)
+        body = {"name": name, **_placed(group.world_from_body)}
+        body.setdefault("position_m", [0.0, 0.0, 0.0])
+        if not group.static and group.mass_kg > 0.0:
+            body["mass_kg"] = group.mass_kg
+        body["shapes"] = shapes
+        self._bodies.append(body)
+
+    def _geometry(self, part: _Part) -> dict[str, Any] | None:
+        """As a recipe has it; None where it is a mesh that cannot be read."""
+        geometry = part.geometry
+        if not isinstance(geometry, MeshGeometry):
+            return geometry.model_dump(mode="json")
+        if part.mesh_file is None:
+            self._error("URI_LOOKUP", part.where, f"{geometry.file}: is not there")
+            return None
+        key = (part.mesh_file, geometry.submesh, geometry.center)
+        if key not in self._meshes:
+            try:
+                self._meshes[key] = self._mesh(*key)
+            except ConfigError as error:
+                self._error("MESH_INVALID", part.where, str(error))
+                return None
+        file, submesh = self._meshes[key]
+        named = {"kind": "mesh", "file": file}
+        return {**named, **({"submesh": submesh} if submesh else {}), "scale": list(geometry.scale)}
+
+    def _mesh(self, file: Path, submesh: str | None, center: bool) -> tuple[str, str | None]:
+        """Put a mesh among the files: the name of its file, and the submesh. Raises ConfigError."""
+        # What reads meshes takes long to import, and most worlds have none.
+        from services.worldgen.meshes import glb_of, load_mesh  # noqa: PLC0415
+
+        whole = load_mesh(file)
+        if submesh is None and not center:
+            return self._file("meshes", file.stem, ".glb", glb_of(whole)), None
+        chosen = glb_of(load_mesh(file, submesh, center))
+        named = tuple(part for part in whole if part.name == submesh)
+        if named and glb_of(named) == chosen:
+            return self._file("meshes", file.stem, ".glb", glb_of(whole)), submesh
+        stem = f"{file.stem}-{submesh}" if submesh else file.stem
+        return self._file("meshes", stem, ".glb", chosen), None
+
+    # Looks
+
+    def _material(self, visual: SdfShape, mesh: str | None = None) -> str | None:
+        """Name of a visual's material, put among them; None where it is not to be seen.
+
+        `mesh` is the file of its mesh, which says how it looks where nothing else does.
+        """
+        name = visual.attributes.get("material")
+        if name == "":
+            return None
+        if visual.material is None and mesh is not None and name is None:
+            return mesh
+        look = _look(visual.material)
+        if visual.material is not None and visual.material.albedo_map is not None:
+            texture = self._texture(visual.material.albedo_map, visual.name)
+            if texture:
+                look = {"texture": texture, "texture_side_m": _side_m(visual.attributes), **look}
+            if name is None:
+                name = visual.material.albedo_map.stem
+        elif name is None and visual.material is not None:
+            name = visual.material.script.rpartition("/")[2]
+        if "texture" not in look and _side_m(visual.attributes) != 0.0:
+            look = {"texture_side_m": _side_m(visual.attributes), **look}
+        return self._named(name or "colour", look)
+
+    def _named(self, wanted: str, look: dict[str, Any]) -> str:
+        """A name of this look: another look may have the wanted one."""
+        name, count = _legal(wanted), 1
+        while self._materials.setdefault(name, look) != look:
+            count += 1
+            name = f"{_legal(wanted)[:58]}_{count}"
+        return name
+
+    def _texture(self, picture: Path, where: str) -> str:
+        """File name in the folder of textures; empty where the picture cannot be read."""
+        if picture not in self._textures:
+            try:
+                data = _png(picture)
+            except ConfigError as error:
+                self._error("MATERIAL_INVALID", where, str(error))
+                self._textures[picture] = ""
+            else:
+                self._textures[picture] = self._file("textures", picture.stem, ".png", data)
+        return self._textures[picture]
+
+    def _file(self, folder: str, stem: str, suffix: str, data: bytes) -> str:
+        """Put a file among those of the recipe: its name in the folder."""
+        stem = _legal(stem)[: 64 - len(suffix)]
+        name, count = f"{stem}{suffix}", 1
+        while self._files.setdefault(f"{folder}/{name}", data) != data:
+            count += 1
+            name = f"{stem[: 58 - len(suffix)]}_{count}{suffix}"
+        return name
+
+    # Markers, lights, places
+
+    def _markers(self, models: Mapping[str, SdfModel]) -> list[dict[str, Any]]:
+        """As noted, then those whose models have been added since."""
+        left = dict(models)
+        found = []
+        for note in _json(self._sdf.attributes.get("markers"), list[dict[str, Any]]) or []:
+            if "model" not in note:
+                marker = _validated(doc.Marker, note)
+                if marker is not None:
+                    found.append(marker.model_dump(mode="json"))
+            elif str(note["model"]) in left:
+                # One that is gone from the file has been taken away.
+                model = left.pop(str(note["model"]))
+                found += self._marker(model, str(note.get("wall")))
+        for model in left.values():
+            found += self._marker(model, "")
+        return found
+
+    def _marker(self, model: SdfModel, preferred: str) -> list[dict[str, Any]]:
+        """The marker of a model, on the wall that it is on: there may be none."""
+        preferred = self._wall_of_link.get(preferred, preferred)
+        places = [
+            (wall["name"] != preferred, gap_m, index, place)
+            for index, wall in enumerate(self._walls)
+            for gap_m, place in _places(model.world_from_model, wall)
+        ]
+        if not places:
+            self._ignore(f"marker {model.attributes['marker']}, which is on no wall", model.name)
+            return []
+        *_, place = min(places, key=lambda one: one[:3])
+        values = {key: model.attributes[key] for key in _MARKER_KEYS if key in model.attributes}
+        marker = _validated(doc.Marker, {"id": model.attributes["marker"], **values, **place})
+        if marker is None:
+            self._ignore(f"marker {model.attributes['marker']!r:.40}, which is none", model.name)
+            return []
+        return [marker.model_dump(mode="json")]
+
+    def _lights(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        if self._sdf.background is not None:
+            found["sky"] = _colour(self._sdf.background)
+        suns, lamps = [], []
+        for light in self._sdf.lights:
+            if light.kind == "spot":
+                self._ignore(f"spot light {light.name}", light.name)
+            elif light.kind == "point":
+                lamps.append(light)
+            else:
+                suns.append(light)
+        if self._sdf.ambient is None and not self._sdf.lights:
+            return found
+        found["light"] = {"ambient": _strength(self._sdf.ambient or _SDF_AMBIENT), "diffuse": 0.0}
+        for light in suns[1:]:
+            self._ignore(f"directional light {light.name}, the second", light.name)
+        for light in suns[:1]:
+            direction = light.world_from_light[:3, :3] @ np.array(light.direction)
+            if np.abs(direction).max() < _SAME:
+                self._ignore(f"directional light {light.name} without a direction", light.name)
+                continue
+            found["light"]["direction"] = _numbers(direction)
+            found["light"]["diffuse"] = _strength(light.diffuse)
+        for light in lamps[MAX_LIGHTS:]:
+            self._ignore(f"point light {light.name}, the ninth or later", light.name)
+        taken: set[str] = set()
+        for light in lamps[:MAX_LIGHTS]:
+            name = self._free(_legal(light.name), taken)
+            taken.add(name)
+            found.setdefault("lights", []).append(
+                {
+                    "name": name,
+                    "position_m": _numbers(light.world_from_light[:3, 3]),
+                    "diffuse": _colour(light.diffuse),
+                    "range_m": light.range_m,
+                    "constant": light.constant,
+                    "linear": light.linear,
+                    "quadratic": light.quadratic,
+                }
+            )
+        return found
+
+    def _map_and_places(self) -> dict[str, Any]:
+        """What exports note of a world."""
+        notes = self._sdf.attributes
+        found: dict[str, Any] = {}
+        resolution_m = _json(notes.get("map_resolution_m"), float)
+        if resolution_m is not None:
+            found["map_resolution_m"] = resolution_m
+        ready = _json(notes.get("map"), str)
+        if ready is not None:
+            name = self._ready_map(ready)
+            if name:
+                found["map"] = name
+        start = _json(notes.get("start"), doc.Planar)
+        if start is not None:
+            found["start"] = start.model_dump()
+        locations = _json(notes.get("locations"), list[doc.Location])
+        if locations:
+            found["locations"] = {
+                place.name: place.model_dump(exclude={"name"}) for place in locations
+            }
+        return found
+
+    def _ready_map(self, path: str) -> str:
+        """Put a map beside the SDF file, and its picture, among the files: its name; or empty."""
+        folder = self._sdf.file.resolve().parent
+        file = (folder / path).resolve()
+        try:
+            if not file.is_relative_to(folder) or file.suffix != ".yaml":
+                raise OSError(0, "must be a YAML file beside the SDF file")
+            beside = [one for one in sorted(file.parent.iterdir()) if one.stem == file.stem]
+            for one in beside:
+                if one.is_symlink() or one.stat().st_size > MAX_PIXELS:
+                    raise OSError(0, f"{one.name} is too large, or a link")
+                self._files[f"maps/{one.name}"] = one.read_bytes()
+            return file.name
+        except OSError as error:
+            self._error("FILE_READ", str(file), f"map {path!r:.60}: {error.strerror}")
+            return ""
+
+    def _ignore(self, what: str, where: str) -> None:
+        self._ignored.append(Ignored(what=what, where=f"{self._sdf.file.name}: {where}"))
+
+    def _error(self, kind: str, where: str, message: str) -> None:
+        where = f"{self._sdf.file.name}: {where}"
+        self._errors.append(SdfError(kind=kind, where=where, message=message))
+
+    @staticmethod
+    def _free(wanted: str, taken: Iterable[str]) -> str:
+        """The wanted name, or one like it that is not taken."""
+        name, count, known = wanted, 1, set(taken)
+        while name in known:
+            count += 1
+            name = f"{wanted[:58]}_{count}"
+        return name
+
+
+_MARKER_KEYS = ("dictionary", "size_m", "quiet_zone_modules")
+
+
+def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
+    """Pose and geometry of a collision: of a plane's, which exports give an end, the plane's."""
+    geometry = shape.geometry
+    if shape.attributes.get("geometry") == "plane" and isinstance(geometry, doc.Box):
+        pose = shape.link_from_shape.copy()
+        pose[:3, 3] += SHEET_THICKNESS_M / 2.0 * pose[:3, 2]
+        return pose, doc.Plane(size_m=geometry.size_m[:2])
+    return shape.link_from_shape, geometry
+
+
+def _same(collision: SdfShape, pose: Array, geometry: GeometryRecipe, visual: SdfShape) -> bool:
+    """Whether a collision and a visual are one thing."""
+    names = collision.attributes.get("shape"), visual.attributes.get("shape")
+    return (
+        (None in names or names[0] == names[1])
+        and geometry.kind == visual.geometry.kind
+        and collision.mesh_file == visual.mesh_file
+        and bool(np.abs(pose - visual.link_from_shape).max() <= _SAME)
+        and _alike(geometry.model_dump(), visual.geometry.model_dump())
+    )
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Equal, numbers nearly."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return abs(one - other) <= _SAME
+    return bool(one == other)
+
+
+def _is_wall(part: _Part, world_from_part: Array) -> bool:
+    return (
+        part.solid
+        and part.visual is not None
+        and part.visual.attributes.get("material") != ""
+        and isinstance(part.geometry, doc.Box)
+        and world_from_part[2, 2] > 0.0
+        and math.hypot(world_from_part[2, 0], world_from_part[2, 1]) <= _ALIGNED
+        and abs(world_from_part[2, 3] - part.geometry.size_m[2] / 2.0) <= FLOOR_M
+    )
+
+
+def _places(
+    world_from_panel: Array, wall: Mapping[str, Any]
+) -> Iterator[tuple[float, dict[str, Any]]]:
+    """Where on a wall a panel is, with its distance from the face; nothing where it is not."""
+    right, normal, centre = (world_from_panel[:3, column] for column in (0, 2, 3))
+    if abs(right[2]) > _LEANS or abs(normal[2]) > _LEANS or world_from_panel[2, 1] < 0.0:
+        return
+    c, s = math.cos(wall["yaw_rad"]), math.sin(wall["yaw_rad"])
+    dx, dy = centre[0] - wall["x_m"], centre[1] - wall["y_m"]
+    along_m, out_m = c * dx + s * dy, c * dy - s * dx
+    side = "left" if c * normal[1] - s * normal[0] > 0.0 else "right"
+    sign = 1.0 if side == "left" else -1.0
+    gap_m = sign * out_m - wall["thickness_m"] / 2.0
+    if (
+        sign * (c * normal[1] - s * normal[0]) >= math.sqrt(1.0 - _LEANS**2)
+        and -FLOOR_M <= gap_m <= CONTACT_M
+        and abs(along_m) <= wall["length_m"] / 2.0
+        and 0.0 < centre[2] < wall["height_m"]
+    ):
+        offset_m, height_m = _number(along_m), _number(centre[2])
+        at = {"wall": wall["name"], "side": side, "offset_m": offset_m, "height_m": height_m}
+        yield gap_m, at
+
+
+def _look(material: SdfMaterial | None) -> dict[str, Any]:
+    """Colours as a recipe has them. One that is left out is the other's; none is light grey, or
+    white under a picture.
+    """
+    ambient = material.ambient if material else None
+    diffuse = material.diffuse if material else None
+    plain = _WHITE if material and material.albedo_map else _DEFAULT_DIFFUSE
+    return {
+        "ambient": _colour(ambient or diffuse or plain),
+        "diffuse": _colour(diffuse or ambient or plain),
+    }
+
+
+def _side_m(attributes: Mapping[str, str]) -> float:
+    """Gazebo stretches a picture over each face once."""
+    side_m = _json(attributes.get("texture_side_m"), float)
+    return side_m if side_m is not None and 0.0 <= side_m <= 1000.0 else 0.0
+
+
+def _png(picture: Path) -> bytes:
+    """A picture of any format as PNG that renderers take; a PNG's own bytes where they will do.
+
+    Raises ConfigError.
+    """
+    try:
+        if picture.stat().st_size > MAX_PIXELS:
+            raise ConfigError(f"{picture}: must have at most {MAX_PIXELS} bytes")
+        data = picture.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{picture}: cannot be read: {error.strerror}") from error
+    if not png.problem(data):
+        return data
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data)) as image:
+                if image.width * image.height > MAX_PIXELS:
+                    raise ConfigError(f"{picture}: must have at most {MAX_PIXELS} pixels")
+                picture_rgb = image.convert("RGBA" if image.has_transparency_data else "RGB")
+    except ConfigError:
+        raise
+    except Exception as error:
+        # Pillow's readers raise whatever they trip over.
+        words = " ".join(str(error).split())
+        raise ConfigError(f"{picture}: is not a picture: {words:.80}") from error
+    picture_rgb.thumbnail((png.MAX_SIDE_PX, png.MAX_SIDE_PX), Image.Resampling.LANCZOS)
+    written = io.BytesIO()
+    picture_rgb.save(written, "PNG")
+    return written.getvalue()
+
+
+def _product(a_from_b: Array, b_from_c: Array) -> Array:
+    """The product, without rounding where one of the two does nothing."""
+    if np.array_equal(a_from_b, np.eye(4)):
+        return b_from_c
+    return a_from_b if np.array_equal(b_from_c, np.eye(4)) else a_from_b @ b_from_c
+
+
+def _placed(a_from_b: Array) -> dict[str, Any]:
+    """Position and orientation, each where it is not that of a."""
+    placed: dict[str, Any] = {}
+    if np.any(a_from_b[:3, 3]):
+        placed["position_m"] = _numbers(a_from_b[:3, 3])
+    quaternion = _numbers(quaternion_from_rotation(a_from_b[:3, :3]))
+    if quaternion != [0.0, 0.0, 0.0, 1.0]:
+        placed["orientation_xyzw"] = quaternion
+    return placed
+
+
+def _number(value: float) -> float:
+    """Without what sines and products have added behind the last digits."""
+    short = round(float(value), 12) + 0.0
+    return short if abs(short - value) <= _NOISE * max(1.0, abs(value)) else float(value)
+
+
+def _numbers(values: Iterable[float]) -> list[float]:
+    return [_number(value) for value in values]
+
+
+def _colour(rgba: Sequence[float]) -> list[float]:
+    return [min(max(float(value), 0.0), 1.0) for value in rgba]
+
+
+def _strength(rgba: Sequence[float]) -> float:
+    """Of a light of some colour, as one number."""
+    return _number(sum(_colour(rgba)[:3]) / 3.0)
+
+
+def _commonest(values: Sequence[float], default: float) -> float:
+    return Counter(values).most_common(1)[0][0] if values else default
+
+
+def _legal(name: str) -> str:
+    """As a recipe's names are."""
+    letters = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in name)
+    return letters.lstrip("_.-")[:64] or "unnamed"
+
+
+def _json(text: str | None, kind: type[_T]) -> _T | None:
+    """What exports note as JSON; None where it is something else, by a hand's doing."""
+    if text is None:
+        return None
+    try:
+        return TypeAdapter(kind).validate_json(text)
+    except (ValidationError, RecursionError):
+        return None
+
+
+def _validated(kind: type[_T], values: Mapping[str, Any]) -> _T | None:
+    try:
+        return TypeAdapter(kind).validate_python(values)
+    except ValidationError:
+        return None
