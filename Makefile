@@ -63,6 +63,7 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
 	@.venv/bin/python -m services.cli.topics_page | diff - docs/topics.md || { echo "docs/topics.md is stale: make generate"; exit 1; }
+	@.venv/bin/python -m services.cli.recipes_page | diff - docs/recipes.md || { echo "docs/recipes.md is stale: make generate"; exit 1; }
 	@echo "check: all well"
 
 fix: $(STAMP) ## format, and mend what the linter can
@@ -71,6 +72,7 @@ fix: $(STAMP) ## format, and mend what the linter can
 
 generate: $(STAMP) ## write generated files anew
 	@.venv/bin/python -m services.cli.topics_page > docs/topics.md
+	@.venv/bin/python -m services.cli.recipes_page > docs/recipes.md
 
 lock: $(STAMP) ## resolve the dependencies anew
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock

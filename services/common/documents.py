@@ -114,15 +114,17 @@ class Marker(Document):
     centre.
     """
 
-    id: Annotated[int, Field(ge=0, le=100_000)]
-    dictionary: str = "DICT_4X4_100"
+    id: Annotated[int, Field(ge=0, le=100_000)] = Field(description="unique in the world")
+    dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
     size_m: Positive = Field(0.3, description="side of the black square")
-    quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = 1
-    wall: str
+    quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = Field(
+        1, description="width of the white around it, in modules of the marker"
+    )
+    wall: str = Field(description="name of a wall")
     side: Literal["left", "right"] = Field(
         description="the face towards the wall's +y axis (left) or -y axis (right)"
     )
-    offset_m: Finite = 0.0
+    offset_m: Finite = Field(0.0, description="along the wall's x axis, from its centre")
     height_m: Finite = Field(description="of the marker's centre above the floor")
 
 

@@ -28,7 +28,12 @@ from services.worldgen.occupancy import FREE, UNKNOWN
 
 MAX_SIDE_PX = 1800
 """Of the plan alone; its margins come to it."""
+LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX = 72, 90, 24, 92
+"""The plan's margins."""
 ROBOT_RADIUS_M = 0.22
+
+_MAP_FROM_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""glTF has y up, and z towards who looks (glTF 2.0 specification, section 3.4)."""
 
 # Their types say nothing.
 _PBR: Any = trimesh.visual.material.PBRMaterial
@@ -55,15 +60,19 @@ _TINTS: tuple[Rgb, ...] = (
 
 
 @dataclass(frozen=True)
-class _View:
-    """Where the plan's metres lie on its pixels."""
+class View:
+    """Where a plan's metres lie on its pixels."""
 
     low_m: Array
+    """(2,): the plan's lower left corner."""
     high_m: Array
+    """(2,): its upper right corner."""
     px_m: float
+    """Pixels a metre."""
 
     @property
     def size_px(self) -> tuple[int, int]:
+        """Width and height, without the margins."""
         width, height = (self.high_m - self.low_m) * self.px_m
         return math.ceil(width), math.ceil(height)
 
@@ -74,7 +83,13 @@ class _View:
         return [(float(a), float(b)) for a, b in zip(x, y, strict=True)]
 
     def one(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Pixel of one point."""
         return self.at(np.array([[x_m, y_m]]))[0]
+
+
+def view_of(loaded: LoadedWorld) -> View:
+    """Where things are in a plan: `LEFT_PX` and `TOP_PX` come to its pixels."""
+    return _view(loaded.world, _outlines(loaded.world, _meshes(loaded)))
 
 
 def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
@@ -91,7 +106,7 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     view = _view(world, outlines)
     colours = material_colours(world, loaded.assets)
     scale = _OVERSAMPLING
-    fine = _View(view.low_m, view.high_m, view.px_m * scale)
+    fine = View(view.low_m, view.high_m, view.px_m * scale)
     picture = _floor(loaded, fine, colours)
     if seen is not None and len(seen):
         picture = _tinted(picture, loaded, fine, seen)
@@ -187,7 +202,7 @@ def _meshes(loaded: LoadedWorld) -> dict[str, TriangleMesh]:
     return {sha256: mesh_from_bytes(loaded.assets[sha256]) for sha256 in wanted}
 
 
-def _view(world: World, outlines: Sequence[_Outline]) -> _View:
+def _view(world: World, outlines: Sequence[_Outline]) -> View:
     points = [np.array([[world.start.x_m, world.start.y_m]])]
     points += [np.array(wall_corners(wall)) for wall in world.walls]
     # Wide planes lie under the world rather than in it.
@@ -196,10 +211,10 @@ def _view(world: World, outlines: Sequence[_Outline]) -> _View:
     every = np.concatenate(points)
     low, high = every.min(0) - _MARGIN_M, every.max(0) + _MARGIN_M
     longest = float((high - low).max())
-    return _View(low, high, min(MAX_SIDE_PX / longest, max(_MAX_PX_M, _MIN_SIDE_PX / longest)))
+    return View(low, high, min(MAX_SIDE_PX / longest, max(_MAX_PX_M, _MIN_SIDE_PX / longest)))
 
 
-def _floor(loaded: LoadedWorld, view: _View, colours: Mapping[str, Rgb]) -> Picture:
+def _floor(loaded: LoadedWorld, view: View, colours: Mapping[str, Rgb]) -> Picture:
     """Free floor in the rooms' colours, what is unknown grey."""
     world = loaded.world
     width, height = view.size_px
@@ -224,7 +239,7 @@ def _light(colour: Rgb) -> Rgb:
     return r, g, b
 
 
-def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: _View) -> NDArray[np.uint8]:
+def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: View) -> NDArray[np.uint8]:
     """A map's cells as the plan's pixels, 0 beyond the map."""
     resolution = loaded.world.map_resolution_m
     origin = loaded.map_origin
@@ -248,7 +263,7 @@ def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: _View) -> NDArr
     return np.asarray(cv2.warpAffine(cells, matrix, (width, height), flags=flags), np.uint8)
 
 
-def _tinted(picture: Picture, loaded: LoadedWorld, view: _View, seen: NDArray[np.bool_]) -> Picture:
+def _tinted(picture: Picture, loaded: LoadedWorld, view: View, seen: NDArray[np.bool_]) -> Picture:
     """Each marker's area in its colour; where several overlap, in the mean of theirs."""
     tints = np.array([_TINTS[index % len(_TINTS)] for index in range(len(seen))], np.float32)
     count = seen.sum(0, dtype=np.float32)
@@ -262,7 +277,7 @@ def _tinted(picture: Picture, loaded: LoadedWorld, view: _View, seen: NDArray[np
     return np.asarray(np.rint(picture * (1.0 - share) + colours * share), np.uint8)
 
 
-def _grid(draw: ImageDraw.ImageDraw, view: _View) -> None:
+def _grid(draw: ImageDraw.ImageDraw, view: View) -> None:
     width, height = view.size_px
     step = _step_m(view.px_m / _OVERSAMPLING)
     for x in _ticks(view.low_m[0], view.high_m[0], step):
@@ -303,7 +318,7 @@ def _dashed(
             )
 
 
-def _wall(draw: ImageDraw.ImageDraw, view: _View, wall: Wall, colours: Mapping[str, Rgb]) -> None:
+def _wall(draw: ImageDraw.ImageDraw, view: View, wall: Wall, colours: Mapping[str, Rgb]) -> None:
     """A dark core between its two faces, each in its materials' colours."""
     length, thickness = wall.length_m / 2.0, wall.thickness_m / 2.0
     whole = _strip(wall, -length, length, -thickness, thickness)
@@ -336,7 +351,7 @@ def _dark(colour: Rgb) -> Rgb:
 
 
 def _body(
-    draw: ImageDraw.ImageDraw, view: _View, outline: _Outline, colours: Mapping[str, Rgb]
+    draw: ImageDraw.ImageDraw, view: View, outline: _Outline, colours: Mapping[str, Rgb]
 ) -> None:
     """Filled where it stands in the robot's way, and an outline: a thick one where it moves."""
     fill = colours.get(outline.material, _CORE)
@@ -350,7 +365,7 @@ def _body(
     draw.line(view.at(corners), fill=_INK, width=width, joint="curve")
 
 
-def _marker(draw: ImageDraw.ImageDraw, view: _View, entity: Entity, colour: Rgb) -> None:
+def _marker(draw: ImageDraw.ImageDraw, view: View, entity: Entity, colour: Rgb) -> None:
     """A bar along the face, and a tick into the room it looks into."""
     x, y, right, normal = _panel(entity)
     half = max(entity.panel_side_m / 2.0, 4.0 * _OVERSAMPLING / view.px_m)
@@ -371,20 +386,21 @@ def _panel(entity: Entity) -> tuple[float, float, Array, Array]:
     return entity.position_m[0], entity.position_m[1], rotation[:2, 0], rotation[:2, 2]
 
 
-def _robot(draw: ImageDraw.ImageDraw, view: _View, start: Planar) -> None:
+def _robot(draw: ImageDraw.ImageDraw, view: View, start: Planar) -> None:
     """To scale, its heading a line from its middle to beyond its edge."""
     x, y = view.one(start.x_m, start.y_m)
     radius = ROBOT_RADIUS_M * view.px_m
+    reach = max(1.6 * radius, 24.0 * _OVERSAMPLING)
     box = [x - radius, y - radius, x + radius, y + radius]
     width = max(2 * _OVERSAMPLING, round(0.02 * view.px_m))
     draw.ellipse(box, fill=(205, 240, 215), outline=_START, width=width)
-    _arrow(draw, (x, y), start.yaw_rad, 1.6 * radius, _START)
+    _arrow(draw, (x, y), start.yaw_rad, reach, _START)
 
 
-def _place(draw: ImageDraw.ImageDraw, view: _View, place: Planar) -> None:
+def _place(draw: ImageDraw.ImageDraw, view: View, place: Planar) -> None:
     x, y = view.one(place.x_m, place.y_m)
-    radius = max(0.07 * view.px_m, 4.0 * _OVERSAMPLING)
-    _arrow(draw, (x, y), place.yaw_rad, max(0.32 * view.px_m, 14.0 * _OVERSAMPLING), _PLACE)
+    radius = max(0.07 * view.px_m, 6.0 * _OVERSAMPLING)
+    _arrow(draw, (x, y), place.yaw_rad, max(0.32 * view.px_m, 24.0 * _OVERSAMPLING), _PLACE)
     draw.ellipse([x - radius, y - radius, x + radius, y + radius], fill=_PLACE)
 
 
@@ -405,10 +421,10 @@ def _font(size_px: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size_px)
 
 
-def _labels(plan: Image.Image, view: _View, world: World, entities: Sequence[Entity]) -> None:
+def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Entity]) -> None:
     """Names over the plan, each where it hides as little as it can."""
     draw = ImageDraw.Draw(plan)
-    size = min(max(0.13 * view.px_m, 12.0), 20.0)
+    size = min(max(0.13 * view.px_m, max(view.size_px) / 100.0), 20.0)
     small = _font(size)
     # What names must not lie on: each other, locations and robot.
     taken: list[tuple[float, float, float, float]] = []
@@ -519,11 +535,11 @@ def _count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _framed(plan: Image.Image, view: _View, figures: str, world: World) -> Image.Image:
+def _framed(plan: Image.Image, view: View, figures: str, world: World) -> Image.Image:
     """Title above, axes beside, a scale bar under the plan."""
-    left, top, right, bottom = 62, 76, 24, 84
+    left, top, right, bottom = LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX
     width, height = plan.size
-    name_font, text_font, tick_font = _font(30), _font(17), _font(15)
+    name_font, text_font, tick_font = _font(38), _font(20), _font(17)
     probe = ImageDraw.Draw(plan)
     title = max(
         probe.textlength(world.name, font=name_font), probe.textlength(figures, font=text_font)
@@ -532,8 +548,8 @@ def _framed(plan: Image.Image, view: _View, figures: str, world: World) -> Image
     canvas = Image.new("RGB", (total, top + height + bottom), _PAPER)
     canvas.paste(plan, (left, top))
     draw = ImageDraw.Draw(canvas)
-    draw.text((left, 14), world.name, fill=_INK, font=name_font)
-    draw.text((left, 50), figures, fill=(90, 94, 100), font=text_font)
+    draw.text((left, 10), world.name, fill=_INK, font=name_font)
+    draw.text((left, 58), figures, fill=(90, 94, 100), font=text_font)
     draw.rectangle([left - 1, top - 1, left + width, top + height], outline=_INK, width=1)
     step = _step_m(view.px_m)
     digits = max(0, -math.floor(math.log10(step)))
@@ -590,10 +606,6 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     for entity in entities.entities:
         picture = Image.open(io.BytesIO(pictures[entity.texture_sha256]))
         _add(scene, entity.name, _panel_mesh(entity), _material(entity.name, (1, 1, 1, 1), picture))
-    # glTF has y up (glTF 2.0 specification, section 3.4).
-    scene.apply_transform(
-        np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
-    )
     return bytes(scene.export(file_type="glb"))
 
 
@@ -657,9 +669,9 @@ def _add(
     uvs = np.stack([mesh.uvs[:, 0], 1.0 - mesh.uvs[:, 1]], axis=1)
     scene.add_geometry(
         trimesh.Trimesh(
-            vertices=mesh.vertices_m,
+            vertices=mesh.vertices_m @ _MAP_FROM_GLTF,
             faces=mesh.triangles,
-            vertex_normals=mesh.normals,
+            vertex_normals=mesh.normals @ _MAP_FROM_GLTF,
             visual=_TextureVisuals(uv=uvs, material=material),
             process=False,
             validate=False,

@@ -282,9 +282,11 @@ class Recipe(Part):
         (), max_length=5000, description="upright boxes on the floor"
     )
     maze: MazeRecipe | None = Field(None, description="more walls, generated")
-    boxes: tuple[BoxRecipe, ...] = Field((), max_length=5000)
-    cylinders: tuple[CylinderRecipe, ...] = Field((), max_length=5000)
-    meshes: tuple[MeshRecipe, ...] = Field((), max_length=1000)
+    boxes: tuple[BoxRecipe, ...] = Field((), max_length=5000, description="solid and seen")
+    cylinders: tuple[CylinderRecipe, ...] = Field((), max_length=5000, description="solid and seen")
+    meshes: tuple[MeshRecipe, ...] = Field(
+        (), max_length=1000, description="of files, solid and seen"
+    )
     bodies: tuple[BodyRecipe, ...] = Field((), max_length=5000, description="of any shapes")
     materials: dict[Name, MaterialRecipe] = Field(description="by name")
     wall_materials: tuple[Name, ...] = Field(

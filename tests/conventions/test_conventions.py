@@ -2,10 +2,12 @@
 
 import ast
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from services.cli.recipes_page import recipes_page
 from services.cli.topics_page import topics_page
 from services.common import topics
 from services.common.config import ROOT
@@ -121,9 +123,12 @@ def test_tests_do_not_sleep() -> None:
                     assert short, f"{path}: wait for a condition instead"
 
 
-def test_the_page_of_topics_is_current() -> None:
-    page = (ROOT / "docs" / "topics.md").read_text()
-    assert page == topics_page(), "docs/topics.md is stale: run `make generate`"
+@pytest.mark.parametrize(
+    ("name", "page"), [("topics.md", topics_page), ("recipes.md", recipes_page)]
+)
+def test_a_generated_page_is_current(name: str, page: Callable[[], str]) -> None:
+    text = (ROOT / "docs" / name).read_text()
+    assert text == page(), f"docs/{name} is stale: run `make generate`"
 
 
 def test_locks_hold_no_address() -> None:

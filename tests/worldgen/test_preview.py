@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from services.common.documents import Body, Box, Covering, Room, Shape
+from services.common.furnish import furnish
+from services.worldgen.loader import LoadedWorld, load_world
+from services.worldgen.preview import (
+    LEFT_PX,
+    TOP_PX,
+    draw_plan,
+    material_colours,
+    plan_png,
+    view_of,
+    world_glb,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def enhanced() -> LoadedWorld:
+    return load_world("sim_house_enhanced")
+
+
+@pytest.fixture(scope="module")
+def furnished(enhanced: LoadedWorld) -> LoadedWorld:
+    """The house with a covering, a red floor in a room, and a box that can be pushed."""
+    walls = list(enhanced.world.walls)
+    assert walls[0].name == "Wall_0"
+    cover = Covering(side="left", from_m=-0.5, to_m=0.5, material="wood")
+    walls[0] = walls[0].model_copy(update={"coverings": (cover,)})
+    concrete = next(m for m in enhanced.world.materials if m.name == "concrete")
+    red = concrete.model_copy(
+        update={"name": "red", "texture_sha256": "", "diffuse": (1.0, 0.0, 0.0, 1.0)}
+    )
+    shape = Shape(name="s", geometry=Box(size_m=(0.4, 0.4, 0.4)), material="red")
+    square = ((2.0, 2.0), (5.0, 2.0), (5.0, 3.0), (2.0, 3.0))
+    world = enhanced.world.model_copy(
+        update={
+            "walls": tuple(walls),
+            "materials": (*enhanced.world.materials, red),
+            "bodies": (Body(name="b", position_m=(4.0, 0.0, 0.2), mass_kg=1.0, shapes=(shape,)),),
+            "rooms": (Room(name="den", polygon_m=square, floor_material="red"),),
+        }
+    )
+    return replace(enhanced, world=world)
+
+
+class Plan:
+    """A picture to ask for its colours at places of the map."""
+
+    def __init__(self, loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> None:
+        self.picture, self._view = draw_plan(loaded, seen), view_of(loaded)
+
+    def at(self, x_m: float, y_m: float) -> list[int]:
+        column, row = self._view.one(x_m, y_m)
+        return [int(v) for v in self.picture[TOP_PX + int(row), LEFT_PX + int(column)]]
+
+
+@pytest.fixture(scope="module")
+def plain(enhanced: LoadedWorld) -> Plan:
+    return Plan(enhanced)
+
+
+@pytest.fixture(scope="module")
+def full(furnished: LoadedWorld) -> Plan:
+    return Plan(furnished)
+
+
+def test_the_same_world_gives_the_same_bytes(enhanced: LoadedWorld) -> None:
+    assert world_glb(enhanced) == world_glb(enhanced)
+
+
+def test_a_plan_is_a_png_of_at_most_2000_pixels_a_side(enhanced: LoadedWorld, plain: Plan) -> None:
+    picture = cv2.imdecode(np.frombuffer(plan_png(enhanced), np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert np.array_equal(picture[..., ::-1], plain.picture), "drawn anew, it is the same"
+    assert 500 < max(picture.shape) <= 2000
+
+
+def test_faces_have_the_mean_colours_of_their_materials(furnished: LoadedWorld, full: Plan) -> None:
+    colours = material_colours(furnished.world, furnished.assets)
+    assert colours["bricks"] == pytest.approx((143, 96, 94), abs=1)
+    assert colours["red"] == (255, 0, 0)
+    # Wall_0 runs along x at y = -2.034; its left face looks up.
+    assert full.at(-2.0, -2.034 + 0.05) == list(colours["bricks"])
+    assert full.at(-1.214, -2.034 + 0.05) == list(colours["wood"])
+    assert full.at(-1.214, -2.034 - 0.05) == list(colours["bricks"])
+
+
+def test_floor_rooms_bodies_and_the_unknown_differ(full: Plan) -> None:
+    red, green, _ = full.at(3.7, 2.4)
+    assert red > green + 60, "the room's floor is reddish"
+    assert full.at(4.1, 0.1) == [255, 0, 0], "the box is as red as its material"
+    outside, inside = full.at(-2.3, 4.2), full.at(-1.3, 1.7)
+    assert outside == full.at(1.12, 2.2), "what is walled off is as the outside"
+    assert np.abs(np.subtract(outside, inside)).max() > 10
+
+
+def test_areas_are_tinted_in_their_markers_colours(enhanced: LoadedWorld, plain: Plan) -> None:
+    seen: NDArray[np.bool_] = np.zeros((2, *enhanced.map_cells.shape), np.bool_)
+    # Row 0 of the map is at its smallest y: tint what lies above 3 m, and right of 3 m.
+    origin, resolution = enhanced.map_origin, enhanced.world.map_resolution_m
+    seen[0, int((3.0 - origin.y_m) / resolution) :] = True
+    seen[1, :, int((3.0 - origin.x_m) / resolution) :] = True
+    tinted = Plan(enhanced, seen)
+    above, right, both = (0.3, 3.7), (3.7, 0.3), (3.7, 3.2)
+    assert tinted.at(-1.3, 1.7) == plain.at(-1.3, 1.7)
+    colours = {tuple(plan.at(*place)) for plan in (plain, tinted) for place in (above, right)}
+    assert len(colours) == 3, "one plain, two tinted"
+    assert tuple(tinted.at(*both)) not in colours
+
+
+def scene_of(loaded: LoadedWorld) -> trimesh.Scene:
+    scene = trimesh.load_scene(io.BytesIO(world_glb(loaded)), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    return scene
+
+
+def test_the_model_has_y_up_and_every_material(furnished: LoadedWorld) -> None:
+    scene = scene_of(furnished)
+    assert {"wall_bricks", "wall_wood", "wall_concrete", "floor_red", "body_red"} <= set(
+        scene.geometry
+    )
+    walls: Any = scene.geometry["wall_bricks"]
+    assert walls.bounds[:, 1] == pytest.approx([0.0, 3.0], abs=1e-5)
+    assert walls.visual.material.baseColorTexture.size == (1024, 1024)
+    box: Any = scene.geometry["body_red"]
+    # x stays, the map's y is -z, its z is y.
+    assert box.bounds == pytest.approx(np.array([[3.8, 0.0, -0.2], [4.2, 0.4, 0.2]]), abs=1e-5)
+
+
+def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld) -> None:
+    scene = scene_of(enhanced)
+    for entity in furnish(enhanced.world)[0].entities:
+        panel: Any = scene.geometry[entity.name]
+        x, y, z = entity.position_m
+        assert panel.bounds.mean(0) == pytest.approx([x, z, -y], abs=1e-5)
+        # trimesh's v runs upwards: the picture's top is at the panel's top.
+        tops = panel.vertices[panel.visual.uv[:, 1] > 0.5]
+        assert tops[:, 1] == pytest.approx(z + entity.panel_side_m / 2.0, abs=1e-5)
+        # Both panels look along +x, glTF's +x as well: right is the map's +y, glTF's -z.
+        rights = panel.vertices[panel.visual.uv[:, 0] > 0.5]
+        assert rights[:, 2] == pytest.approx(-y - entity.panel_side_m / 2.0, abs=1e-5)
+        assert panel.face_normals @ [1.0, 0.0, 0.0] == pytest.approx([1.0, 1.0], abs=1e-5)
+
+
+def test_a_large_maze_has_a_legible_plan_of_bounded_size() -> None:
+    maze = load_world("maze", overrides=("maze.rows=30", "maze.columns=30"))
+    picture = draw_plan(maze)
+    assert max(picture.shape) <= 2000
+    assert view_of(maze).px_m > 50.0
+    # Walls are drawn dark: along the outer wall every pixel is.
+    wall = maze.world.walls[0]
+    column, row = view_of(maze).one(wall.x_m, wall.y_m)
+    assert picture[TOP_PX + int(row), LEFT_PX + int(column)].max() < 140
