@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from services.common import marker_picture
 from services.common.documents import Entities, Entity, Marker, Refusal, World
 from services.common.frames import quaternion_from_rotation
+from services.common.geometry import TriangleMesh
 from services.common.placement import Panel, Placement, hang
 
 MAX_MARKERS = 128
@@ -26,14 +28,18 @@ class PanelStyle:
 
 
 def furnish(
-    world: World, style: PanelStyle = PanelStyle(), max_markers: int = MAX_MARKERS
+    world: World,
+    style: PanelStyle = PanelStyle(),
+    max_markers: int = MAX_MARKERS,
+    meshes: Mapping[str, TriangleMesh] | None = None,
 ) -> tuple[Entities, dict[str, bytes]]:
     """The entities that a world's markers make, and their textures as PNG by sha256.
 
     A marker that cannot hang is refused, and the others hang all the same; of two with one id, or
-    in one place, the first hangs.
+    in one place, the first hangs. `meshes` are by sha256; those that are not there are in no
+    marker's way.
     """
-    placement = Placement(world.walls, world.start, style.clear_view_m)
+    placement = Placement(world, style.clear_view_m, meshes)
     walls = {wall.name: wall for wall in world.walls}
     entities: list[Entity] = []
     refused: list[Refusal] = []

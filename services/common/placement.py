@@ -1,25 +1,31 @@
 """Where a marker hangs, and why it may not hang there.
 
-A panel is judged by its pose alone against the walls, so that a marker placed by hand is judged by
-the same rules as one of a recipe.
+A panel is judged by its pose alone against the whole world, so that a marker placed by hand is
+judged by the same rules as one of a recipe. Bodies count where they are at the start.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from services.common.documents import Marker, Planar, Wall
-from services.common.frames import SE2, Array, transform_matrix
+from services.common.documents import Entity, Marker, Wall, World
+from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
+from services.common.geometry import TriangleMesh
+from services.common.obstruction import obstructions, wall_polygons
 
 CONTACT_M = 0.01
 """A panel farther than this from its wall's face floats."""
 MAX_DISTANCE_M = 10_000.0
+FOOT_M, TOP_M = 0.02, 0.22
+"""Heights above the floor between which the robot meets bodies."""
+
 _TOUCH_M = 1e-6
 _ALIGNED = 1e-3
 """Sine of the angle by which a panel may lean or turn away from its wall."""
@@ -64,19 +70,58 @@ def hang(name: str, marker: Marker, wall: Wall, side_m: float, gap_m: float) -> 
     )
 
 
+def panel_of(entity: Entity) -> Panel:
+    """The panel of a marker that hangs."""
+    rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+    return Panel(entity.name, transform_matrix(rotation, entity.position_m), entity.panel_side_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """What the bodies take between two heights."""
+
+    names: tuple[str, ...]
+    seen: NDArray[np.bool_]
+    polygons: NDArray[np.object_]
+    tree: shapely.STRtree
+
+
 class Placement:
-    """The walls and the start of one world, against which panels are judged."""
+    """One world, against which panels are judged.
 
-    def __init__(self, walls: Sequence[Wall], start: Planar, clear_view_m: float) -> None:
-        self._walls = tuple(walls)
-        self._start = start
+    `meshes` are by sha256; a shape whose mesh is not there is not met.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clear_view_m: float,
+        meshes: Mapping[str, TriangleMesh] | None = None,
+    ) -> None:
+        self._walls = world.walls
+        self._start = shapely.Point(world.start.x_m, world.start.y_m)
+        self._ceiling_m = world.ceiling.height_m if world.ceiling else math.inf
         self._clear_view_m = clear_view_m
+        self._footprints = wall_polygons(world.walls)
+        self._tree = shapely.STRtree(self._footprints)
+        self._numbers: dict[str, list[int]] = {}
+        for number, wall in enumerate(world.walls):
+            self._numbers.setdefault(wall.name, []).append(number)
+        self._obstructions = obstructions(world, meshes)
+        self._bands: dict[tuple[float, float], _Band] = {}
 
-    def problem(self, panel: Panel, hanging: Sequence[Panel], wall: str | None = None) -> str:
+    def problem(
+        self,
+        panel: Panel,
+        hanging: Sequence[Panel],
+        wall: str | None = None,
+        seen: NDArray[np.bool_] | None = None,
+    ) -> str:
         """Why a panel may not hang where it is; empty where it may.
 
         `hanging` are the panels that hang already. `wall` names the wall it should be on; without
-        one, the wall that it touches is found.
+        one, the wall that it touches is found. `seen` says for places on the floor whether the
+        robot can go there and read the panel; without it nobody asks.
         """
         if not max(np.abs(panel.map_from_panel).max(), panel.side_m) < MAX_DISTANCE_M:
             return f"must lie within {MAX_DISTANCE_M:g} m"
@@ -87,18 +132,24 @@ class Placement:
             return self._floating(panel, wall)
         return (
             _beyond(panel, host)
+            or self._through_ceiling(panel)
             or self._buried(panel)
             or _overlapping(panel, hanging)
             or self._hidden(panel)
             or self._out_of_reach(panel)
+            or _unseen(seen)
         )
 
     def _host(self, panel: Panel, name: str | None) -> Wall | None:
         """The wall on whose face the panel is, wherever along it; the nearest of several."""
+        if name is None:
+            centre = shapely.Point(panel.centre_m[:2])
+            reach_m = panel.side_m / 2.0 + 2.0 * CONTACT_M
+            numbers = sorted(self._tree.query(centre, "dwithin", reach_m).tolist())
+        else:
+            numbers = self._numbers.get(name, [])
         hosts = []
-        for wall in self._walls:
-            if name is not None and wall.name != name:
-                continue
+        for wall in (self._walls[number] for number in numbers):
             along, out, facing = _in_wall(panel, wall)
             gap = abs(out) - wall.thickness_m / 2.0
             away = facing * math.copysign(1.0, out) >= math.sqrt(1.0 - _ALIGNED**2)
@@ -114,41 +165,46 @@ class Placement:
         if not self._walls:
             return "floats: there is no wall"
         centre = shapely.Point(panel.centre_m[:2])
-        walls = [wall for wall in self._walls if name is None or wall.name == name]
-        wall = min(walls, key=lambda wall: float(centre.distance(_footprint(wall))), default=None)
-        if wall is None:
+        if name is None:
+            numbers = self._tree.query_nearest(centre).tolist()
+        else:
+            numbers = self._numbers.get(name, [])
+        if not numbers:
             return f"wall: {name!r:.60}: there is none of this name"
-        distance_m = float(centre.distance(_footprint(wall)))
+        distances_m = shapely.distance(centre, self._footprints[sorted(numbers)])
+        nearest, distance_m = int(np.argmin(distances_m)), float(distances_m.min())
+        wall = self._walls[sorted(numbers)[nearest]]
         if distance_m <= CONTACT_M:
             return f"does not lie flat on a face of {wall.name}"
         return f"floats {distance_m:.3f} m off {wall.name}"
+
+    def _through_ceiling(self, panel: Panel) -> str:
+        past_m = float(panel.centre_m[2]) + panel.side_m / 2.0 - self._ceiling_m
+        return f"reaches {past_m:.3f} m through the ceiling" if past_m > _TOUCH_M else ""
 
     def _buried(self, panel: Panel) -> str:
         half = panel.side_m / 2.0 * panel.right[:2]
         centre = panel.centre_m[:2]
         edge = shapely.LineString([centre - half, centre + half])
-        for wall in self._walls:
-            if _same_height(panel, wall):
-                inside_m = float(edge.intersection(_footprint(wall)).length)
-                if inside_m > _TOUCH_M:
-                    return f"is buried in {wall.name} over {inside_m:.3f} m"
+        for name, footprint in self._at_height_of(panel, edge, seen_only=False):
+            inside_m = float(edge.intersection(footprint).length)
+            if inside_m > _TOUCH_M:
+                return f"is buried in {name} over {inside_m:.3f} m"
         return ""
 
     def _hidden(self, panel: Panel) -> str:
         view = self._view(panel)
-        for wall in self._walls:
-            if _same_height(panel, wall):
-                part = view.intersection(_footprint(wall))
-                if part.area > _TOUCH_M:
-                    points = shapely.get_coordinates(part) - panel.centre_m[:2]
-                    ahead_m = max(float((points @ panel.normal[:2]).min()), 0.0)
-                    return f"is hidden by {wall.name}, {ahead_m:.3f} m in front of it"
+        for name, footprint in self._at_height_of(panel, view, seen_only=True):
+            part = view.intersection(footprint)
+            if part.area > _TOUCH_M:
+                points = shapely.get_coordinates(part) - panel.centre_m[:2]
+                ahead_m = max(float((points @ panel.normal[:2]).min()), 0.0)
+                return f"is hidden by {name}, {ahead_m:.3f} m in front of it"
         return ""
 
     def _out_of_reach(self, panel: Panel) -> str:
         """A robot that cannot come before the face will never see it."""
-        ahead = panel.centre_m[:2] + self._clear_view_m * panel.normal[:2]
-        if self._floor.intersects(shapely.Point(ahead)):
+        if self._floor.intersects(self._view(panel)):
             return ""
         return "faces a floor that cannot be reached from the start"
 
@@ -158,16 +214,58 @@ class Placement:
         near, ahead = panel.centre_m[:2], self._clear_view_m * panel.normal[:2]
         return shapely.Polygon([near - half, near + half, near + half + ahead, near - half + ahead])
 
+    def _at_height_of(
+        self, panel: Panel, area: shapely.Geometry, seen_only: bool
+    ) -> Iterable[tuple[str, shapely.Polygon]]:
+        """Names and footprints of what meets an area and has a part as high as the panel."""
+        low_m = float(panel.centre_m[2]) - panel.side_m / 2.0
+        high_m = low_m + panel.side_m
+        if high_m > 0.0:
+            for number in sorted(self._tree.query(area, "intersects").tolist()):
+                if low_m < self._walls[number].height_m:
+                    yield self._walls[number].name, self._footprints[number]
+        band = self._band(low_m, high_m)
+        for number in sorted(band.tree.query(area, "intersects").tolist()):
+            if band.seen[number] or not seen_only:
+                yield band.names[number], band.polygons[number]
+
+    def _band(self, low_m: float, high_m: float) -> _Band:
+        key = (round(low_m, 6), round(high_m, 6))
+        if key not in self._bands:
+            found = [(one, one.between(*key).polygons) for one in self._obstructions]
+            polygons = np.array(
+                [polygon for _, some in found for polygon in some] or [None], np.object_
+            )
+            self._bands[key] = _Band(
+                tuple(one.name for one, some in found for _ in some),
+                np.array([one.seen for one, some in found for _ in some], np.bool_),
+                polygons,
+                shapely.STRtree(polygons),
+            )
+        return self._bands[key]
+
     @functools.cached_property
     def _floor(self) -> shapely.Polygon:
         """The floor that is connected to the start; empty where the start lies in a wall."""
-        walls = shapely.union_all([_footprint(wall) for wall in self._walls])
-        start = shapely.Point(self._start.x_m, self._start.y_m)
-        around = shapely.union(walls, start).envelope.buffer(2.0 * self._clear_view_m + 1.0)
-        for part in shapely.get_parts(around.difference(walls)):
-            if part.contains(start):
-                return part
-        return shapely.Polygon()
+        solid = [
+            polygon
+            for one in self._obstructions
+            if one.solid
+            for polygon in one.between(FOOT_M, TOP_M).polygons
+        ]
+        taken = shapely.union_all([*self._footprints, *solid])
+        around = shapely.union(taken, self._start).envelope.buffer(2.0 * self._clear_view_m + 1.0)
+        parts = shapely.get_parts(around.difference(taken))
+        found = parts[shapely.contains(parts, self._start)]
+        floor = found[0] if len(found) else shapely.Polygon()
+        shapely.prepare(floor)
+        return floor
+
+
+def _unseen(seen: NDArray[np.bool_] | None) -> str:
+    if seen is None or seen.any():
+        return ""
+    return "is seen from nowhere that the robot can go"
 
 
 def _in_wall(panel: Panel, wall: Wall) -> tuple[float, float, float]:
@@ -202,19 +300,3 @@ def _overlapping(panel: Panel, hanging: Sequence[Panel]) -> str:
         if same_plane and abs(float(apart @ panel.right)) < reach and abs(apart[2]) < reach:
             return f"overlaps {other.name}"
     return ""
-
-
-def _same_height(panel: Panel, wall: Wall) -> bool:
-    return bool(
-        panel.centre_m[2] - panel.side_m / 2.0 < wall.height_m
-        and panel.centre_m[2] + panel.side_m / 2.0 > 0.0
-    )
-
-
-@functools.lru_cache(maxsize=8192)
-def _footprint(wall: Wall) -> shapely.Polygon:
-    x, y = wall.length_m / 2.0, wall.thickness_m / 2.0
-    corners = (
-        wall.map_from_wall() @ SE2(a, b, 0.0) for a, b in ((x, y), (-x, y), (-x, -y), (x, -y))
-    )
-    return shapely.Polygon([(corner.x_m, corner.y_m) for corner in corners])

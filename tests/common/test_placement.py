@@ -5,21 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from services.common.documents import Marker, Planar, Wall
+from services.common.documents import Marker, Wall
 from services.common.frames import SE2, rotation_from_rpy, transform_matrix
 from services.common.placement import Panel, Placement, hang
 from services.worldgen.loader import load_world
-from tests.common.house import marker, wall
+from tests.common.house import marker, wall, world
 
 SIDE_M = 0.4
-START = Planar(x_m=0.0, y_m=3.0, yaw_rad=0.0)
 
 
 def problem(
     one: Marker, *others: Wall, host: Wall | None = None, hanging: tuple[Panel, ...] = ()
 ) -> str:
     host = host or wall()
-    placement = Placement([host, *others], START, clear_view_m=0.5)
+    placement = Placement(world([host, *others], []), clear_view_m=0.5)
     panel = hang("marker", one, host, SIDE_M, 0.002)
     by_name = placement.problem(panel, hanging, host.name)
     if by_name == "" or "beyond" not in by_name:
@@ -43,8 +42,8 @@ def test_a_panel_hangs_flat_on_its_face_whatever_the_walls_yaw(yaw_rad: float, s
     assert right == pytest.approx([-out, 0.0, 0.0], abs=1e-12)
     assert np.linalg.det(panel.map_from_panel) == pytest.approx(1.0)
     ahead = panel.centre_m + 2.0 * panel.normal
-    start = Planar(x_m=float(ahead[0]), y_m=float(ahead[1]), yaw_rad=0.0)
-    assert Placement([host], start, 0.5).problem(panel, (), "wall") == ""
+    start = SE2(float(ahead[0]), float(ahead[1]), 0.0)
+    assert Placement(world([host], [], start), 0.5).problem(panel, (), "wall") == ""
 
 
 @pytest.mark.parametrize(
@@ -133,13 +132,13 @@ FACING_EAST = (math.pi / 2, 0.0, math.pi / 2)
 )
 def test_a_panel_in_the_house_is_judged_by_its_pose(panel: Panel, said: str) -> None:
     house = load_world("sim_house_enhanced").world
-    found = Placement(house.walls, house.start, 0.5).problem(panel, ())
+    found = Placement(house, 0.5).problem(panel, ())
     assert found.startswith(said) if said else found == "", found
 
 
 def test_without_walls_there_is_nowhere_to_hang() -> None:
     panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
-    assert Placement([], START, 0.5).problem(panel, ()) == "floats: there is no wall"
-    assert "none of this name" in Placement([wall()], START, 0.5).problem(
+    assert Placement(world([], []), 0.5).problem(panel, ()) == "floats: there is no wall"
+    assert "none of this name" in Placement(world([wall()], []), 0.5).problem(
         hang("marker", marker(), wall(pose=SE2(0.0, 1.0, 0.0)), SIDE_M, 0.002), (), "other"
     )

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from services.common import wire
 from services.common.documents import Entities, Marker, World
 from services.common.frames import SE2, rotation_from_quaternion
+from services.common.furnish import MAX_MARKERS, furnish
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import ASSETS, DESIRED_ENTITIES, WORLD, Topic
 from services.spawner.config import SpawnerConfig
-from services.common.furnish import furnish
 from services.spawner.node import SpawnerNode
 from services.worldgen.loader import load_world
 from tests.common.house import marker, wall, world
@@ -128,10 +128,15 @@ def test_a_second_marker_is_refused_with_the_reason(second: Marker, reason: str)
 
 def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
     many = [
-        marker(id=id_, size_m=0.03, offset_m=-1.9 + 0.05 * id_, height_m=0.1) for id_ in range(70)
-    ]
+        marker(
+            id=id_, dictionary="DICT_4X4_250", size_m=0.03, offset_m=-1.9 + 0.05 * (id_ // 2),
+            height_m=0.1 + 0.1 * (id_ % 2),
+        )
+        for id_ in range(MAX_MARKERS + 6)
+    ]  # fmt: skip
     assert refusals(many) == [
-        (f"aruco_{id_}", "there are 64 markers already: no more fit") for id_ in range(64, 70)
+        (f"aruco_{id_}", f"there are {MAX_MARKERS} markers already: no more fit")
+        for id_ in range(MAX_MARKERS, MAX_MARKERS + 6)
     ]
 
 
