@@ -1,0 +1,62 @@
+"""Xacro to XML, in a process of its own: its expressions are Python's, its loops may not end."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from services.worldgen.sdf.xml_text import UnreadableError
+
+MAX_SECONDS = 30.0
+"""Of waiting; the process itself is given MAX_CPU_SECONDS of work."""
+_MARKS = (
+    b"http://www.ros.org/wiki/xacro",
+    b"http://ros.org/wiki/xacro",
+    b"http://wiki.ros.org/xacro",
+)
+
+
+def needs_expansion(file: Path, data: bytes) -> bool:
+    """Whether a file is xacro: by its name, or by the namespace it declares."""
+    return file.suffix == ".xacro" or any(mark in data for mark in _MARKS)
+
+
+def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[str, str]) -> bytes:
+    """The XML that a xacro file makes.
+
+    `first` is the file that was asked for: files are included from its folder and from the roots.
+    Raises UnreadableError with a phrase.
+    """
+    import_root = str(Path(__file__).resolve().parents[3])
+    start = (
+        f"import sys; sys.path.insert(0, {import_root!r}); "
+        "from services.worldgen.sdf.xacro_process import main; main()"
+    )
+    work = {
+        "file": str(file),
+        "first": str(first),
+        "roots": [str(root.absolute()) for root in roots],
+        "arguments": dict(arguments),
+    }
+    try:
+        done = subprocess.run(
+            [sys.executable, "-I", "-B", "-c", start],
+            input=json.dumps(work).encode(),
+            capture_output=True,
+            timeout=MAX_SECONDS,
+            check=False,
+            env={"LC_ALL": "C.UTF-8"},
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        raise UnreadableError("cannot be expanded: xacro was stopped") from None
+    try:
+        answer = json.loads(done.stdout)
+        text, error = answer["text"], answer["error"]
+    except (ValueError, KeyError, TypeError):
+        raise UnreadableError("cannot be expanded: xacro took too long or too much") from None
+    if error:
+        raise UnreadableError(f"cannot be expanded: {error}")
+    return str(text).encode()

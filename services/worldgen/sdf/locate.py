@@ -1,0 +1,157 @@
+"""Which file a URI means, and whether it may be read.
+
+Files are read from the folder of the file that was asked for, from the roots, and from the
+`models` folders beside and above that file; nowhere else, and through no link that leads elsewhere.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+MAX_PARENTS = 4
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
+_HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
+_PACKAGE_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
+
+
+class LocateError(Exception):
+    """No file can be had: the kind of error of the specification, and a sentence."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+class Locator:
+    """Finds files by URI."""
+
+    def __init__(self, file: Path, roots: Sequence[Path]) -> None:
+        folder = file.parent
+        parents = [folder, *list(folder.parents)[:MAX_PARENTS]]
+        self._packages = [p for p in parents if (p / "package.xml").is_file()]
+        implied = [folder]
+        implied += [p / "models" for p in parents if (p / "models").is_dir()]
+        if (folder / "model.config").is_file():
+            implied.append(folder.parent)
+        self._roots = [*roots, *implied]
+        self._areas = [_resolved(p) for p in (*self._roots, *self._packages)]
+
+    def model(self, uri: str, folder: Path) -> Path:
+        """The file or folder of an <include> in a file of `folder`. Raises LocateError."""
+        return self._found(uri, folder, folders=True)
+
+    def file(self, uri: str, folder: Path) -> Path:
+        """The file of a URI in a file of `folder`. Raises LocateError."""
+        return self._found(uri, folder, folders=False)
+
+    def package(self, name: str) -> Path | None:
+        """The folder of a package, as `$(find name)` means it."""
+        if "/" in name or name in ("", ".", ".."):
+            return None
+        found = dict.fromkeys(self._package_folders(name))
+        return next((p for p in found if self.may_read(p)), None)
+
+    def may_read(self, path: Path) -> bool:
+        """Whether a path lies, behind all links, where files may be read."""
+        try:
+            resolved = path.resolve()
+        except (OSError, RuntimeError, ValueError):
+            return False
+        return any(resolved.is_relative_to(area) for area in self._areas)
+
+    def _found(self, uri: str, folder: Path, folders: bool) -> Path:
+        shown = uri if len(uri) <= 100 else uri[:97] + "..."
+        if not uri or len(uri) > 1000 or not uri.isprintable():
+            raise LocateError("URI_INVALID", f"`{shown!a}` must be a URI")
+        found: list[Path] = []
+        refused = False
+        candidates = dict.fromkeys(self._candidates(uri, folder))
+        for path in candidates:
+            try:
+                if not (path.is_file() or (folders and path.is_dir())):
+                    continue
+            except (OSError, ValueError):
+                continue
+            if self.may_read(path):
+                found.append(path.resolve())
+            else:
+                refused = True
+        different = list(dict.fromkeys(found))
+        if len(different) > 1 and uri.startswith("package:"):
+            raise LocateError("URI_LOOKUP", f"`{shown}` is in {len(different)} folders of the path")
+        if different:
+            return different[0]
+        if refused:
+            raise LocateError(
+                "URI_INVALID", f"`{shown}` lies outside the file's folder and the path: {_HINT}"
+            )
+        raise LocateError("URI_LOOKUP", f"`{shown}` is not there: {_HINT}")
+
+    def _candidates(self, uri: str, folder: Path) -> Iterator[Path]:
+        scheme = _SCHEME.match(uri)
+        if scheme is None:
+            yield from self._plain(uri, folder)
+            return
+        name = scheme.group(1).lower()
+        rest = uri[scheme.end() :]
+        if name in ("http", "https", "fuel", "ign", "gz"):
+            raise LocateError(
+                "URI_INVALID",
+                f"`{uri[:100]}` is remote and nothing is fetched: get it, and {_HINT}",
+            )
+        if name not in ("model", "package", "file") or not rest.startswith("//"):
+            raise LocateError(
+                "URI_INVALID", f"`{uri[:100]}` must begin with model://, package:// or file://"
+            )
+        rest = rest[2:]
+        if not rest:
+            raise LocateError("URI_INVALID", f"`{uri[:100]}` must name a file")
+        if name == "file":
+            yield from self._plain(rest, folder)
+            return
+        first, _, inner = rest.lstrip("/").partition("/")
+        if name == "package":
+            for package in self._package_folders(first):
+                yield package / inner if inner else package
+            return
+        for root in self._roots:
+            yield root / first / inner if inner else root / first
+        # A root may be the model's own folder, and a model may name itself.
+        for root in (folder, *folder.parents[:MAX_PARENTS], *self._roots):
+            if root.name == first:
+                yield root / inner if inner else root
+
+    def _plain(self, path: str, folder: Path) -> Iterator[Path]:
+        if path.startswith("/"):
+            yield Path(path)
+            return
+        yield folder / path
+        for root in self._roots:
+            yield root / path
+
+    def _package_folders(self, name: str) -> Iterator[Path]:
+        for root in (*self._roots, *self._packages):
+            if root.name == name or _package_name(root) == name:
+                yield root
+        for root in self._roots:
+            if (root / name).is_dir():
+                yield root / name
+
+
+def _package_name(folder: Path) -> str:
+    """The name in a folder's package.xml; empty where there is none."""
+    try:
+        with (folder / "package.xml").open("rb") as file:
+            match = _PACKAGE_NAME.search(file.read(65536))
+    except OSError:
+        return ""
+    return match.group(1).decode("ascii", "replace") if match else ""
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):
+        return path.absolute()

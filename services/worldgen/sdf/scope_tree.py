@@ -1,0 +1,372 @@
+"""The named things of a file and of all it includes: models in models, links, joints, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from lxml import etree
+
+from services.worldgen.sdf import values
+from services.worldgen.sdf.findings import Findings, Place, Source
+from services.worldgen.sdf.frame_graph import Item, Kind, Pose
+from services.worldgen.sdf.sources import SourceError, Sources
+from services.worldgen.sdf.vocabulary import described, list_unread
+
+MAX_DEPTH = 24
+"""Of models in models."""
+MAX_NAME = 256
+
+_JOINT_TYPES = (
+    *("ball", "continuous", "fixed", "gearbox", "prismatic", "revolute", "revolute2"),
+    *("screw", "universal"),
+)
+
+
+class ScopeTree:
+    """Builds the tree; `lights` are told beside it, with what holds them."""
+
+    def __init__(self, sources: Sources, findings: Findings) -> None:
+        self._sources = sources
+        self._findings = findings
+        self._stack: list[Source] = []
+        self.lights: list[tuple[Item, Place]] = []
+
+    def world(self, source: Source) -> Item | None:
+        """The world of a file, or one made for its model; None where there is neither."""
+        root = Place(source, source.root)
+        list_unread(root, self._findings)
+        self._stack.append(source)
+        worlds = source.root.find("world")
+        first = worlds if worlds is not None else source.root.find("model")
+        if first is None:
+            first = source.root.find("light")
+        if first is None:
+            self._findings.error("ELEMENT_MISSING", root, "<sdf> must have a <world> or a <model>")
+            return None
+        place = root.at(first)
+        for other in source.root:
+            if str(other.tag) in ("model", "light") and str(other.tag) != str(first.tag):
+                self._findings.ignore(f"{described(root.at(other))} beside <{first.tag}>", root)
+        if str(first.tag) != "world":
+            name = first.get("name") or "world"
+            world = Item("world", name, _still(place), place)
+            if str(first.tag) == "model":
+                self._model(place, world, 0)
+            else:
+                self._light(place, world)
+            return world
+        name = self._name(place, "world") or "world"
+        world = Item("world", name, _still(place), place)
+        self._contents(place, world, 0)
+        return world
+
+    def _contents(self, place: Place, scope: Item, depth: int) -> None:
+        """Put what stands in a <world> or <model> into its scope."""
+        list_unread(place, self._findings)
+        readers: dict[str, Callable[[Place, Item], None]] = {
+            "link": self._link,
+            "joint": self._joint,
+            "frame": self._frame,
+            "light": self._light,
+        }
+        if scope.kind == "world":
+            del readers["link"]
+        for element in place.element:
+            tag = str(element.tag)
+            if tag == "model":
+                self._model(place.at(element), scope, depth + 1)
+            elif tag == "include":
+                self._include(place.at(element), scope, depth + 1)
+            elif tag in readers:
+                readers[tag](place.at(element), scope)
+
+    def _link(self, place: Place, scope: Item) -> None:
+        self._findings.links += 1
+        item = self._named("link", place, scope)
+        if item is not None:
+            for light in place.element.findall("light"):
+                self._light(place.at(light), item)
+
+    def _joint(self, place: Place, scope: Item) -> None:
+        list_unread(place, self._findings)
+        element = place.element
+        joint_type = element.get("type")
+        if joint_type is None:
+            self._findings.error("ATTRIBUTE_MISSING", place, "<joint> must have a type")
+        elif joint_type not in _JOINT_TYPES:
+            self._findings.error(
+                "ATTRIBUTE_INVALID",
+                place,
+                f"type `{joint_type[:60]}` of <joint> must be one of {', '.join(_JOINT_TYPES)}",
+            )
+        ends = {}
+        for tag in ("parent", "child"):
+            text = (element.findtext(tag) or "").strip()
+            ends[tag] = text
+            if not text:
+                self._findings.error("ELEMENT_MISSING", place, f"<joint> must have a <{tag}>")
+        item = self._named("joint", place, scope)
+        if item is not None:
+            item.joint_type = joint_type or ""
+            item.parent, item.child = ends["parent"], ends["child"]
+
+    def _frame(self, place: Place, scope: Item) -> None:
+        list_unread(place, self._findings)
+        item = self._named("frame", place, scope)
+        if item is not None:
+            item.attached_to = place.element.get("attached_to") or ""
+
+    def _light(self, place: Place, holder: Item) -> None:
+        self.lights.append((holder, place))
+
+    def _model(self, place: Place, scope: Item, depth: int, include: Place | None = None) -> None:
+        self._findings.models += 1
+        if depth > MAX_DEPTH:
+            self._findings.error(
+                "ELEMENT_INVALID", place, f"models must be at most {MAX_DEPTH} deep in models"
+            )
+            return
+        name = None if include is None else (include.element.findtext("name") or "").strip() or None
+        item = self._named("model", place, scope, include, name)
+        if item is None:
+            # Its contents still count, and what is wrong in it is still told.
+            item = Item("model", name or "", _still(place), place, scope)
+        item.element = place
+        self._fill_model(item, place, include, depth)
+
+    def _fill_model(self, item: Item, place: Place, include: Place | None, depth: int) -> None:
+        element = place.element
+        item.canonical_link = element.get("canonical_link") or ""
+        item.placement_frame = element.get("placement_frame") or ""
+        item.static = self._truth(place, "static") or False
+        if include is not None:
+            static = self._truth(include, "static")
+            item.static = item.static if static is None else static
+            placement = (include.element.findtext("placement_frame") or "").strip()
+            if placement:
+                item.placement_frame = placement
+                if include.element.find("pose") is None:
+                    self._findings.error(
+                        "MODEL_PLACEMENT_FRAME_INVALID",
+                        include,
+                        "<include> with a <placement_frame> must have a <pose>",
+                    )
+        self._contents(place, item, depth)
+        held = any(element.find(tag) is not None for tag in ("link", "model", "include"))
+        if not held and not item.static:
+            self._findings.error(
+                "MODEL_WITHOUT_LINK", place, f"model `{item.name}` must have a link"
+            )
+
+    def _include(self, place: Place, scope: Item, depth: int) -> None:
+        list_unread(place, self._findings)
+        element = place.element
+        uri = (element.findtext("uri") or "").strip()
+        if not uri:
+            self._findings.error("ELEMENT_MISSING", place, "<include> must have a <uri>")
+            return
+        try:
+            source = self._sources.included(uri, place.source.file.parent)
+        except SourceError as error:
+            self._findings.error(error.kind, place, str(error))
+            return
+        if source in self._stack:
+            self._findings.error("URI_INVALID", place, f"`{uri}` includes itself")
+            return
+        if len(self._stack) > MAX_DEPTH:
+            self._findings.error(
+                "URI_INVALID", place, f"files must be included at most {MAX_DEPTH} deep"
+            )
+            return
+        tops = [one for one in source.root if str(one.tag) in ("model", "light", "actor")]
+        if not tops:
+            self._findings.error(
+                "ELEMENT_MISSING", place, f"{source.shown} must have a <model> to be included"
+            )
+            return
+        top = Place(source, tops[0])
+        name = (element.findtext("name") or "").strip() or str(tops[0].get("name") or "")
+        self._findings.include(uri, name, source.shown)
+        self._stack.append(source)
+        list_unread(top.at(source.root), self._findings)
+        if tops[0].tag == "model":
+            if self._merges(place):
+                self._merge(top, place, scope, depth)
+            else:
+                self._model(top, scope, depth, place)
+        elif tops[0].tag == "light":
+            self._light(top, scope)
+            if element.find("pose") is not None or element.find("name") is not None:
+                self._findings.ignore("name and pose of an included light", place)
+        self._stack.pop()
+
+    def _merges(self, place: Place) -> bool:
+        text = place.element.get("merge")
+        if text is None:
+            return False
+        try:
+            return values.truth(text)
+        except ValueError as error:
+            self._findings.error("ATTRIBUTE_INVALID", place, f"merge {error}")
+            return False
+
+    def _merge(self, top: Place, include: Place, scope: Item, depth: int) -> None:
+        """Put a model's contents into the model that includes it, around a frame in its place."""
+        if scope.kind != "model":
+            self._findings.error(
+                "MERGE_INCLUDE_UNSUPPORTED", include, "only a <model> can merge what it includes"
+            )
+            return
+        inner_name = top.element.get("name") or "model"
+        inner = Item("model", inner_name, _still(top), top, scope)
+        self._fill_model(inner, top, include, depth)
+        proxy_name = f"_merged__{inner_name}__model__"
+        pose = self.pose(include if include.element.find("pose") is not None else top)
+        proxy = Item("frame", proxy_name, pose, include, scope)
+        first_link = next(inner.of_kind("link"), None)
+        proxy.attached_to = inner.canonical_link or (first_link.name if first_link else "")
+        if not pose.relative_to:
+            proxy.pose = Pose(pose.matrix, "__model__", pose.place)
+        if inner.placement_frame:
+            self._findings.ignore("placement frame of a merged model", include)
+        self._add(proxy)
+        for item in inner.items.values():
+            item.scope = scope
+            default = {"link": True, "model": True, "frame": not item.attached_to, "joint": False}
+            reference = item.pose.relative_to
+            if reference == "__model__" or (not reference and default.get(item.kind)):
+                item.pose = Pose(item.pose.matrix, proxy_name, item.pose.place)
+            if item.kind == "frame" and item.attached_to in ("", "__model__"):
+                item.attached_to = proxy_name
+            if item.parent == "__model__":
+                item.parent = proxy_name
+            if item.child == "__model__":
+                item.child = proxy_name
+            self._add(item)
+
+    def _named(
+        self,
+        kind: Kind,
+        place: Place,
+        scope: Item,
+        include: Place | None = None,
+        name: str | None = None,
+    ) -> Item | None:
+        """A new thing in a scope; None where it cannot have its name."""
+        if name is None:
+            name = self._name(place, kind)
+        elif not self._allowed(name, kind, include or place):
+            name = name[:MAX_NAME]
+        if not name:
+            return None
+        posed = (
+            include if include is not None and include.element.find("pose") is not None else place
+        )
+        item = Item(kind, name, self.pose(posed), include or place, scope)
+        if kind != "link" and place.source.version < (1, 7):
+            taken = scope.items.get(name)
+            if taken is not None and taken.kind != kind:
+                # Before 1.7 only things of one kind had to differ in name.
+                item.name = f"{name}_{kind}"
+        return item if self._add(item) else None
+
+    def _add(self, item: Item) -> bool:
+        scope = item.scope
+        assert scope is not None
+        taken = scope.items.get(item.name)
+        if taken is None:
+            scope.items[item.name] = item
+            return True
+        self._findings.error(
+            "DUPLICATE_NAME",
+            item.place,
+            f"{item.kind} `{item.name}` must have a name of its own in {scope.kind} "
+            f"`{scope.name}`: a {taken.kind} has it, at {taken.place}",
+        )
+        return False
+
+    def _name(self, place: Place, kind: str) -> str:
+        name: str | None = place.element.get("name")
+        if name is None or not name.strip():
+            self._findings.error("ATTRIBUTE_MISSING", place, f"<{kind}> must have a name")
+            return ""
+        self._allowed(name, kind, place)
+        return name[:MAX_NAME]
+
+    def _allowed(self, name: str, kind: str, place: Place) -> bool:
+        return allowed_name(name, kind, place, self._findings)
+
+    def _truth(self, place: Place, tag: str) -> bool | None:
+        element = place.element.find(tag)
+        if element is None:
+            return None
+        try:
+            return values.truth(element.text)
+        except ValueError as error:
+            self._findings.error("ELEMENT_INVALID", place.at(element), f"<{tag}> {error}")
+            return None
+
+    def pose(self, place: Place) -> Pose:
+        """The <pose> of an element; the identity where there is none."""
+        return pose_of(place, self._findings)
+
+
+def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool:
+    """Whether a name may be given; what is wrong with it goes to the findings."""
+    if len(name) > MAX_NAME:
+        findings.error(
+            "ATTRIBUTE_INVALID", place, f"name of <{kind}> must have at most {MAX_NAME} letters"
+        )
+        return False
+    reserved = name == "world" or (len(name) >= 4 and name.startswith("__") and name.endswith("__"))
+    # Up to 1.7 a model that was included stood flattened: its links are named `model::link`.
+    flattened = place.source.version < (1, 8) and kind in ("link", "joint", "frame")
+    if reserved or ("::" in name and not flattened):
+        findings.error(
+            "RESERVED_NAME",
+            place,
+            f"name `{name}` of <{kind}> must not be `world`, contain `::`, or begin and end with "
+            "`__`",
+        )
+        return False
+    return True
+
+
+def pose_of(place: Place, findings: Findings) -> Pose:
+    """The <pose> of an element; the identity where there is none, or where it is wrong."""
+    element: etree._Element | None = place.element.find("pose")
+    if element is None:
+        return _still(place)
+    at = place.at(element)
+    list_unread(at, findings)
+    reference = element.get("relative_to") or ""
+    if element.get("frame") is not None:
+        if place.source.version < (1, 7):
+            reference = reference or element.get("frame") or ""
+        else:
+            findings.ignore("attribute frame of pose", at)
+    degrees = False
+    if element.get("degrees") is not None:
+        try:
+            degrees = values.truth(element.get("degrees"))
+        except ValueError as error:
+            findings.error("ATTRIBUTE_INVALID", at, f"degrees {error}")
+    rotation = element.get("rotation_format") or "euler_rpy"
+    if rotation not in ("euler_rpy", "quat_xyzw") or (degrees and rotation == "quat_xyzw"):
+        findings.error(
+            "ATTRIBUTE_INVALID",
+            at,
+            f"rotation_format `{rotation[:40]}` must be euler_rpy, or quat_xyzw without degrees",
+        )
+        return Pose(np.eye(4), reference, at)
+    try:
+        matrix = values.pose(element.text, degrees, rotation == "quat_xyzw")
+    except ValueError as error:
+        findings.error("ELEMENT_INVALID", at, f"<pose> {error}")
+        matrix = np.eye(4)
+    return Pose(matrix, reference, at)
+
+
+def _still(place: Place) -> Pose:
+    return Pose(np.eye(4), "", place)

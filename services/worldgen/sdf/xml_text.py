@@ -1,0 +1,81 @@
+"""XML of unknown origin as a tree: nothing is fetched, nothing is expanded, all is bounded."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from lxml import etree
+
+MAX_FILE_BYTES = 64 * 1024 * 1024
+
+_FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
+
+
+class UnreadableError(Exception):
+    """A file is not what it should be: a short phrase."""
+
+
+def bytes_of(file: Path) -> bytes:
+    """The bytes of a regular file of at most MAX_FILE_BYTES. Raises UnreadableError."""
+    try:
+        facts = file.stat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise UnreadableError("is not a file")
+        if facts.st_size > MAX_FILE_BYTES:
+            raise UnreadableError(f"has {facts.st_size} bytes, must have at most {MAX_FILE_BYTES}")
+        return file.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "cannot be read"
+        raise UnreadableError(reason[0].lower() + reason[1:]) from None
+
+
+def tree_of(data: bytes) -> etree._Element:
+    """The root element, without comments and processing instructions.
+
+    A prefix that no one declared stays a part of the name, as in SDFormat's own parser. Raises
+    UnreadableError.
+    """
+    if not data.strip():
+        raise UnreadableError("is empty, must be XML")
+    if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
+        raise UnreadableError("has a document type or entities of its own, which are refused")
+    root, problem = _parsed(data, recover=False)
+    if root is None and _only_prefixes(data):
+        root, problem = _parsed(data, recover=True)
+    if root is None:
+        raise UnreadableError(f"is not well-formed XML: {problem}")
+    return root
+
+
+def _parser(recover: bool) -> etree.XMLParser:
+    return etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+        recover=recover,
+    )
+
+
+def _parsed(data: bytes, recover: bool) -> tuple[etree._Element | None, str]:
+    try:
+        return etree.fromstring(data, _parser(recover)), ""
+    except (etree.XMLSyntaxError, ValueError, LookupError) as error:
+        return None, " ".join(str(error).split())[:200]
+
+
+def _only_prefixes(data: bytes) -> bool:
+    """Whether undeclared prefixes are all that is wrong."""
+    parser = _parser(recover=True)
+    try:
+        if etree.fromstring(data, parser) is None:
+            return False
+    except (etree.XMLSyntaxError, ValueError, LookupError):
+        return False
+    log = parser.error_log
+    return bool(log) and all(
+        entry.type == etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE for entry in log
+    )
