@@ -55,7 +55,14 @@ from services.worldgen.sound_parts import SoundParts, sound_parts
 from services.worldgen.yaml_source import Source, read_source
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
-SHORT_NAMES = {"original": "sim_house", "enhanced": "sim_house_enhanced"}
+SHORT_NAMES = {
+    "original": "sim_house",
+    "enhanced": "sim_house_enhanced",
+    "floor": "sim_house_floor",
+    "rooms": "sim_house_rooms",
+    "slam": "sim_house_slam",
+    "markers": "sim_house_markers",
+}
 
 _MAX_EXTENDS = 20
 
