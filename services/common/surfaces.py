@@ -364,7 +364,12 @@ def _level(
 ) -> TriangleMesh:
     """A level area; its tiles are laid from the map's origin, so that they go on next door."""
     polygons = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
-    points, triangles = flat_triangles(shapely.MultiPolygon(polygons))
+    if len(polygons) == 1 and shapely.equals(polygons[0], polygons[0].envelope):
+        x, y, right, top = polygons[0].bounds
+        points = np.array([[x, y], [right, y], [right, top], [x, top]])
+        triangles = quad_triangles(1)
+    else:
+        points, triangles = flat_triangles(shapely.MultiPolygon(polygons))
     seen = points if seen_from_above else points * (1.0, -1.0)
     low, high = (seen.min(0), seen.max(0)) if len(seen) else (np.zeros(2), np.ones(2))
     if tile_side_m > 0.0:

@@ -1,18 +1,29 @@
-"""The textures that have come, by the sha256 of their files."""
+"""The textures and meshes that have come, by the sha256 of their files."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
-from collections.abc import Iterable
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from services.common import messages as msg
-from services.physics.scene import decode_png
+from services.common.documents import Mesh, World
+from services.common.geometry import TriangleMesh, mesh_from_bytes
 
 MAX_ASSETS = 512
+MAX_TEXTURE_SIDE_PX = 2048
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Assets:
-    """PNG files that were looked at before they were taken in."""
+    """Files that were looked at before they were taken in."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytes] = {}
@@ -28,13 +39,104 @@ class Assets:
         data = message.data.tobytes()
         if hashlib.sha256(data).hexdigest() != sha256:
             return "not the file its sha256 names"
-        try:
-            decode_png(data)
-        except ValueError:
-            return "not a PNG of at most 2048 x 2048"
+        if message.format == "png":
+            try:
+                decode_png(data)
+            except ValueError:
+                return "not a PNG of at most 2048 x 2048"
+        elif message.format == "npz":
+            try:
+                decoded_mesh(sha256, data)
+            except ValueError:
+                return "not a mesh"
+        else:
+            return "neither png nor npz"
         self.files[sha256] = data
         return ""
 
     def missing(self, wanted: Iterable[str]) -> list[str]:
         """Those of some sha256 that have not come, each once; an empty one names no file."""
         return [sha for sha in dict.fromkeys(wanted) if sha and sha not in self.files]
+
+
+def mesh_sha256s(world: World) -> list[str]:
+    """The meshes of a world, each once."""
+    return list(
+        dict.fromkeys(
+            shape.geometry.sha256
+            for body in world.bodies
+            for shape in body.shapes
+            if isinstance(shape.geometry, Mesh)
+        )
+    )
+
+
+def meshes_of(world: World, files: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
+    """The world's meshes by sha256. Raises ValueError, in one line, where one cannot be had."""
+    meshes = {}
+    for sha256 in mesh_sha256s(world):
+        if sha256 not in files:
+            raise ValueError(f"mesh {sha256:.12} is not there")
+        try:
+            meshes[sha256] = decoded_mesh(sha256, files[sha256])
+        except ValueError as error:
+            raise ValueError(f"mesh {sha256:.12} {error}") from error
+    return meshes
+
+
+@functools.lru_cache(maxsize=128)
+def decoded_mesh(sha256: str, data: bytes) -> TriangleMesh:
+    """The mesh in a file, made once. Raises ValueError as `mesh_from_bytes` does."""
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise ValueError("does not have that sha256")
+    return mesh_from_bytes(data)
+
+
+@functools.lru_cache(maxsize=64)
+def decoded_png(sha256: str, data: bytes) -> NDArray[np.uint8] | str:
+    """The picture, or what is wrong; made once: each entity that comes or goes asks again."""
+    if hashlib.sha256(data).hexdigest() != sha256:
+        return "does not have that sha256"
+    try:
+        return decode_png(data)
+    except ValueError as error:
+        return str(error)
+
+
+def decode_png(data: bytes) -> NDArray[np.uint8]:
+    """The picture in a PNG file: (h, w, 3) uint8 RGB, read-only.
+
+    Raises ValueError, with a phrase that says what is wrong, where it is no whole PNG of at most
+    2048 x 2048. Decoders fill in for a damaged file silently: so every chunk's checksum is looked
+    at first.
+    """
+    _check_png(data)
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise ValueError("cannot be decoded")
+    rgb = np.ascontiguousarray(bgr[:, :, ::-1], np.uint8)
+    rgb.setflags(write=False)
+    return rgb
+
+
+def _check_png(data: bytes) -> None:
+    if not data.startswith(_PNG_SIGNATURE):
+        raise ValueError("is no PNG")
+    at, kind = len(_PNG_SIGNATURE), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise ValueError("is cut short")
+        length, kind = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        if end + 4 > len(data):
+            raise ValueError("is cut short")
+        if zlib.crc32(data[at + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
+            raise ValueError("is damaged")
+        if at == len(_PNG_SIGNATURE):
+            if kind != b"IHDR" or length != 13:
+                raise ValueError("is no PNG")
+            width, height = struct.unpack_from(">II", data, at + 8)
+            if not (0 < width <= MAX_TEXTURE_SIDE_PX and 0 < height <= MAX_TEXTURE_SIDE_PX):
+                limit = MAX_TEXTURE_SIDE_PX
+                raise ValueError(f"is {width} x {height}: at most {limit} x {limit}")
+        at = end + 4

@@ -82,7 +82,7 @@ class Intrinsics:
 
 
 class Renderer(Protocol):
-    """Makes pictures of a scene: a function of the scene and the camera's pose alone."""
+    """Makes pictures of a scene: a function of the scene and of poses alone."""
 
     @property
     def name(self) -> str:
@@ -91,10 +91,13 @@ class Renderer(Protocol):
     def set_scene(self, scene: Scene) -> None:
         """Show this scene from now on. What the last one held is released."""
 
-    def render(self, map_from_optical: Array) -> NDArray[np.uint8]:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None
+    ) -> NDArray[np.uint8]:
         """The picture: (height, width, 3) RGB, top row first, contiguous, the caller's own.
 
-        Before the first scene it is black. Raises ValueError where the (4, 4) pose is not finite.
+        `map_from_movers`, (k, 4, 4), are poses of the scene's movers; None: as at the start. Before
+        the first scene it is black. Raises ValueError where a pose is not finite.
         """
 
     def close(self) -> None:
@@ -106,6 +109,16 @@ def optical_from_map(map_from_optical: Array) -> Array:
     if map_from_optical.shape != (4, 4) or not np.isfinite(map_from_optical).all():
         raise ValueError("map_from_optical: must be a finite (4, 4) matrix")
     return inverse_matrix(map_from_optical)
+
+
+def mover_poses(scene: Scene, map_from_movers: Array | None) -> Array:
+    """(k, 4, 4) poses of a scene's movers. Raises ValueError where they are not, or not finite."""
+    if map_from_movers is None:
+        return scene.map_from_movers
+    wanted = scene.map_from_movers.shape
+    if map_from_movers.shape != wanted or not np.isfinite(map_from_movers).all():
+        raise ValueError(f"map_from_movers: must be finite matrices {wanted}")
+    return map_from_movers
 
 
 def make_renderer(kind: RendererKind, intrinsics: Intrinsics) -> Renderer | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -12,73 +13,170 @@ from numpy.typing import NDArray
 
 from services.common.config import ConfigError
 from services.common.frames import Array
-from services.physics.camera import Intrinsics, optical_from_map
-from services.physics.scene import PLAIN, Scene, Texture
+from services.physics.camera import Intrinsics, mover_poses, optical_from_map
+from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
 _VERTEX_SHADER = """
-#version 330
 uniform mat4 clip_from_map;
 in vec3 position_m;
 in vec2 uv;
 in vec3 tint;
+in vec3 normal;
+in vec3 albedo;
 out vec2 fragment_uv;
-flat out vec3 fragment_tint;
+SHADE out vec3 fragment_tint;
+#ifdef MOVES
+uniform mat4 map_from_mover;
+uniform vec3 sun;
+#endif
+#if LAMPS > 0
+out vec3 fragment_place_m;
+SHADE out vec3 fragment_normal;
+SHADE out vec3 fragment_albedo;
+#endif
 void main() {
-    gl_Position = clip_from_map * vec4(position_m, 1.0);
+    vec4 place = vec4(position_m, 1.0);
+    vec3 shade = tint;
+    vec3 facing = normal;
+#ifdef MOVES
+    place = map_from_mover * place;
+    facing = mat3(map_from_mover) * normal;
+    shade = min(shade + albedo * max(dot(facing, sun), 0.0), 1.0);
+#endif
+    gl_Position = clip_from_map * place;
     fragment_uv = uv;
-    fragment_tint = tint;
+    fragment_tint = shade;
+#if LAMPS > 0
+    fragment_place_m = place.xyz;
+    fragment_normal = facing;
+    fragment_albedo = albedo;
+#endif
 }
 """
 
-_TEXTURED_SHADER = """
-#version 330
-uniform sampler2D picture;
+_FRAGMENT_SHADER = """
 in vec2 fragment_uv;
-flat in vec3 fragment_tint;
+SHADE in vec3 fragment_tint;
 out vec4 colour;
+#ifdef TEXTURED
+uniform sampler2D picture;
+#endif
+#if LAMPS > 0
+in vec3 fragment_place_m;
+SHADE in vec3 fragment_normal;
+SHADE in vec3 fragment_albedo;
+uniform vec3 lamp_places_m[LAMPS];
+uniform vec3 lamp_colours[LAMPS];
+uniform vec4 lamp_fades[LAMPS];
+#endif
 void main() {
-    colour = vec4(texture(picture, fragment_uv).rgb * fragment_tint, 1.0);
+    vec3 shade = fragment_tint;
+#if LAMPS > 0
+    vec3 facing = normalize(fragment_normal);
+    vec3 light = vec3(0.0);
+    for (int i = 0; i < LAMPS; ++i) {
+        vec3 to_lamp = lamp_places_m[i] - fragment_place_m;
+        float distance_m = length(to_lamp);
+        vec4 fade = lamp_fades[i];
+        float strength = max(dot(facing, to_lamp), 0.0) / max(distance_m, 1e-6)
+            / max(fade.x + fade.y * distance_m + fade.z * distance_m * distance_m, 1e-6);
+        light += distance_m > fade.w ? vec3(0.0) : strength * lamp_colours[i];
+    }
+    shade = min(shade + fragment_albedo * light, 1.0);
+#endif
+#ifdef TEXTURED
+    shade *= texture(picture, fragment_uv).rgb;
+#endif
+    colour = vec4(shade, 1.0);
 }
 """
 
-_PLAIN_SHADER = """
-#version 330
-flat in vec3 fragment_tint;
-out vec4 colour;
-void main() {
-    colour = vec4(fragment_tint, 1.0);
-}
-"""
+_VERTEX_FORMAT = "3f 2f 3f 3f 3f"
+_VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
-_INDICES_OF_QUAD = np.array([0, 1, 2, 0, 2, 3], np.int32)
+
+@dataclass(frozen=True)
+class _Shading:
+    """What a program does: only what its triangles need, since a CPU pays for each pixel."""
+
+    textured: bool
+    smooth: bool
+    moves: bool
+    lamps: int
+
+    def source(self, shader: str) -> str:
+        """GLSL of one stage."""
+        flags = [f"#define LAMPS {self.lamps}"]
+        flags += ["#define TEXTURED"] if self.textured else []
+        flags += ["#define MOVES"] if self.moves else []
+        # Flat tints are not interpolated: faster, and the same for each pixel.
+        flags += ["#define SHADE smooth" if self.smooth else "#define SHADE flat"]
+        return "\n".join(("#version 330", *flags, shader))
 
 
 class _Shown:
-    """A scene's OpenGL objects."""
+    """A scene's OpenGL objects, and what of it to draw from where."""
 
-    def __init__(
-        self, scene: Scene, vertices: Any, indices: Any, textured: Any, plain: Any
-    ) -> None:
+    def __init__(self, context: Any, scene: Scene) -> None:
         self.scene = scene
-        self.vertices = vertices
-        self.indices = indices
-        self.textured = textured
-        self.plain = plain
-        corners = scene.corners_m
-        self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
+        parts = scene.parts
+        self.vertices = context.buffer(_vertices(scene).tobytes())
+        self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
+        quads = np.flatnonzero(parts.quad)
+        self.quad_textures = parts.texture[quads]
+        first = parts.first[quads]
+        self.indices_of_quads = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
+        corners = scene.vertices_m[self.indices_of_quads[:, (0, 1, 2, 5)]]
+        self.quad_indices = context.buffer(reserve=max(self.indices_of_quads.nbytes, 4))
+        self._normals = scene.normals[self.indices_of_quads[:, 0]]
         self._landmarks_m = np.concatenate((corners, corners.mean(1, keepdims=True)), axis=1)
+        self._radii_m = np.linalg.norm(corners - self._landmarks_m[:, 4:], axis=2).max(
+            axis=1, initial=0.0
+        )
+        self.others = np.flatnonzero(~parts.quad)
+        self._balls = [_ball(scene, part) for part in self.others.tolist()]
+        self.arrays: dict[tuple[_Shading, bool], Any] = {}
 
-    def drawing_order(self, eye_m: Array) -> NDArray[np.int64]:
-        """The quads that turn their front to the eye: textured ones first, near before far.
+    def release(self) -> None:
+        """Give everything back."""
+        for thing in (*self.arrays.values(), self.vertices, self.indices, self.quad_indices):
+            thing.release()
+
+    def quads_in_view(self, eye_m: Array, view_planes: Array) -> NDArray[np.int64]:
+        """The quads in view that turn their front to the eye: textured first, near before far.
 
         So few pixels are shaded twice. The picture does not depend on the order.
         """
-        from_eye = self._landmarks_m - eye_m
+        towards = np.einsum("ij,ij->i", self._landmarks_m[:, 4] - eye_m, self._normals) < 0.0
+        inside = _in_view(self._landmarks_m[:, 4], self._radii_m, view_planes)
+        seen = np.flatnonzero(towards & inside)
+        from_eye = self._landmarks_m[seen] - eye_m
         distance = np.einsum("ijk,ijk->ij", from_eye, from_eye).min(1)
-        distance[self.scene.texture_of_quad == PLAIN] = np.inf
-        in_front: NDArray[np.bool_] = np.einsum("ij,ij->i", from_eye[:, 0], self._normals) < 0.0
-        order: NDArray[np.int64] = np.argsort(distance, kind="stable")
-        return order[in_front[order]]
+        distance[self.quad_textures[seen] == PLAIN] = np.inf
+        return seen[np.argsort(distance, kind="stable")]
+
+    def others_in_view(
+        self, eye_m: Array, view_planes: Array, map_from_movers: Array
+    ) -> tuple[list[int], list[int]]:
+        """All other parts in view, near before far: things, and what lies behind them."""
+        parts = self.scene.parts
+        if not len(self.others):
+            return [], []
+        centres = np.array([centre for centre, _ in self._balls])
+        radii = np.array([radius for _, radius in self._balls])
+        movers = parts.mover[self.others]
+        moving = movers != STATIC
+        poses = map_from_movers[movers[moving]]
+        centres[moving] = (poses[:, :3, :3] @ centres[moving][:, :, None])[:, :, 0] + poses[
+            :, :3, 3
+        ]
+        distance = np.linalg.norm(centres - eye_m, axis=1) - radii
+        order = np.argsort(distance, kind="stable")
+        inside = _in_view(centres, radii, view_planes)
+        order = order[inside[order]]
+        background = parts.background[self.others[order]]
+        seen = self.others[order]
+        return seen[~background].tolist(), seen[background].tolist()
 
 
 class GlCamera:
@@ -92,12 +190,9 @@ class GlCamera:
         self._rgba = np.zeros((intrinsics.height, intrinsics.width, 4), np.uint8)
         self._textures: dict[str, Any] = {}
         self._shown: _Shown | None = None
+        self._programs: dict[_Shading, Any] = {}
         with self._context as context:
             self.name = f"moderngl ({context.info['GL_RENDERER']})"
-            self._textured: Any = context.program(_VERTEX_SHADER, _TEXTURED_SHADER)
-            # The floor fills half of most pictures: sampling a white texture for it would cost a
-            # CPU a millisecond.
-            self._plain: Any = context.program(_VERTEX_SHADER, _PLAIN_SHADER)
             self._colour: Any = context.renderbuffer(size)
             self._depth: Any = context.depth_renderbuffer(size)
             self._framebuffer: Any = context.framebuffer(self._colour, self._depth)
@@ -112,58 +207,99 @@ class GlCamera:
             for sha256, texture in wanted.items():
                 if sha256 not in self._textures:
                     self._textures[sha256] = self._upload(texture)
-            vertices = context.buffer(_vertices(scene).tobytes())
-            indices = context.buffer(reserve=_INDICES_OF_QUAD.nbytes * len(scene.corners_m))
-            self._shown = _Shown(
-                scene,
-                vertices,
-                indices,
-                context.vertex_array(
-                    self._textured,
-                    [(vertices, "3f 2f 3f", "position_m", "uv", "tint")],
-                    index_buffer=indices,
-                ),
-                context.vertex_array(
-                    self._plain,
-                    [(vertices, "3f 8x 3f", "position_m", "tint")],
-                    index_buffer=indices,
-                ),
-            )
+            self._shown = _Shown(context, scene)
 
-    def render(self, map_from_optical: Array) -> NDArray[np.uint8]:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None
+    ) -> NDArray[np.uint8]:
         """See Renderer."""
         clip_from_map = self._clip_from_optical @ optical_from_map(map_from_optical)
-        # OpenGL takes matrices column by column.
-        matrix = clip_from_map.T.astype(np.float32).tobytes()
+        shown = self._shown
         with self._context as context:
             self._framebuffer.use()
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             # The projection turns the picture over, and with it the sense of every face.
             context.front_face = "cw"
-            sky = self._shown.scene.sky.tolist() if self._shown else (0.0, 0.0, 0.0)
+            sky = shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0)
             self._framebuffer.clear(*sky, 1.0, depth=1.0)
-            self._textured["clip_from_map"].write(matrix)
-            self._plain["clip_from_map"].write(matrix)
-            if self._shown:
-                self._draw(self._shown, map_from_optical[:3, 3])
+            if shown:
+                poses = mover_poses(shown.scene, map_from_movers)
+                self._draw(shown, map_from_optical[:3, 3], clip_from_map, poses)
             # Four components are read as they lie; three would be converted by the driver, slowly.
             self._framebuffer.read_into(self._rgba, components=4, alignment=1)
         rgb = np.empty((*self._rgba.shape[:2], 3), np.uint8)
         cv2.cvtColor(self._rgba, cv2.COLOR_RGBA2RGB, dst=rgb)
         return rgb
 
-    def _draw(self, shown: _Shown, eye_m: Array) -> None:
-        quads = shown.drawing_order(eye_m)
-        indices = 4 * quads[:, None].astype(np.int32) + _INDICES_OF_QUAD
-        shown.indices.write(indices.tobytes())
-        textures = shown.scene.texture_of_quad[quads]
+    def _draw(
+        self, shown: _Shown, eye_m: Array, clip_from_map: Array, map_from_movers: Array
+    ) -> None:
+        matrix = _for_gl(clip_from_map)
+        planes = _view_planes(clip_from_map)
+        things, background = shown.others_in_view(eye_m, planes, map_from_movers)
+        # Uniforms stay as they are from picture to picture: each program in use gets them anew.
+        for shading in {shading: None for shading, _ in shown.arrays}:
+            self._programs[shading]["clip_from_map"].write(matrix)
+        for part in things:
+            self._draw_part(shown, part, matrix, map_from_movers)
+        self._draw_quads(shown, shown.quads_in_view(eye_m, planes), matrix)
+        for part in background:
+            self._draw_part(shown, part, matrix, map_from_movers)
+
+    def _draw_part(self, shown: _Shown, part: int, matrix: bytes, map_from_movers: Array) -> None:
+        parts = shown.scene.parts
+        texture, mover = int(parts.texture[part]), int(parts.mover[part])
+        moves = mover != STATIC
+        shading = self._shading(shown, texture, bool(parts.smooth[part]), moves)
+        array = self._array(shown, shading, False, matrix)
+        if moves:
+            self._programs[shading]["map_from_mover"].write(_for_gl(map_from_movers[mover]))
+        self._use(shown, texture)
+        first, count = int(parts.first[part]), int(parts.count[part])
+        array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
+
+    def _draw_quads(self, shown: _Shown, quads: NDArray[np.int64], matrix: bytes) -> None:
+        if not len(quads):
+            return
+        shown.quad_indices.write(shown.indices_of_quads[quads].tobytes())
+        textures = shown.quad_textures[quads]
         firsts = [0, *(np.flatnonzero(np.diff(textures)) + 1).tolist(), len(quads)]
         for first, end in pairwise(firsts):
-            array = shown.plain
-            if textures[first] != PLAIN:
-                array = shown.textured
-                self._textures[shown.scene.textures[textures[first]].sha256].use(0)
+            texture = int(textures[first])
+            shading = self._shading(shown, texture, False, False)
+            array = self._array(shown, shading, True, matrix)
+            self._use(shown, texture)
             array.render(moderngl.TRIANGLES, vertices=6 * (end - first), first=6 * first)
+
+    def _use(self, shown: _Shown, texture: int) -> None:
+        if texture != PLAIN:
+            self._textures[shown.scene.textures[texture].sha256].use(0)
+
+    def _shading(self, shown: _Shown, texture: int, smooth: bool, moves: bool) -> _Shading:
+        return _Shading(texture != PLAIN, smooth, moves, len(shown.scene.lamps))
+
+    def _array(self, shown: _Shown, shading: _Shading, of_quads: bool, matrix: bytes) -> Any:
+        """The vertices as a program takes them; made where it is first needed."""
+        array = shown.arrays.get((shading, of_quads))
+        if array is None:
+            program = self._program(shading)
+            program["clip_from_map"].write(matrix)
+            _light(program, shading, shown.scene)
+            array = self._context.vertex_array(
+                program,
+                [(shown.vertices, _VERTEX_FORMAT, *_VERTEX_FIELDS)],
+                index_buffer=shown.quad_indices if of_quads else shown.indices,
+                skip_errors=True,
+            )
+            shown.arrays[shading, of_quads] = array
+        return array
+
+    def _program(self, shading: _Shading) -> Any:
+        if shading not in self._programs:
+            self._programs[shading] = self._context.program(
+                shading.source(_VERTEX_SHADER), shading.source(_FRAGMENT_SHADER)
+            )
+        return self._programs[shading]
 
     def close(self) -> None:
         """See Renderer."""
@@ -173,27 +309,16 @@ class GlCamera:
             self._release_shown()
             for texture in self._textures.values():
                 texture.release()
-            for thing in (
-                self._framebuffer,
-                self._colour,
-                self._depth,
-                self._textured,
-                self._plain,
-            ):
+            for thing in (*self._programs.values(), self._framebuffer, self._colour, self._depth):
                 thing.release()
         self._textures.clear()
+        self._programs.clear()
         self._context.release()
         self._context = None
 
     def _release_shown(self) -> None:
         if self._shown:
-            for thing in (
-                self._shown.textured,
-                self._shown.plain,
-                self._shown.vertices,
-                self._shown.indices,
-            ):
-                thing.release()
+            self._shown.release()
         self._shown = None
 
     def _upload(self, texture: Texture) -> Any:
@@ -228,7 +353,43 @@ def _make_context() -> Any:
 
 
 def _vertices(scene: Scene) -> NDArray[np.float32]:
-    """(4 n, 8): position, uv and tint of each quad's corners."""
-    tints = np.broadcast_to(scene.tints[:, None, :], scene.corners_m.shape)
-    corners = np.concatenate((scene.corners_m, scene.uvs, tints), axis=2)
-    return corners.reshape(-1, 8).astype(np.float32)
+    """(n, 14): position, uv, tint, normal and albedo."""
+    columns = (scene.vertices_m, scene.uvs, scene.tints, scene.normals, scene.albedos)
+    return np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind")
+
+
+def _light(program: Any, shading: _Shading, scene: Scene) -> None:
+    if shading.moves:
+        program["sun"].write(scene.sun.astype(np.float32).tobytes())
+    if shading.lamps:
+        lamps = scene.lamps
+        for name, rows in (
+            ("lamp_places_m", [lamp.position_m for lamp in lamps]),
+            ("lamp_colours", [lamp.diffuse[:3] for lamp in lamps]),
+            ("lamp_fades", [(lp.constant, lp.linear, lp.quadratic, lp.range_m) for lp in lamps]),
+        ):
+            program[name].write(np.array(rows, np.float32).tobytes())
+
+
+def _for_gl(matrix: Array) -> bytes:
+    """OpenGL takes matrices column by column."""
+    return matrix.T.astype(np.float32).tobytes()
+
+
+def _ball(scene: Scene, part: int) -> tuple[Array, float]:
+    """Centre and radius of a ball around a part, in its own frame."""
+    first, count = int(scene.parts.first[part]), int(scene.parts.count[part])
+    points = scene.vertices_m[scene.triangles[first : first + count].ravel()]
+    centre = (points.min(0) + points.max(0)) / 2.0
+    return centre, float(np.linalg.norm(points - centre, axis=1).max())
+
+
+def _view_planes(clip_from_map: Array) -> Array:
+    """(6, 4) planes around what is in view: a point's distance inside each, in metres."""
+    planes = np.concatenate([clip_from_map[3] + sign * clip_from_map[:3] for sign in (1.0, -1.0)])
+    return np.asarray(planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True), np.float64)
+
+
+def _in_view(centres_m: Array, radii_m: Array, view_planes: Array) -> NDArray[np.bool_]:
+    inside = centres_m @ view_planes[:, :3].T + view_planes[:, 3] >= -radii_m[:, None]
+    return np.asarray(inside.all(axis=1))

@@ -1,43 +1,43 @@
-"""What a camera sees: a world and the entities in it, as lit, textured quads for any renderer."""
+"""What a camera sees: a world and the entities in it, as lit, textured triangles for any renderer.
+
+Sun and ambient light are in the vertices' tints already, so that every renderer shows the same
+colours; lamps are left to the renderer, since a lamp's light changes across a wall. Nothing throws
+a shadow.
+"""
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import math
-import struct
-import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import Entity, Material, Rgba, Wall, World
+from services.common.documents import Entity, Material, Mesh, PointLight, Rgba, World
 from services.common.frames import Array, rotation_from_quaternion, transform_matrix
+from services.common.geometry import TriangleMesh, joined, quad_triangles
+from services.common.surfaces import PLAIN as PLAIN_MATERIAL
+from services.common.surfaces import Surface, pose_matrix, surfaces
+from services.physics.assets import decoded_mesh, decoded_png
 
-FLOOR_SIDE_M = 100.0
-MAX_TEXTURE_SIDE_PX = 2048
+MAX_LAMPS = 8
 PLAIN = -1
-"""Texture index of a quad that has none."""
+"""Texture index of a part that has none."""
+STATIC = -1
+"""Mover index of a part that stands still."""
 
 PANEL_BACK: Rgba = (0.45, 0.45, 0.45, 1.0)
 """Colour of a panel's back, and of a front without its texture: nothing a detector could read."""
 
 _UNKNOWN_MATERIAL = Material(name="")
 _WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
-_PARALLEL = 1e-8
-"""One less the cosine of 0.14 mrad: over 5 m, 0.7 mm."""
-_SAME_PLANE_M = 1e-3
-"""Faces nearer each other count as one: from some 15 m on, a depth buffer cannot part them."""
-_SLIVER_M = 1e-6
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PANEL_UVS: Array = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A picture to lay on quads."""
+    """A picture to lay on triangles."""
 
     sha256: str
     """Of the PNG file's bytes: two textures with the same one are the same."""
@@ -46,165 +46,105 @@ class Texture:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Flat quads in the map frame, seen from their front only.
+class Parts:
+    """Runs of triangles with one look, (p,) each."""
 
-    A pixel's colour is the quad's tint times the texture there: light is in the tint already,
-    since a flat face under a directional light has one shade. So every renderer shows the same
-    colours.
-    """
-
-    corners_m: Array
-    """(n, 4, 3): counter-clockwise from the bottom left, as one looks at the front."""
-    uvs: Array
-    """(n, 4, 2), none negative: (0, 0) is a texture's top left, (1, 1) its bottom right.
-
-    Beyond that it repeats.
-    """
-    tints: Array
-    """(n, 3), RGB in [0, 1]."""
-    texture_of_quad: NDArray[np.int64]
-    """(n,): index into `textures`, or PLAIN."""
-    textures: tuple[Texture, ...]
-    sky: Array
-    """(3,), RGB in [0, 1]: where there is no quad."""
-    problems: tuple[str, ...]
-    """One line for each texture that is shown as a plain colour, with the reason."""
-
-
-def build_scene(
-    world: World, assets: Mapping[str, bytes], entities: Iterable[Entity] = ()
-) -> Scene:
-    """The scene of a world's walls and floor and of the panels in it.
-
-    `assets` are PNG files by their sha256. A surface whose texture is missing or damaged gets its
-    plain colour, and a line in `problems`.
-    """
-    builder = _Builder(world, assets)
-    materials = {material.name: material for material in world.materials}
-    for wall in world.walls:
-        material = materials.get(wall.material)
-        if material is None:
-            builder.problem(f"wall {wall.name}: material {wall.material!r} is not in the world")
-        builder.add_wall(wall, material or _UNKNOWN_MATERIAL)
-    for entity in entities:
-        builder.add_panel(entity)
-    builder.add_floor(materials.get(world.floor_material, _UNKNOWN_MATERIAL).diffuse)
-    return builder.scene()
-
-
-def decode_png(data: bytes) -> NDArray[np.uint8]:
-    """The picture in a PNG file: (h, w, 3) uint8 RGB, read-only.
-
-    Raises ValueError, with a phrase that says what is wrong, where it is no whole PNG of at most
-    2048 x 2048. Decoders fill in for a damaged file silently: so every chunk's checksum is looked
-    at first.
-    """
-    _check_png(data)
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise ValueError("cannot be decoded")
-    rgb = np.ascontiguousarray(bgr[:, :, ::-1], np.uint8)
-    rgb.setflags(write=False)
-    return rgb
-
-
-def _check_png(data: bytes) -> None:
-    if not data.startswith(_PNG_SIGNATURE):
-        raise ValueError("is no PNG")
-    at, kind = len(_PNG_SIGNATURE), b""
-    while kind != b"IEND":
-        if at + 12 > len(data):
-            raise ValueError("is cut short")
-        length, kind = struct.unpack_from(">I4s", data, at)
-        end = at + 8 + length
-        if end + 4 > len(data):
-            raise ValueError("is cut short")
-        if zlib.crc32(data[at + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
-            raise ValueError("is damaged")
-        if at == len(_PNG_SIGNATURE):
-            if kind != b"IHDR" or length != 13:
-                raise ValueError("is no PNG")
-            width, height = struct.unpack_from(">II", data, at + 8)
-            if not (0 < width <= MAX_TEXTURE_SIDE_PX and 0 < height <= MAX_TEXTURE_SIDE_PX):
-                limit = MAX_TEXTURE_SIDE_PX
-                raise ValueError(f"is {width} x {height}: at most {limit} x {limit}")
-        at = end + 4
-
-
-@functools.lru_cache(maxsize=64)
-def _decoded(sha256: str, data: bytes) -> NDArray[np.uint8] | str:
-    """The picture, or what is wrong. Cached: each entity that comes or goes makes a new scene."""
-    if hashlib.sha256(data).hexdigest() != sha256:
-        return "does not have that sha256"
-    try:
-        return decode_png(data)
-    except ValueError as error:
-        return str(error)
-
-
-_UP: Array = np.array([0.0, 0.0, 1.0])
-_UNIT_UVS: Array = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    first: NDArray[np.int64]
+    """Index of its first triangle."""
+    count: NDArray[np.int64]
+    texture: NDArray[np.int64]
+    """Index into `textures`, or PLAIN."""
+    mover: NDArray[np.int64]
+    """Index into `movers`, or STATIC."""
+    smooth: NDArray[np.bool_]
+    """Normals, and with them tints, differ within a triangle."""
+    quad: NDArray[np.bool_]
+    """Two triangles of a static, flat rectangle."""
+    background: NDArray[np.bool_]
+    """Floor or ceiling: wide, and behind most else."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
-    """An upright face of a wall. Places along it are metres to the right of its middle."""
+class Scene:
+    """Triangles seen from their front only, in the map frame or in that of a body that moves.
 
-    bottom_centre_m: Array
-    normal: Array
-    right: Array
-    width_m: float
-    height_m: float
-    tint: Array
-    texture: str
-    tile_side_m: float
-
-    def corners_m(self, left_m: float, right_m: float) -> Array:
-        half_up = self.height_m / 2.0 * _UP
-        centre = self.bottom_centre_m + (left_m + right_m) / 2.0 * self.right + half_up
-        return _rectangle(centre, (right_m - left_m) / 2.0 * self.right, half_up)
-
-    def uvs(self, left_m: float, right_m: float) -> Array:
-        """Tiles from the bottom left; v counts down from a whole number, to stay positive."""
-        left, right = (
-            max(place + self.width_m / 2.0, 0.0) / self.tile_side_m for place in (left_m, right_m)
-        )
-        bottom = math.ceil(self.height_m / self.tile_side_m)
-        top = bottom - self.height_m / self.tile_side_m
-        return np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
-
-
-def _uncovered(sides: list[_Side]) -> Iterator[tuple[_Side, float, float]]:
-    """The stretches of each face, from left to right, that no other face lies upon.
-
-    Walls overlap where they meet, and faces in one plane would both be drawn there, in a mix of
-    stripes. The higher face wins, and the earlier among equals.
+    A pixel's colour is its tint times the texture there. The tint of what stands still is in
+    `tints`; to that of what moves comes albedo times the sun's light on it, and to either what the
+    lamps add.
     """
-    if not sides:
-        return
-    ranked = sorted(sides, key=lambda side: -side.height_m)
-    normals = np.array([side.normal for side in ranked])
-    rights = np.array([side.right for side in ranked])
-    centres = np.array([side.bottom_centre_m for side in ranked])
-    halves = np.array([side.width_m for side in ranked]) / 2.0
-    for rank, side in enumerate(ranked):
-        to_others = centres[:rank] - side.bottom_centre_m
-        in_plane = (normals[:rank] @ side.normal > 1.0 - _PARALLEL) & (
-            np.abs(to_others @ side.normal) < _SAME_PLANE_M
-        )
-        pieces = [(-side.width_m / 2.0, side.width_m / 2.0)]
-        for other in np.flatnonzero(in_plane):
-            middle = float(to_others[other] @ rights[other])
-            low, high = middle - float(halves[other]), middle + float(halves[other])
-            pieces = [
-                piece
-                for left, right in pieces
-                for piece in ((left, min(right, low)), (max(left, high), right))
-                if piece[1] - piece[0] > _SLIVER_M
-            ]
-        for left, right in pieces:
-            yield side, left, right
+
+    vertices_m: Array
+    """(n, 3)"""
+    normals: Array
+    """(n, 3), of unit length"""
+    uvs: Array
+    """(n, 2): (0, 0) is a texture's top left, (1, 1) its bottom right. Beyond that it repeats."""
+    tints: Array
+    """(n, 3), RGB in [0, 1]"""
+    albedos: Array
+    """(n, 3), RGB: what comes back of a light's strength; zero for what is not lit."""
+    triangles: NDArray[np.int32]
+    """(m, 3), counter-clockwise from the front"""
+    parts: Parts
+    textures: tuple[Texture, ...]
+    movers: tuple[str, ...]
+    """Names of the bodies that move."""
+    map_from_movers: Array
+    """(k, 4, 4): where they are at the start."""
+    sun: Array
+    """(3,): towards the sun, as long as it is strong."""
+    lamps: tuple[PointLight, ...]
+    sky: Array
+    """(3,), RGB in [0, 1]: where there is no triangle."""
+    problems: tuple[str, ...]
+    """One line for each thing that is not shown as it should be, with the reason."""
+
+
+def build_scene(
+    world: World,
+    assets: Mapping[str, bytes],
+    entities: Iterable[Entity] = (),
+    seen: Sequence[Surface] | None = None,
+) -> Scene:
+    """The scene of a world and of the panels in it.
+
+    `assets` are PNG files and meshes by their sha256. A surface whose texture is missing or damaged
+    gets its plain colour, and a line in `problems`; a mesh that is missing is not shown. `seen` are
+    the world's surfaces, where they are at hand.
+    """
+    builder = _Builder(world, assets)
+    for surface in seen if seen is not None else builder.surfaces():
+        builder.add_surface(surface)
+    for entity in entities:
+        builder.add_panel(entity)
+    return builder.scene()
+
+
+def lamp_light(scene: Scene, places_m: Array, normals: Array) -> Array:
+    """(n, 3): strength of the lamps' light that falls on places in the map, after Lambert."""
+    light = np.zeros((len(places_m), 3))
+    for lamp in scene.lamps:
+        to_lamp = np.array(lamp.position_m) - places_m
+        distance = np.linalg.norm(to_lamp, axis=1)
+        facing = np.einsum("ij,ij->i", to_lamp, normals) / np.maximum(distance, 1e-6)
+        fade = lamp.constant + lamp.linear * distance + lamp.quadratic * distance**2
+        strength = np.maximum(facing, 0.0) / np.maximum(fade, 1e-6)
+        strength[distance > lamp.range_m] = 0.0
+        light += strength[:, None] * np.array(lamp.diffuse[:3])
+    return light
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Of one mesh of the scene."""
+
+    ambient: Rgba
+    diffuse: Rgba
+    lit: bool
+    texture: str
+    mover: int
+    in_quads: bool
+    background: bool
 
 
 class _Builder:
@@ -213,123 +153,150 @@ class _Builder:
         self._world = world
         self._textures: dict[str, Texture] = {}
         self._problems: dict[str, None] = {}
-        self._sides: list[_Side] = []
-        self._corners: list[Array] = []
-        self._uvs: list[Array] = []
-        self._tints: list[Array] = []
-        self._quad_textures: list[str] = []
+        self._materials = {material.name: material for material in world.materials}
+        self._meshes: list[TriangleMesh] = []
+        self._looks: list[_Look] = []
+        self._movers = {
+            body.name: index
+            for index, body in enumerate(body for body in world.bodies if body.mass_kg > 0.0)
+        }
         norm = math.hypot(*world.light_direction)
         self._towards_light = -np.array(world.light_direction) / (norm or 1.0)
 
-    def problem(self, line: str) -> None:
-        self._problems[line] = None
+    def surfaces(self) -> tuple[Surface, ...]:
+        meshes = {}
+        for body in self._world.bodies:
+            for shape in body.shapes:
+                if isinstance(shape.geometry, Mesh):
+                    sha256 = shape.geometry.sha256
+                    meshes[sha256] = self._mesh(sha256, body.name)
+        return surfaces(self._world, meshes)
 
-    def add_wall(self, wall: Wall, material: Material) -> None:
-        """The four sides and the top of a wall's box; nobody sees its bottom."""
-        map_from_wall = wall.map_from_wall().matrix()
-        half = np.array([wall.length_m, wall.thickness_m]) / 2.0
-        texture = self._texture(material.texture_sha256, f"material {material.name}")
-        ambient, diffuse = (_WHITE, _WHITE) if texture else (material.ambient, material.diffuse)
-        for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
-            normal = sign * map_from_wall[:3, axis]
-            self._sides.append(
-                _Side(
-                    bottom_centre_m=map_from_wall[:3, 3] + half[axis] * normal,
-                    normal=normal,
-                    right=np.cross(_UP, normal),
-                    width_m=2.0 * float(half[1 - axis]),
-                    height_m=wall.height_m,
-                    tint=self._lit(normal, ambient, diffuse),
-                    texture=texture,
-                    tile_side_m=material.texture_side_m,
-                )
+    def _mesh(self, sha256: str, body: str) -> TriangleMesh:
+        try:
+            return decoded_mesh(sha256, self._assets[sha256])
+        except KeyError:
+            reason = "is not there"
+        except ValueError as error:
+            reason = str(error)
+        self._problems[f"body {body}: mesh {sha256:.12} {reason}; not shown"] = None
+        return joined(())
+
+    def add_surface(self, surface: Surface) -> None:
+        material = self._materials.get(surface.material)
+        if material is None:
+            material = _UNKNOWN_MATERIAL if surface.material else PLAIN_MATERIAL
+            if surface.material:
+                owner = f"{surface.kind} {surface.name}".rstrip()
+                line = f"{owner}: material {surface.material!r} is not in the world"
+                self._problems[line] = None
+        owner = f"material {material.name}"
+        texture = self._texture(material.texture_sha256, owner) if surface.textured else ""
+        self._meshes.append(surface.mesh)
+        self._looks.append(
+            _Look(
+                ambient=_WHITE if texture else material.ambient,
+                diffuse=_WHITE if texture else material.diffuse,
+                lit=True,
+                texture=texture,
+                mover=self._movers[surface.name] if surface.moves else STATIC,
+                in_quads=surface.kind == "wall",
+                background=surface.kind in ("floor", "ceiling"),
             )
-        top = _rectangle(
-            map_from_wall[:3, 3] + wall.height_m * _UP,
-            half[0] * map_from_wall[:3, 0],
-            half[1] * map_from_wall[:3, 1],
         )
-        self._add(top, _UNIT_UVS, self._lit(_UP, material.ambient, material.diffuse), "")
 
     def add_panel(self, entity: Entity) -> None:
         """A panel's front, not lit, so that its black stays black, and its plain back."""
         map_from_panel = transform_matrix(
             rotation_from_quaternion(*entity.orientation_xyzw), entity.position_m
         )
+        texture = self._texture(entity.texture_sha256, f"entity {entity.name}")
         half = entity.panel_side_m / 2.0
-        up = np.array([0.0, half, 0.0])
-        front = _moved(map_from_panel, _rectangle(np.zeros(3), np.array([half, 0.0, 0.0]), up))
-        back = _moved(map_from_panel, _rectangle(np.zeros(3), np.array([-half, 0.0, 0.0]), up))
-        textured = self._texture(entity.texture_sha256, f"entity {entity.name}")
-        self._add(front, _UNIT_UVS, np.array((_WHITE if textured else PANEL_BACK)[:3]), textured)
-        self._add(back, _UNIT_UVS, np.array(PANEL_BACK[:3]), "")
-
-    def add_floor(self, diffuse: Rgba) -> None:
-        half = FLOOR_SIDE_M / 2.0
-        floor = _rectangle(np.zeros(3), np.array([half, 0.0, 0.0]), np.array([0.0, half, 0.0]))
-        self._add(floor, _UNIT_UVS, self._lit(_UP, diffuse, diffuse), "")
+        for sign, picture in ((1.0, texture), (-1.0, "")):
+            corners = half * np.array(
+                [[-sign, -1.0, 0.0], [sign, -1.0, 0.0], [sign, 1.0, 0.0], [-sign, 1.0, 0.0]]
+            )
+            normals = np.tile((0.0, 0.0, sign), (4, 1))
+            side = TriangleMesh(corners, normals, _PANEL_UVS, quad_triangles(1))
+            colour = _WHITE if picture else PANEL_BACK
+            self._meshes.append(side.moved(map_from_panel))
+            self._looks.append(_Look(colour, colour, False, picture, STATIC, True, False))
 
     def scene(self) -> Scene:
-        for side, left_m, right_m in _uncovered(self._sides):
-            self._add(
-                side.corners_m(left_m, right_m), side.uvs(left_m, right_m), side.tint, side.texture
-            )
-        index_of = {sha256: index for index, sha256 in enumerate(self._textures)}
+        whole = joined(self._meshes)
+        looks = self._looks
+        sizes = np.array([len(mesh.vertices_m) for mesh in self._meshes], np.int64)
+        ambient = np.repeat(np.array([look.ambient[:3] for look in looks]), sizes, axis=0)
+        diffuse = np.repeat(np.array([look.diffuse[:3] for look in looks]), sizes, axis=0)
+        lit = np.repeat([look.lit for look in looks], sizes)
+        moving = np.repeat([look.mover != STATIC for look in looks], sizes)
+        world = self._world
+        light_ambient = max(world.light_ambient, 0.0)
+        light_diffuse = max(world.light_diffuse, 0.0)
+        exposure = self._exposure(light_ambient, light_diffuse)
+        facing = np.where(moving, 0.0, np.maximum(whole.normals @ self._towards_light, 0.0))
+        tints = (light_ambient * ambient + light_diffuse * facing[:, None] * diffuse) / exposure
+        tints[~lit] = ambient[~lit]
+        bodies = [body for body in world.bodies if body.mass_kg > 0.0]
+        if len(world.lights) > MAX_LAMPS:
+            self._problems[f"lights: {len(world.lights)}: the first {MAX_LAMPS} shine"] = None
         return Scene(
-            corners_m=np.array(self._corners),
-            uvs=np.array(self._uvs),
-            tints=np.array(self._tints),
-            texture_of_quad=np.array([index_of.get(sha, PLAIN) for sha in self._quad_textures]),
+            vertices_m=whole.vertices_m,
+            normals=whole.normals,
+            uvs=whole.uvs,
+            tints=np.clip(tints, 0.0, 1.0),
+            albedos=np.where(lit[:, None], diffuse / exposure, 0.0),
+            triangles=whole.triangles,
+            parts=self._parts(whole),
             textures=tuple(self._textures.values()),
-            sky=np.clip(np.array(self._world.sky[:3]), 0.0, 1.0),
+            movers=tuple(self._movers),
+            map_from_movers=np.array([pose_matrix(body) for body in bodies]).reshape(-1, 4, 4),
+            sun=light_diffuse * self._towards_light,
+            lamps=world.lights[:MAX_LAMPS],
+            sky=np.clip(np.array(world.sky[:3]), 0.0, 1.0),
             problems=tuple(self._problems),
         )
 
-    def _add(self, corners_m: Array, uvs: Array, tint: Array, texture: str) -> None:
-        self._corners.append(corners_m)
-        self._uvs.append(uvs)
-        self._tints.append(tint)
-        self._quad_textures.append(texture)
+    def _exposure(self, light_ambient: float, light_diffuse: float) -> float:
+        """By which light is divided, so that an upright white face towards the sun is just white:
+        no wall's colours are cut off.
+
+        Where there are lamps it is 1 at least: what they do not reach may be dark.
+        """
+        sideways = math.hypot(self._towards_light[0], self._towards_light[1])
+        brightest = light_ambient + light_diffuse * sideways
+        return max(brightest, 1.0) if self._world.lights else brightest or 1.0
+
+    def _parts(self, whole: TriangleMesh) -> Parts:
+        corners = whole.normals[whole.triangles]
+        bent = (corners != corners[:, :1]).any(axis=(1, 2))
+        index_of = {sha256: index for index, sha256 in enumerate(self._textures)}
+        rows: list[tuple[int, int, int, int, bool, bool, bool]] = []
+        first = 0
+        for mesh, look in zip(self._meshes, self._looks, strict=True):
+            count = len(mesh.triangles)
+            texture = index_of.get(look.texture, PLAIN)
+            if look.in_quads:
+                rows += [
+                    (at, 2, texture, STATIC, False, True, False)
+                    for at in range(first, first + count, 2)
+                ]
+            elif count:
+                smooth = bool(bent[first : first + count].any())
+                rows.append((first, count, texture, look.mover, smooth, False, look.background))
+            first += count
+        table = np.array(rows, np.int64).reshape(-1, 7)
+        return Parts(*table[:, :4].T, *(table[:, 4:].T > 0))
 
     def _texture(self, sha256: str, owner: str) -> str:
         """The texture's sha256 where it can be shown, else the empty string."""
         if not sha256 or sha256 in self._textures:
             return sha256
         data = self._assets.get(sha256)
-        picture = _decoded(sha256, data) if data is not None else "is not there"
+        picture = decoded_png(sha256, data) if data is not None else "is not there"
         if isinstance(picture, str):
-            self.problem(f"{owner}: texture {sha256:.12} {picture}; shown as a plain colour")
+            line = f"{owner}: texture {sha256:.12} {picture}; shown as a plain colour"
+            self._problems[line] = None
             return ""
         self._textures[sha256] = Texture(sha256, picture)
         return sha256
-
-    def _lit(self, normal: Array, ambient: Rgba, diffuse: Rgba) -> Array:
-        """Colour of a face under the world's ambient and directional light (Lambert).
-
-        Exposed so that an upright white face towards the light is just white: no wall's colours
-        are cut off.
-        """
-        light_ambient = max(self._world.light_ambient, 0.0)
-        light_diffuse = max(self._world.light_diffuse, 0.0)
-        facing = max(float(normal @ self._towards_light), 0.0)
-        colour = light_ambient * np.array(ambient[:3])
-        colour = colour + light_diffuse * facing * np.array(diffuse[:3])
-        sideways = math.hypot(self._towards_light[0], self._towards_light[1])
-        brightest = light_ambient + light_diffuse * sideways
-        return np.clip(colour / (brightest or 1.0), 0.0, 1.0)
-
-
-def _rectangle(centre: Array, half_right: Array, half_up: Array) -> Array:
-    """(4, 3) corners, counter-clockwise from the bottom left."""
-    return np.array(
-        [
-            centre - half_right - half_up,
-            centre + half_right - half_up,
-            centre + half_right + half_up,
-            centre - half_right + half_up,
-        ]
-    )
-
-
-def _moved(a_from_b: Array, points: Array) -> Array:
-    return points @ a_from_b[:3, :3].T + a_from_b[:3, 3]

@@ -1,18 +1,23 @@
-"""The camera on PyBullet's TinyRenderer: needs no OpenGL, and is some thirty times slower."""
+"""The camera on PyBullet's TinyRenderer: needs no OpenGL, and is some thirty times slower.
+
+Each triangle has one shade, that of its middle, and keeps it: a body that moves is shaded as it
+stood at the start.
+"""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import Array
+from services.common.frames import Array, quaternion_from_rotation
 from services.physics.bullet import pybullet
-from services.physics.camera import Intrinsics, optical_from_map
-from services.physics.scene import PLAIN, Scene, Texture
+from services.physics.camera import Intrinsics, mover_poses, optical_from_map
+from services.physics.scene import PLAIN, STATIC, Scene, Texture, lamp_light
 
 MAX_TEXTURE_SIDE_PX = 256
 """Larger textures are shrunk: one of their pixels is shown, unfiltered, and glitters from afar."""
@@ -23,7 +28,9 @@ _PIXEL_CENTRE = (0.0, 1.0)
 _GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """PyBullet wants a view with y up, that looks along -z."""
 
-_TRIANGLES_OF_QUAD = np.array([0, 1, 2, 0, 2, 3])
+_SHADES = 32.0
+_MAX_TRIANGLES = 40_000
+"""Of a shape: PyBullet takes no more than 131,072 vertices."""
 
 
 class TinyCamera:
@@ -40,6 +47,8 @@ class TinyCamera:
         )
         self._projection = _column_major(clip_from_gl)
         self._sky = np.zeros(3, np.uint8)
+        self._scene: Scene | None = None
+        self._bodies_of_mover: list[list[int]] = []
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
 
     def set_scene(self, scene: Scene) -> None:
@@ -49,18 +58,24 @@ class TinyCamera:
         self._sky = np.round(255.0 * scene.sky).astype(np.uint8)
         with tempfile.TemporaryDirectory(prefix="mazebot-textures-") as folder:
             textures = [self._load(texture, Path(folder)) for texture in scene.textures]
-        # A shape has one texture and one colour.
-        looks = np.column_stack((scene.texture_of_quad, scene.tints))
-        for look in np.unique(looks, axis=0):
-            quads = (looks == look).all(axis=1)
-            body = self._add(scene.corners_m[quads], scene.uvs[quads], look[1:])
-            if look[0] != PLAIN:
-                pybullet.changeVisualShape(
-                    body, -1, textureUniqueId=textures[int(look[0])], physicsClientId=client
-                )
+        self._scene = scene
+        self._bodies_of_mover = [[] for _ in scene.movers]
+        for mover, texture, tint, triangles in _looks(scene):
+            for some in np.array_split(triangles, -(-len(triangles) // _MAX_TRIANGLES)):
+                body = self._add(scene, some, tint)
+                if texture != PLAIN:
+                    pybullet.changeVisualShape(
+                        body, -1, textureUniqueId=textures[texture], physicsClientId=client
+                    )
+                if mover != STATIC:
+                    self._bodies_of_mover[mover].append(body)
 
-    def render(self, map_from_optical: Array) -> NDArray[np.uint8]:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None
+    ) -> NDArray[np.uint8]:
         """See Renderer."""
+        if self._scene is not None:
+            self._move(mover_poses(self._scene, map_from_movers))
         gl_from_map = _GL_FROM_OPTICAL @ optical_from_map(map_from_optical)
         width, height = self._size
         _, _, rgba, _, bodies = pybullet.getCameraImage(
@@ -97,26 +112,79 @@ class TinyCamera:
         path.write_bytes(cv2.imencode(".png", pixels[:, :, ::-1])[1].tobytes())
         return int(pybullet.loadTexture(str(path), physicsClientId=self._client))
 
-    def _add(self, corners_m: Array, uvs: Array, tint: Array) -> int:
-        """One static body of quads (n, 4, 3) with one look."""
-        normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        indices = 4 * np.arange(len(corners_m))[:, None] + _TRIANGLES_OF_QUAD
+    def _move(self, map_from_movers: Array) -> None:
+        for pose, bodies in zip(map_from_movers, self._bodies_of_mover, strict=True):
+            position, turn = pose[:3, 3].tolist(), quaternion_from_rotation(pose[:3, :3])
+            for body in bodies:
+                pybullet.resetBasePositionAndOrientation(
+                    body, position, turn, physicsClientId=self._client
+                )
+
+    def _add(self, scene: Scene, triangles: NDArray[np.int64], tint: Array) -> int:
+        """One body of triangles with one look."""
+        used, corners = np.unique(scene.triangles[triangles], return_inverse=True)
         # TinyRenderer counts v from a texture's bottom, and knows no negative one.
-        bottom = np.ceil(uvs[:, :, 1].max())
-        uvs_from_bottom = np.stack((uvs[:, :, 0], bottom - uvs[:, :, 1]), axis=2)
+        uvs = scene.uvs[used] * (1.0, -1.0)
+        uvs -= np.floor(uvs.min(0))
         shape = pybullet.createVisualShape(
             pybullet.GEOM_MESH,
-            vertices=corners_m.reshape(-1, 3).tolist(),
-            indices=indices.ravel().tolist(),
-            uvs=uvs_from_bottom.reshape(-1, 2).tolist(),
-            normals=np.repeat(normals, 4, axis=0).tolist(),
+            vertices=scene.vertices_m[used].tolist(),
+            indices=corners.ravel().tolist(),
+            uvs=uvs.tolist(),
+            normals=scene.normals[used].tolist(),
             rgbaColor=[*tint.tolist(), 1.0],
             physicsClientId=self._client,
         )
         return int(
             pybullet.createMultiBody(baseVisualShapeIndex=shape, physicsClientId=self._client)
         )
+
+
+def _looks(scene: Scene) -> Iterator[tuple[int, int, Array, NDArray[np.int64]]]:
+    """Triangles by mover, texture and tint: a shape has one texture and one colour."""
+    parts = scene.parts
+    order = np.concatenate(
+        [
+            np.arange(first, first + count)
+            for first, count in zip(parts.first, parts.count, strict=True)
+        ]
+    )
+    part = np.repeat(np.arange(len(parts.first)), parts.count)
+    tints = _tints(scene, scene.triangles[order], parts.mover[part], parts.smooth[part])
+    rows = np.column_stack((parts.mover[part], parts.texture[part], tints))
+    looks, index = np.unique(rows, axis=0, return_inverse=True)
+    by_look = np.argsort(index.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(index.ravel(), minlength=len(looks)))
+    for look, members in zip(looks, np.split(by_look, ends[:-1]), strict=True):
+        yield int(look[0]), int(look[1]), look[2:], order[members]
+
+
+def _tints(
+    scene: Scene,
+    triangles: NDArray[np.int32],
+    movers: NDArray[np.int64],
+    smooth: NDArray[np.bool_],
+) -> Array:
+    """(m, 3), of each triangle's middle."""
+    normals, albedos = scene.normals[triangles].mean(1), scene.albedos[triangles].mean(1)
+    middles = scene.vertices_m[triangles].mean(1)
+    tints = scene.tints[triangles].mean(1)
+    moving = movers != STATIC
+    if moving.any():
+        poses = scene.map_from_movers[movers[moving]]
+        normals[moving] = (poses[:, :3, :3] @ normals[moving][:, :, None])[:, :, 0]
+        middles[moving] = (poses[:, :3, :3] @ middles[moving][:, :, None])[:, :, 0] + poses[
+            :, :3, 3
+        ]
+        facing = np.maximum(normals[moving] @ scene.sun, 0.0)
+        tints[moving] += albedos[moving] * facing[:, None]
+    tints += albedos * lamp_light(scene, middles, normals)
+    tints = np.clip(tints, 0.0, 1.0)
+    # Few enough shades that what is round, or lit by a lamp, is not a body a triangle.
+    many = smooth | bool(scene.lamps)
+    tints[many] = np.round(tints[many] * _SHADES) / _SHADES
+    tints[~many] = np.round(tints[~many], 9)
+    return np.asarray(tints)
 
 
 def _column_major(matrix: Array) -> list[float]:

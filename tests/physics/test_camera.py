@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.common.config import ROOT, ConfigError
-from services.common.documents import Entity, Material, Planar, Wall, World
+from services.common.documents import Entity, Material, Planar, Rgba, Wall, World
 from services.common.frames import (
     LINK_FROM_OPTICAL,
     SE2,
@@ -28,8 +28,9 @@ from services.common.frames import (
     rotation_from_rpy,
     transform_matrix,
 )
+from services.physics.assets import decode_png
 from services.physics.camera import Intrinsics, Renderer, make_renderer
-from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene, decode_png
+from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
 
 Picture = NDArray[np.uint8]
 
@@ -54,16 +55,19 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
 
 
 def world(
-    walls: tuple[Wall, ...] = (), materials: tuple[Material, ...] = (), **changes: Any
+    walls: tuple[Wall, ...] = (),
+    materials: tuple[Material, ...] = (),
+    floor: Rgba = (0.0, 0.0, 0.3, 1.0),
+    **changes: Any,
 ) -> World:
     return World(
         name="test",
         recipe="test.yaml",
         hash="",
         walls=walls,
-        materials=materials,
+        materials=(*materials, Material(name="floor", ambient=floor, diffuse=floor)),
         start=Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0),
-        **{"sky": SKY, "floor_diffuse": (0.0, 0.0, 0.3, 1.0), **changes},
+        **{"sky": SKY, "floor_material": "floor", **changes},
     )
 
 
@@ -253,7 +257,11 @@ def test_texture_repeats_by_the_metre_from_the_bottom_left(renderer: Renderer) -
 
 def test_plain_wall_has_its_colour_under_the_light(renderer: Renderer) -> None:
     plain = Material(name="plain", ambient=(0.2, 0.4, 0.6, 1), diffuse=(0.8, 0.4, 0.2, 1))
-    lit_by = {"light_ambient": 0.5, "light_diffuse": 0.5, "light_direction": (0.6, 0.0, -0.8)}
+    lit_by: dict[str, Any] = {
+        "light_ambient": 0.5,
+        "light_diffuse": 0.5,
+        "light_direction": (0.6, 0.0, -0.8),
+    }
     renderer.set_scene(build_scene(world((wall(),), (plain,), **lit_by), {}))
     seen = colour_at(renderer.render(view()), (2.0, 0.0, 0.3), view()).astype(int)
     # The light falls on the near face at a cosine of 0.6, as much as on any upright face.
@@ -268,7 +276,7 @@ def test_plain_wall_has_its_colour_under_the_light(renderer: Renderer) -> None:
 
 def test_sky_and_floor_have_the_colours_of_the_world(renderer: Renderer) -> None:
     floor = (0.1, 0.5, 0.3, 1.0)
-    plains = world(light_diffuse=0.0, floor_diffuse=floor, sky=(0.2, 0.4, 0.8, 1.0))
+    plains = world(light_diffuse=0.0, floor=floor, sky=(0.2, 0.4, 0.8, 1.0))
     renderer.set_scene(build_scene(plains, {}))
     picture = renderer.render(view())
     assert (picture[:118] == (51, 102, 204)).all()
@@ -307,17 +315,6 @@ def test_faces_in_one_plane_show_the_first_wall_only(renderer: Renderer) -> None
     assert (second[:, 1] > 100).all()
     assert (first[:, 0] > 100).all()
     assert (first[:, 1] == 0).all()
-
-
-def test_a_higher_wall_is_not_cut_by_a_lower_one() -> None:
-    walls = wall("low", height_m=0.5), wall("high", height_m=2.0, y_m=0.2)
-    scene = build_scene(world(walls, (Material(name="plain"),)), {})
-    near_faces = [quad for quad in scene.corners_m if np.abs(quad[:, 0] - 2.0).max() < 1e-9]
-    spans = sorted(
-        (float(quad[:, 1].min()), float(quad[:, 1].max()), float(quad[:, 2].max()))
-        for quad in near_faces
-    )
-    assert np.allclose(spans, [(-0.5, -0.3, 0.5), (-0.3, 0.7, 2.0)])
 
 
 def textured_room() -> Scene:
@@ -544,7 +541,7 @@ def test_a_damaged_texture_gives_the_plain_colour_and_a_reason(data: bytes, reas
         f"material plain: texture {sha256[:12]} {reason}; shown as a plain colour",
     )
     assert scene.textures == ()
-    assert (scene.texture_of_quad == PLAIN).all()
+    assert (scene.parts.texture == PLAIN).all()
     assert np.allclose(scene.tints[0], (0.25, 0.5, 0.75))
 
 
