@@ -23,6 +23,7 @@ class SpawnerNode(Node):
     wakes = (WORLD,)
 
     def __init__(self, config: SpawnerConfig) -> None:
+        self._config = config
         self._style = PanelStyle(config.panel_gap_m, config.module_px, config.clear_view_m)
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
