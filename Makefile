@@ -11,7 +11,7 @@ PYTHON := .venv/bin/python
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo demo-original up down goal recordings view test test-compose check fix generate lock bench seeds image clean
+.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -52,7 +52,10 @@ view: $(STAMP) ## open the newest recording in a browser
 	@.venv/bin/mazebot recordings view
 
 test: $(STAMP) ## pass the tests: no Docker, no network, no GPU
-	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser"
+	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
+
+test-slow: $(STAMP) ## pass the long tests: every world driven, two hundred mazes
+	@.venv/bin/pytest -n 2 --dist worksteal -m slow
 
 test-compose: $(STAMP) image ## pass the tests of the containers (Docker) and of the viewer (Chromium)
 	@.venv/bin/pytest -m "compose or browser" --timeout 900 tests/compose tests/browser
