@@ -106,9 +106,12 @@ def check_world(options: DemoOptions) -> None:
     it has none at all.
     """
     config = load(WorldgenConfig, "worldgen", _worldgen_flags(options))
-    more = {"overrides": options.overrides} if options.overrides else {}
     loaded = load_world(
-        options.world_name, options.use_aruco, config.worlds_dir, config.texture_base, **more
+        options.world_name,
+        options.use_aruco,
+        config.worlds_dir,
+        config.texture_base,
+        options.overrides,
     )
     bringup = _bringup_config(options)
     if bringup.goal is None:

@@ -22,6 +22,7 @@ from services.common.frames import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from services.common.surfaces import PLAIN
 from services.common.topics import (
     AMCL_POSE,
     ASSETS,
@@ -59,15 +60,15 @@ from services.common.topics import (
     Topic,
 )
 from services.recorder.canvas import Canvas, Trail
-from services.recorder.mesh import Mesh, floor, panel, wall_sides, wall_tops
+from services.recorder.mesh import Mesh, panel
+from services.recorder.obstacles import read_meshes
+from services.recorder.scenery import Part, parts, plain_rgba, seen_meshes
 
 TRUTH_FRAME = "ground_truth"
 """Frame of the true robot; `base_footprint` is where it believes itself to be."""
 IMAGE_FRAME = "camera_image"
 """The plane of the camera's picture, in pixels."""
 
-CUT_M = 1.0
-"""Walls are drawn in two parts, so that the upper one can be hidden to look inside."""
 _TEXTURE_SIDE_PX = 512
 
 _PLOT_NS = 95_000_000
@@ -196,36 +197,54 @@ def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
 
 
 def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
-    """Draw what waits for a texture."""
+    """Draw what waits for a texture or a mesh."""
     sha256 = asset.header.frame_id
     if not canvas.changed(f"world/assets/{sha256}", True):
         return
-    for material in canvas.world.materials:
-        if material.texture_sha256 == sha256:
-            _draw_walls(canvas, canvas.world, material)
+    wanted = {mesh for body in canvas.world.bodies for mesh in seen_meshes(body)}
+    if sha256 in wanted:
+        # One drawing for all of them, once the last is there.
+        if wanted <= canvas.assets.keys():
+            draw_world(canvas, canvas.world)
+        return
+    materials = [m.name for m in canvas.world.materials if m.texture_sha256 == sha256]
+    for part in canvas.parts:
+        if part.material in materials:
+            _draw_part(canvas, part)
     for entity in canvas.entities.entities if canvas.entities else ():
         if entity.texture_sha256 == sha256:
             _draw_panel(canvas, entity)
 
 
 def draw_world(canvas: Canvas, world: doc.World) -> None:
-    """Floor, walls by material, and named places. The walls' upper part is an entity of its own."""
-    materials = {material.name: material for material in world.materials}
-    for material in world.materials:
-        _draw_walls(canvas, world, material)
-    tops = [
-        (wall, _shade(materials[wall.material].diffuse, 0.85))
-        for wall in world.walls
-        if wall.material in materials
-    ]
-    _static_mesh(canvas, "world/walls/tops", wall_tops(tops, 0.0, CUT_M))
-    _static_mesh(canvas, "world/walls_above/tops", wall_tops(tops, CUT_M, math.inf))
-    ends = np.array([wall.map_from_wall().matrix()[:2, 3] for wall in world.walls]).reshape(-1, 2)
-    if len(ends):
-        margin_m = 0.8
-        low, high = ends.min(axis=0) - margin_m, ends.max(axis=0) + margin_m
-        _static_mesh(canvas, "world/floor", floor(low, high, -0.01, next((m.diffuse for m in world.materials if m.name == world.floor_material), (0.5, 0.5, 0.5, 1.0))))
-    canvas.recording.log(
+    """Walls, floors, ceiling and bodies by material, rooms, named places and lamps.
+
+    The upper part of walls and of what stands, and the ceiling, are entities of their own.
+    """
+    canvas.parts, _ = parts(world, read_meshes(world, canvas.assets))
+    for part in canvas.parts:
+        _draw_part(canvas, part)
+    log = canvas.recording.log
+    canvas.recording.at(canvas.now_ns)
+    for body in world.bodies:
+        if body.mass_kg > 0.0:
+            # Where it stands until the simulation tells of it.
+            path = f"tf/{_path(body.name)}"
+            pose = body.position_m, body.orientation_xyzw
+            canvas.recording.transform(path, *pose, MAP_FRAME, body.name)
+    outlines = [np.array([*room.polygon_m, room.polygon_m[0]]) for room in world.rooms]
+    log(
+        "world/rooms",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.LineStrips3D(
+            [np.column_stack([line, np.full(len(line), 0.02)]) for line in outlines],
+            labels=[room.name for room in world.rooms],
+            colors=_SECOND,
+            radii=0.01,
+        ),
+        static=True,
+    )
+    log(
         "world/locations",
         rr.CoordinateFrame(MAP_FRAME),
         rr.Points3D(
@@ -236,7 +255,19 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
         ),
         static=True,
     )
-    _say(canvas, "world/status", f"world {world.name}: {len(world.walls)} walls")
+    log(
+        "world/lights",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            [lamp.position_m for lamp in world.lights],
+            labels=[lamp.name for lamp in world.lights],
+            colors=[lamp.diffuse for lamp in world.lights],
+            radii=0.06,
+        ),
+        static=True,
+    )
+    text = f"world {world.name}: {len(world.walls)} walls, {len(world.bodies)} bodies"
+    _say(canvas, "world/status", text)
 
 
 def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
@@ -280,7 +311,7 @@ def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
         canvas.at(entry.header.stamp)
         t, q = entry.transform.translation, entry.transform.rotation
         canvas.recording.transform(
-            f"tf/{entry.child_frame_id}",
+            f"tf/{_path(entry.child_frame_id)}",
             (t.x, t.y, t.z),
             (q.x, q.y, q.z, q.w),
             entry.header.frame_id,
@@ -774,20 +805,29 @@ def _draw_outlines(
         canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
 
 
-def _draw_walls(canvas: Canvas, world: doc.World, material: doc.Material) -> None:
-    walls = [wall for wall in world.walls if wall.material == material.name]
-    texture = _texture(canvas, material.texture_sha256)
-    rgba = (1.0, 1.0, 1.0, 1.0) if texture is not None else material.diffuse
-    for path, bottom_m, top_m in (
-        (f"world/walls/{material.name}", 0.0, CUT_M),
-        (f"world/walls_above/{material.name}", CUT_M, math.inf),
-    ):
-        mesh = wall_sides(walls, bottom_m, top_m, material.texture_side_m, rgba)
-        _static_mesh(canvas, path, mesh, texture)
+def _draw_part(canvas: Canvas, part: Part) -> None:
+    material = next((m for m in canvas.world.materials if m.name == part.material), PLAIN)
+    texture = _texture(canvas, material.texture_sha256) if part.textured else None
+    mesh = part.mesh
+    drawn = rr.Mesh3D(
+        vertex_positions=mesh.vertices_m.astype(np.float32),
+        vertex_normals=mesh.normals.astype(np.float32),
+        vertex_texcoords=None if texture is None else mesh.uvs.astype(np.float32),
+        triangle_indices=mesh.triangles.astype(np.uint32),
+        albedo_texture=texture,
+        albedo_factor=plain_rgba(material, part) if texture is None else None,
+    )
+    path = "/".join(["world", *map(_path, part.path)])
+    canvas.recording.log(path, rr.CoordinateFrame(part.frame), drawn, static=True)
+
+
+def _path(name: str) -> str:
+    """A name of anybody's as one part of an entity's path."""
+    return rr.escape_entity_path_part(name)
 
 
 def _panel_path(name: str) -> str:
-    return f"entities/{name}"
+    return f"entities/{_path(name)}"
 
 
 def _draw_panel(canvas: Canvas, entity: doc.Entity) -> None:
@@ -797,7 +837,7 @@ def _draw_panel(canvas: Canvas, entity: doc.Entity) -> None:
 
 def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
     """A texture that has come, as (h, w, 3) RGB of at most 512 pixels a side."""
-    data = canvas.textures.get(sha256)
+    data = canvas.assets.get(sha256)
     if data is None:
         return None
     canvas.changed(f"world/assets/{sha256}", True)
@@ -893,7 +933,3 @@ def _project(k: Array, corners_m: Array) -> NDArray[np.float64]:
     """(n, 2) pixels of points in an optical frame."""
     z_m = np.maximum(corners_m[:, 2:], 1e-3)
     return (corners_m @ k.T)[:, :2] / z_m
-
-
-def _shade(rgba: doc.Rgba, factor: float) -> doc.Rgba:
-    return rgba[0] * factor, rgba[1] * factor, rgba[2] * factor, rgba[3]

@@ -7,16 +7,16 @@ import math
 import numpy as np
 import rerun.blueprint as rrb
 
-from services.common.documents import World
 from services.common.frames import MAP_FRAME
 from services.recorder.archetypes import IMAGE_FRAME
 from services.recorder.recording import TIMELINE
+from services.recorder.scenery import Extent
 
 _BACKGROUND = (24, 27, 33)
 _ELEVATION_RAD = math.radians(58.0)
 
 
-def run_blueprint(world: World) -> rrb.Blueprint:
+def run_blueprint(extent: Extent) -> rrb.Blueprint:
     """The maze from above, the camera's picture with its markers, plots, states and the log."""
     maze = rrb.Spatial3DView(
         name="Maze",
@@ -24,6 +24,8 @@ def run_blueprint(world: World) -> rrb.Blueprint:
         contents=[
             "+ /**",
             "- /world/walls_above/**",
+            "- /world/bodies_above/**",
+            "- /world/ceiling/**",
             "- /map/**",
             "- /camera/color/image_raw/**",
             "- /aruco/detections/outline/**",
@@ -31,7 +33,7 @@ def run_blueprint(world: World) -> rrb.Blueprint:
         background=_BACKGROUND,
         line_grid=False,
         spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
-        eye_controls=_eye(world),
+        eye_controls=_eye(extent),
     )
     plan = rrb.Spatial3DView(
         name="Map",
@@ -52,7 +54,7 @@ def run_blueprint(world: World) -> rrb.Blueprint:
         background=_BACKGROUND,
         line_grid=False,
         spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
-        eye_controls=_eye(world, math.radians(89.0)),
+        eye_controls=_eye(extent, math.radians(89.0)),
     )
     camera = rrb.Spatial2DView(
         name="Camera",
@@ -115,11 +117,9 @@ def _plot(name: str, contents: list[str]) -> rrb.TimeSeriesView:
     )
 
 
-def _eye(world: World, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls3D:
-    """Look at the middle of the walls from the south, from where all of them are in view."""
-    places = np.array([(wall.x_m, wall.y_m) for wall in world.walls]).reshape(-1, 2)
-    low = places.min(axis=0) if len(places) else np.array([-2.0, -2.0])
-    high = places.max(axis=0) if len(places) else np.array([2.0, 2.0])
+def _eye(extent: Extent, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls3D:
+    """Look at the middle of the world from the south, from where all of it is in view."""
+    low, high = extent
     middle, span_m = (low + high) / 2.0, float(np.linalg.norm(high - low))
     distance_m = 0.86 * max(span_m, 2.0)
     return rrb.EyeControls3D(

@@ -13,6 +13,7 @@ from services.common.documents import Entities, World
 from services.recorder.errors import TruthComparison
 from services.recorder.mesh import RobotMesh
 from services.recorder.recording import Recording
+from services.recorder.scenery import Part
 
 _PATH_STEP_M = 0.03
 _PATH_POINTS = 4000
@@ -48,13 +49,15 @@ class Canvas:
     recording: Recording
     robot: RobotMesh
     world: World
-    textures: dict[str, bytes]
-    """PNG files by their sha256, of every world so far."""
+    assets: dict[str, bytes]
+    """Textures (PNG) and meshes (npz) by their sha256, of every world so far."""
     wall_clock_s: Callable[[], float]
     jpeg_quality: int = 75
     now_ns: int = 0
     entities: Entities | None = None
     camera: msg.CameraInfo | None = None
+    parts: list[Part] = field(default_factory=list)
+    """What was drawn of the world."""
     comparison: TruthComparison = field(init=False)
     trails: dict[str, Trail] = field(default_factory=dict)
     contacts_m: list[tuple[float, float, float]] = field(default_factory=list)

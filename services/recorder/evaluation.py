@@ -6,7 +6,8 @@ import math
 from array import array
 from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,6 +26,7 @@ from services.common.documents import (
 from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
+from services.recorder.obstacles import obstacles, read_meshes
 from services.recorder.shortest_path import ShortestPath
 
 GOAL_TOLERANCE_M = 0.25
@@ -66,9 +68,12 @@ class RunEvaluation:
       and its shortest path leads from where the robot truly stood at its start.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, assets: Mapping[str, bytes] | None = None) -> None:
+        """`assets` by sha256 may still be coming: the world's meshes are looked for among them
+        when the first goal has ended.
+        """
         self._world = world
-        self._shortest_path = ShortestPath(world.walls)
+        self._assets = {} if assets is None else assets
         self._truth = PoseHistory(_TRUTH_DEPTH)
         self._odometer = _Odometer()
         self._entities: tuple[Entity, ...] = ()
@@ -188,6 +193,10 @@ class RunEvaluation:
                 "contacts": sum(start_ns <= time_ns <= end_ns for time_ns in times_ns),
             }
         )
+
+    @cached_property
+    def _shortest_path(self) -> ShortestPath:
+        return ShortestPath(obstacles(self._world, read_meshes(self._world, self._assets)))
 
     def _settle(self) -> None:
         """Hold what waits against the truth, as far as the truth goes."""

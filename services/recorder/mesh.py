@@ -1,4 +1,4 @@
-"""Triangles of what is drawn: walls by material, marker panels, and the robot."""
+"""Triangles of marker panels and of the robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import Entity, Wall
+from services.common.documents import Entity
 from services.common.frames import (
     Array,
     rotation_from_quaternion,
@@ -102,73 +102,6 @@ class MeshBuilder:
             np.concatenate(self._colors),
             np.concatenate(self._triangles),
         )
-
-
-def wall_sides(
-    walls: Iterable[Wall],
-    bottom_m: float,
-    top_m: float,
-    tile_side_m: float,
-    rgba: Iterable[float] = (1.0, 1.0, 1.0, 1.0),
-) -> Mesh | None:
-    """The four sides of each wall between two heights, its texture in metres from the floor up.
-
-    None where no wall is as high as `bottom_m`.
-    """
-    builder, color = MeshBuilder(), tuple(rgba)
-    for wall in walls:
-        high_m = min(top_m, wall.height_m)
-        if high_m <= bottom_m:
-            continue
-        half = wall.length_m / 2.0, wall.thickness_m / 2.0
-        # Whole tiles are counted so that no coordinate is negative.
-        whole = math.ceil(wall.height_m / tile_side_m)
-        v_bottom, v_top = whole - bottom_m / tile_side_m, whole - high_m / tile_side_m
-        for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
-            normal = np.zeros(3)
-            normal[axis] = sign
-            half_width_m = half[1 - axis]
-            across = 2.0 * half_width_m / tile_side_m
-            builder.add_rectangle(
-                wall.map_from_wall().matrix(),
-                normal * half[axis] + (0.0, 0.0, (bottom_m + high_m) / 2.0),
-                np.cross((0.0, 0.0, 1.0), normal) * half_width_m,
-                np.array([0.0, 0.0, (high_m - bottom_m) / 2.0]),
-                color,
-                np.array([[0.0, v_bottom], [across, v_bottom], [across, v_top], [0.0, v_top]]),
-            )
-    return builder.mesh()
-
-
-def wall_tops(
-    walls: Iterable[tuple[Wall, Iterable[float]]], bottom_m: float, top_m: float
-) -> Mesh | None:
-    """The tops of walls of given colours, cut off at `top_m`; None where all end at `bottom_m`."""
-    builder = MeshBuilder()
-    for wall, rgba in walls:
-        if wall.height_m > bottom_m:
-            builder.add_rectangle(
-                wall.map_from_wall().matrix(),
-                np.array([0.0, 0.0, min(top_m, wall.height_m)]),
-                np.array([wall.length_m / 2.0, 0.0, 0.0]),
-                np.array([0.0, wall.thickness_m / 2.0, 0.0]),
-                rgba,
-            )
-    return builder.mesh()
-
-
-def floor(low_xy_m: Array, high_xy_m: Array, z_m: float, rgba: Iterable[float]) -> Mesh:
-    """A rectangle of floor between two corners."""
-    builder = MeshBuilder()
-    centre, half = (low_xy_m + high_xy_m) / 2.0, (high_xy_m - low_xy_m) / 2.0
-    builder.add_rectangle(
-        np.eye(4),
-        np.array([*centre, z_m]),
-        np.array([half[0], 0.0, 0.0]),
-        np.array([0.0, half[1], 0.0]),
-        rgba,
-    )
-    return _whole(builder)
 
 
 def panel(entity: Entity) -> Mesh:

@@ -134,7 +134,7 @@ class RecorderNode(Node):
                 self._begin(message, now_ns)
             return
         if topic is ASSETS:
-            self._setting.textures[message.header.frame_id] = message.data.tobytes()
+            self._setting.assets[message.header.frame_id] = message.data.tobytes()
         elif topic in _FIXED:
             self._setting.fixed[topic] = message
         elif topic is WORLD_REQUEST and message != self._request:

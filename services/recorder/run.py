@@ -31,8 +31,10 @@ from services.common.topics import (
 )
 from services.recorder.config import RecorderConfig
 from services.recorder.evaluation import RunEvaluation
+from services.recorder.obstacles import read_meshes
 from services.recorder.repair import Rewriting
 from services.recorder.run_folder import CONFIG, RECORDING, SUMMARY, RunFolder, write_atomically
+from services.recorder.scenery import parts
 from services.recorder.summary import build_summary, summary_text
 
 if TYPE_CHECKING:
@@ -60,8 +62,8 @@ class Setting:
     wall_clock_s: Callable[[], float]
     versions: Mapping[str, str]
     live_url: str | None = None
-    textures: dict[str, bytes] = field(default_factory=dict)
-    """PNG files by their sha256."""
+    assets: dict[str, bytes] = field(default_factory=dict)
+    """Textures (PNG) and meshes (npz) by their sha256."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
     """The newest message of each topic whose messages hold until the next one."""
 
@@ -75,7 +77,7 @@ class Run:
         self.trouble: str | None = None
         """What keeps the recording from being written."""
         self._setting = setting
-        self._evaluation = RunEvaluation(world)
+        self._evaluation = RunEvaluation(world, setting.assets)
         self._judge: dict[Topic[Any], Callable[[Any], None]] = {
             ENTITIES: self._judge_entities,
             TF_STATIC: self._evaluation.add_static_transforms,
@@ -184,6 +186,7 @@ class Run:
         from services.recorder.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.recording import Recording, RecordingError  # noqa: PLC0415
 
+        _, extent = parts(self.world, read_meshes(self.world, setting.assets))
         self._parts += 1
         name = RECORDING if self._parts == 1 else f"run_{self._parts}.rrd"
         try:
@@ -191,7 +194,7 @@ class Run:
                 self.folder.path.name,
                 path=self.folder.path / name if config.record else None,
                 live_url=setting.live_url,
-                blueprint=run_blueprint(self.world),
+                blueprint=run_blueprint(extent),
                 properties={
                     "world": self.world.name,
                     "world_hash": self.world.hash,
@@ -206,7 +209,7 @@ class Run:
             recording=recording,
             robot=robot_from_urdf(_ROBOT.read_text(encoding="utf-8")),
             world=self.world,
-            textures=setting.textures,
+            assets=setting.assets,
             wall_clock_s=setting.wall_clock_s,
             jpeg_quality=config.jpeg_quality,
             now_ns=now_ns,

@@ -54,6 +54,16 @@ ENTITIES = doc.Entities(
     refused=(doc.Refusal(name="marker_80", reason="buried"),),
 )
 PLANAR = doc.Planar(x_m=1.0, y_m=2.0, yaw_rad=0.0)
+SHAPES = (
+    doc.Box(size_m=(0.1, 0.2, 0.3)),
+    doc.Cylinder(radius_m=0.1, length_m=0.2),
+    doc.Cone(radius_m=0.1, length_m=0.2),
+    doc.Capsule(radius_m=0.1, length_m=0.2),
+    doc.Sphere(radius_m=0.1),
+    doc.Ellipsoid(radii_m=(0.1, 0.2, 0.3)),
+    doc.Plane(size_m=(0.1, 0.2)),
+    doc.Polyline(polygons_m=(((0.0, 0.0), (0.2, 0.0), (0.0, 0.2)),), height_m=0.2),
+)
 WORLD = doc.World(
     name="tiny",
     recipe="tiny.yaml",
@@ -62,14 +72,51 @@ WORLD = doc.World(
         doc.Wall(
             name="Wall_0", length_m=2.0, thickness_m=0.15, height_m=1.0, x_m=3.0, y_m=0.0,
             yaw_rad=1.0, material="plain",
+            coverings=(doc.Covering(side="left", from_m=-0.5, to_m=0.5, material="poster"),),
         ),
     ),
-    materials=(doc.Material(name="plain"),),
+    materials=(
+        doc.Material(name="plain"),
+        doc.Material(name="poster", texture_sha256="cd", texture_name="p.png", texture_side_m=0.0),
+    ),
+    bodies=(
+        doc.Body(
+            name="everything", position_m=(3.0, 3.0, 0.5),
+            shapes=tuple(
+                doc.Shape(
+                    name=geometry.kind, geometry=geometry, position_m=(0.1, 0.2, 0.3),
+                    orientation_xyzw=(0.0, 0.0, 0.6, 0.8), material="plain",
+                )
+                for geometry in SHAPES
+            ),
+        ),
+        doc.Body(
+            name="of a mesh", position_m=(-3.0, 3.0, 0.5),
+            shapes=(doc.Shape(name="mesh", geometry=doc.Mesh(sha256="ef"), material="poster"),),
+        ),
+        doc.Body(
+            name="ball", position_m=(0.0, 3.0, 0.1), mass_kg=0.5,
+            shapes=(
+                doc.Shape(name="solid", geometry=doc.Sphere(radius_m=0.1)),
+                doc.Shape(
+                    name="seen", geometry=doc.Sphere(radius_m=0.1), material="plain", solid=False
+                ),
+            ),
+        ),
+    ),
+    rooms=(
+        doc.Room(
+            name="hall", polygon_m=((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)), floor_material="plain"
+        ),
+    ),
+    floor_material="plain",
+    ceiling=doc.Ceiling(height_m=2.5, material="plain"),
+    lights=(doc.PointLight(name="lamp", position_m=(0.0, 0.0, 2.0), quadratic=0.1),),
     markers=(doc.Marker(id=60, wall="Wall_0", side="left", height_m=0.3),),
     locations=(doc.Location(name="location1", x_m=1.0, y_m=2.0, yaw_rad=0.0),),
     start=doc.Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0),
 )  # fmt: skip
-REQUEST = doc.WorldRequest(world_name="tiny")
+REQUEST = doc.WorldRequest(world_name="tiny", overrides=("maze.seed=3",))
 
 SAMPLES: dict[Topic[Any], Any] = {
     table.CLOCK: msg.Clock(msg.time_from_ns(STAMP_NS)),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -14,12 +17,14 @@ from services.common import messages as msg
 from services.common import topics as table
 from services.common.config import ROOT
 from services.common.frames import SE2
+from services.common.geometry import mesh_to_bytes, triangles_of
 from services.common.topics import read_by
 from services.recorder.archetypes import DRAW, SERIES, draw_start, draw_world
 from services.recorder.blueprint import run_blueprint
 from services.recorder.canvas import Canvas, Trail
 from services.recorder.mesh import robot_from_urdf
 from services.recorder.recording import Recording
+from services.recorder.scenery import parts
 from tests.common.samples import SAMPLES
 from tests.recorder import synthetic
 from tests.recorder.synthetic import BRICKS, ERROR_M, FOCAL_PX, Said, driving, opening, room
@@ -66,7 +71,7 @@ def draw(canvas: Canvas, said: list[Said]) -> None:
     for now_ns, topic, message in said:
         canvas.now_ns = now_ns
         if topic is table.ASSETS:
-            canvas.textures[message.header.frame_id] = message.data.tobytes()
+            canvas.assets[message.header.frame_id] = message.data.tobytes()
         DRAW[topic](canvas, message)
 
 
@@ -202,7 +207,141 @@ def test_walls_get_their_texture_when_it_comes_late() -> None:
     textured = [a for a in paper.logged["world/walls/bricks"] if isinstance(a, rr.Mesh3D)]
     assert len(textured) == 2  # the second copy of the asset changes nothing
     assert textured[-1].albedo_texture_buffer is not None
-    assert len(column(textured[-1], "vertex_texcoords")) == 2 * 4 * 4
+    positions = column(textured[-1], "vertex_positions")
+    assert len(column(textured[-1], "vertex_texcoords")) == len(positions)
+
+
+def furnished(**changes: Any) -> doc.World:
+    """The room with a table top of a mesh, a ball that rolls, and all that a world can have."""
+    world = room()
+    table_top = doc.Body(
+        name="table/top", position_m=(0.0, 0.5, 0.7),
+        shapes=(doc.Shape(name="top", geometry=doc.Mesh(sha256=MESH), material="plain"),),
+    )  # fmt: skip
+    pillar = doc.Body(
+        name="pillar", position_m=(1.0, -1.0, 1.5),
+        shapes=(
+            doc.Shape(
+                name="shaft", geometry=doc.Cylinder(radius_m=0.2, length_m=3.0), material="bricks"
+            ),
+        ),
+    )  # fmt: skip
+    ball = doc.Body(
+        name="ball", position_m=(-1.0, 0.0, 0.1), mass_kg=0.5,
+        shapes=(doc.Shape(name="ball", geometry=doc.Sphere(radius_m=0.1), material="plain"),),
+    )  # fmt: skip
+    return world.model_copy(
+        update={
+            "bodies": (table_top, pillar, ball),
+            "rooms": (
+                doc.Room(
+                    name="parlour",
+                    polygon_m=((-2.0, -2.0), (0.0, -2.0), (0.0, 2.0), (-2.0, 2.0)),
+                    floor_material="bricks",
+                ),
+            ),
+            "ceiling": doc.Ceiling(height_m=3.0, material="plain"),
+            "lights": (doc.PointLight(name="lamp", position_m=(0.0, 0.0, 2.5)),),
+            **changes,
+        }
+    )
+
+
+MESH_FILE = mesh_to_bytes(triangles_of(doc.Box(size_m=(0.8, 0.4, 0.02)), {}))
+MESH = hashlib.sha256(MESH_FILE).hexdigest()
+
+
+def mesh_asset() -> msg.CompressedImage:
+    return msg.CompressedImage(msg.header(0, MESH), "npz", np.frombuffer(MESH_FILE, np.uint8))
+
+
+def meshes_on(paper: Paper, path: str) -> list[Any]:
+    return [a for a in paper.logged.get(path, []) if isinstance(a, rr.Mesh3D)]
+
+
+def corners(mesh: Any) -> Any:
+    return np.array(column(mesh, "vertex_positions").to_pylist())
+
+
+def test_what_stands_is_cut_where_the_walls_are() -> None:
+    rr.set_strict_mode(True)
+    canvas, paper = canvas_of(furnished())
+    canvas.assets[MESH] = MESH_FILE
+    draw_world(canvas, canvas.world)
+    for kind in ("walls", "bodies"):
+        (below,) = meshes_on(paper, f"world/{kind}/bricks")
+        (above,) = meshes_on(paper, f"world/{kind}_above/bricks")
+        assert corners(below)[:, 2].max() == pytest.approx(1.0)
+        assert corners(above)[:, 2].min() == pytest.approx(1.0)
+        assert corners(above)[:, 2].max() == pytest.approx(3.0)
+    (lid,) = meshes_on(paper, "world/walls/plain/top")
+    assert set(corners(lid)[:, 2]) == {1.0}
+    (top,) = meshes_on(paper, "world/bodies/plain")
+    assert corners(top).min(axis=0) == pytest.approx([-0.4, 0.3, 0.69], abs=1e-5)
+    (ceiling,) = meshes_on(paper, "world/ceiling")
+    assert set(corners(ceiling)[:, 2]) == {3.0}
+
+
+def test_a_low_wall_has_a_top_and_no_upper_part() -> None:
+    world = room(height_m=0.8)
+    canvas, paper = canvas_of(world)
+    draw_world(canvas, world)
+    (top,) = meshes_on(paper, "world/walls/bricks/top")
+    assert set(corners(top)[:, 2]) == {np.float64(np.float32(0.8))}
+    assert not [path for path in paper.logged if "above" in path]
+
+
+def test_the_floor_reaches_a_little_beyond_the_walls_and_lies_under_the_map() -> None:
+    canvas, paper = canvas_of(furnished(bodies=()))
+    draw_world(canvas, canvas.world)
+    (floor,) = meshes_on(paper, "world/floor")
+    (parlour,) = meshes_on(paper, "world/rooms/parlour/floor")
+    assert corners(floor).min(axis=0) == pytest.approx([-2.875, -2.875, -0.01], abs=1e-3)
+    assert corners(floor).max(axis=0) == pytest.approx([2.875, 2.875, -0.01], abs=1e-3)
+    assert corners(parlour)[:, :2].max(axis=0) == pytest.approx([0.0, 2.0], abs=1e-5)
+    (outline,) = [a for a in paper.logged["world/rooms"] if isinstance(a, rr.LineStrips3D)]
+    assert column(outline, "labels").to_pylist() == ["parlour"]
+    (lamps,) = [a for a in paper.logged["world/lights"] if isinstance(a, rr.Points3D)]
+    assert column(lamps, "positions").to_pylist() == [[0.0, 0.0, 2.5]]
+
+
+def test_what_moves_is_drawn_once_in_a_frame_of_its_own() -> None:
+    canvas, paper = canvas_of(furnished())
+    draw_world(canvas, canvas.world)
+    (ball,) = meshes_on(paper, "world/moving/ball/plain")
+    assert np.abs(corners(ball)).max() == pytest.approx(0.1, abs=1e-6)
+    frame = paper.logged["world/moving/ball/plain"][0]
+    assert column(frame, "frame").to_pylist() == ["ball"]
+    matrix = SE2(-0.5, 0.2, 0.0).matrix()
+    told = msg.TFMessage([msg.transform_stamped(1_000, "map", "ball", matrix)])
+    DRAW[table.TF](canvas, told)
+    assert [row[1][:2] for row in paper.transforms["tf/ball"]] == [(-1.0, 0.0), (-0.5, 0.2)]
+    assert len(meshes_on(paper, "world/moving/ball/plain")) == 1
+
+
+def test_a_body_whose_mesh_comes_late_is_drawn_then() -> None:
+    canvas, paper = canvas_of(furnished())
+    draw_world(canvas, canvas.world)
+    assert not meshes_on(paper, "world/bodies/plain")
+    draw(canvas, [(0, table.ASSETS, mesh_asset())] * 2)
+    assert len(meshes_on(paper, "world/bodies/plain")) == 1
+
+
+def test_names_of_any_letters_are_one_part_of_a_path(tmp_path: Path) -> None:
+    rr.set_strict_mode(True)
+    body = furnished().bodies[1].model_copy(update={"name": "a::b c/d", "mass_kg": 1.0})
+    canvas, paper = canvas_of(furnished(bodies=(body,)))
+    draw_world(canvas, canvas.world)
+    (path,) = [path for path in paper.logged if path.startswith("world/moving")]
+    stream = rr.RecordingStream("test")
+    stream.save(tmp_path / "x.rrd")
+    stream.log(path, rr.TextLog("there"))
+    stream.disconnect()
+    assert len(rr_path_parts(path)) == 4
+
+
+def rr_path_parts(path: str) -> list[str]:
+    return re.split(r"(?<!\\)/", path)
 
 
 def test_a_marker_that_is_taken_away_is_drawn_no_more() -> None:
@@ -229,7 +368,7 @@ def test_a_trail_keeps_a_point_every_three_centimetres_and_a_bounded_number() ->
 
 
 def test_the_layout_looks_into_the_maze_from_outside_and_above() -> None:
-    blueprint = run_blueprint(room())
-    assert blueprint is not None
     rr.set_strict_mode(True)
-    assert run_blueprint(room().model_copy(update={"walls": ()})) is not None
+    for world in (room(), room().model_copy(update={"walls": (), "locations": ()})):
+        _, extent = parts(world, {})
+        assert run_blueprint(extent) is not None

@@ -1,0 +1,146 @@
+"""What is drawn of a world, in parts: what people hide is apart from the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.common.documents import Body, Material, Mesh, World
+from services.common.frames import MAP_FRAME, Array
+from services.common.geometry import TriangleMesh, clipped, joined, quad_triangles
+from services.common.surfaces import Surface, surfaces, wall_corners
+
+CUT_M = 1.0
+"""Walls and what stands are drawn in two parts, so that the upper one can be hidden to look inside.
+"""
+_FLOOR_MARGIN_M = 0.8
+_FLOOR_Z_M = -0.01
+"""Below the map, the costmap and the paths, which lie upon it."""
+_TOP_SHADE = 0.85
+_FLAT_M = 0.05
+"""What ends this low is ground, and no reason to look from farther away."""
+_NEXT_AXES = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+"""Turns (x, y, z) to (y, z, x)."""
+
+Extent = tuple[Array, Array]
+"""The least and the greatest (x, y), metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Triangles of one material on one entity."""
+
+    path: tuple[str, ...]
+    """Of the entity, below `world`."""
+    material: str
+    """Its name; empty: `surfaces.PLAIN`."""
+    textured: bool
+    frame: str
+    """In which the triangles are: the map's, or that of a body that moves."""
+    mesh: TriangleMesh
+
+
+def parts(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[list[Part], Extent]:
+    """Everything to draw, and where it is.
+
+    `meshes` are by sha256; bodies that lack one are left out.
+    """
+    bodies = tuple(body for body in world.bodies if seen_meshes(body) <= meshes.keys())
+    seen = surfaces(world.model_copy(update={"bodies": bodies}), meshes)
+    extent = _extent(world, seen)
+    groups: dict[tuple[tuple[str, ...], str], tuple[Surface, list[TriangleMesh]]] = {}
+    for surface, path, mesh in _placed(world, seen, extent):
+        if len(mesh.triangles):
+            groups.setdefault((path, surface.material), (surface, []))[1].append(mesh)
+    return [
+        Part(
+            path,
+            material,
+            surface.textured,
+            surface.name if surface.moves else MAP_FRAME,
+            joined(of_one),
+        )
+        for (path, material), (surface, of_one) in groups.items()
+    ], extent
+
+
+def seen_meshes(body: Body) -> set[str]:
+    """The meshes, by sha256, without which a body cannot be drawn."""
+    return {
+        shape.geometry.sha256
+        for shape in body.shapes
+        if shape.material and isinstance(shape.geometry, Mesh)
+    }
+
+
+def _placed(
+    world: World, seen: tuple[Surface, ...], extent: Extent
+) -> Iterator[tuple[Surface, tuple[str, ...], TriangleMesh]]:
+    """Each surface with the entity that it goes to; cut ones twice."""
+    for surface in (*seen, *_lids(world)):
+        material = surface.material or "plain"
+        if surface.moves:
+            yield surface, ("moving", surface.name, material), surface.mesh
+        elif surface.kind == "floor":
+            where = ("rooms", surface.name, "floor") if surface.name else ("floor",)
+            yield surface, where, _cropped(surface.mesh, extent)
+        elif surface.kind == "ceiling":
+            yield surface, ("ceiling",), surface.mesh
+        else:
+            kind = "walls" if surface.kind == "wall" else "bodies"
+            name = (material,) if surface.textured else (material, "top")
+            yield surface, (kind, *name), clipped(surface.mesh, -np.inf, CUT_M)
+            if surface.mesh.vertices_m[:, 2].max(initial=0.0) > CUT_M:
+                yield surface, (f"{kind}_above", *name), clipped(surface.mesh, CUT_M, np.inf)
+
+
+def _lids(world: World) -> Iterator[Surface]:
+    """The walls' insides where they are cut, so that they do not look hollow."""
+    high = [wall for wall in world.walls if wall.height_m > CUT_M]
+    for material in dict.fromkeys(wall.material for wall in high):
+        corners = wall_corners([wall for wall in high if wall.material == material]).reshape(-1, 2)
+        count = len(corners)
+        mesh = TriangleMesh(
+            np.column_stack([corners, np.full(count, CUT_M)]),
+            np.tile((0.0, 0.0, 1.0), (count, 1)),
+            np.zeros((count, 2)),
+            quad_triangles(count // 4),
+        )
+        yield Surface("wall", "", material, False, False, mesh)
+
+
+def _extent(world: World, seen: tuple[Surface, ...]) -> Extent:
+    """From the least to the greatest (x, y) of what stands, and of the places in between."""
+    places = (world.start, *world.locations)
+    points = [np.array([(place.x_m, place.y_m) for place in places])]
+    points.append(wall_corners(world.walls).reshape(-1, 2))
+    for surface in seen:
+        if surface.kind == "body" and not surface.moves and len(surface.mesh.vertices_m):
+            vertices = surface.mesh.vertices_m
+            if float(vertices[:, 2].max()) > _FLAT_M:
+                points.append(vertices[:, :2])
+    corners = np.concatenate(points)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _cropped(mesh: TriangleMesh, extent: Extent) -> TriangleMesh:
+    """The floor around what stands on it, and a little lower than it is."""
+    lowered = np.eye(4)
+    lowered[2, 3] = _FLOOR_Z_M
+    mesh = mesh.moved(lowered)
+    for low, high in zip(*extent, strict=True):
+        # What was x, then y, is z, along which surfaces can be cut.
+        turned = mesh.moved(_NEXT_AXES)
+        mesh = clipped(turned, low - _FLOOR_MARGIN_M, high + _FLOOR_MARGIN_M)
+    return mesh.moved(_NEXT_AXES)
+
+
+def plain_rgba(material: Material, part: Part) -> tuple[int, int, int, int]:
+    """The colour of a part without a texture, 0 to 255; tops are in shade."""
+    shade = 1.0 if part.textured else _TOP_SHADE
+    red, green, blue, alpha = material.diffuse
+    colour = np.array([red * shade, green * shade, blue * shade, alpha])
+    r, g, b, a = np.clip(np.round(255.0 * colour), 0, 255).astype(int).tolist()
+    return r, g, b, a
