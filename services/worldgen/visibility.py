@@ -50,7 +50,7 @@ def reachable(
     Only free cells count as floor. Where it does not fit at the start itself it is taken to come
     from the nearest place where it does. Right to within a quarter of a cell.
     """
-    taken = map_cells != FREE
+    taken: Bits = map_cells != FREE
     if not taken.any():
         return ~taken
     # From a cell's middle to the nearest edge of one that is taken.
@@ -91,19 +91,21 @@ class Sight:
         self._bodies = [one for one in obstructions(world, meshes) if one.seen]
         self._hiding: dict[tuple[float, float], _Hiding] = {}
 
-    def window(self, panel: Panel) -> Window:
+    def window(self, panel: Panel, every: int = 1) -> Window:
         """The cells from which a panel can be read, within rows and columns outside of which there
-        are none.
+        are none. `every` so manieth of rows and columns is judged, counted from the map's corner.
         """
         size_m = self._resolution_m
         centre = self._origin.inverse() @ SE2(
             float(panel.centre_m[0]), float(panel.centre_m[1]), 0.0
         )
-        block = max(1, math.floor(_BLOCK_M / size_m + 1e-9))
+        block = max(1, math.floor(_BLOCK_M / size_m + 1e-9)) if every == 1 else 1
+        step = max(every, block)
         rows, columns = (
             slice(
-                max(math.floor((middle - FARTHEST_M) / size_m) // block * block, 0),
+                max(math.floor((middle - FARTHEST_M) / size_m), 0) // step * step,
                 max(min(math.ceil((middle + FARTHEST_M) / size_m), count), 0),
+                every,
             )
             for middle, count in zip((centre.y_m, centre.x_m), self.reachable.shape, strict=True)
         )
@@ -122,8 +124,8 @@ class Sight:
 
     def _middles(self, rows: slice, columns: slice) -> tuple[Array, Array]:
         """The x and y in the map of the cells' middles."""
-        x = (np.arange(columns.start, columns.stop) + 0.5) * self._resolution_m
-        y = ((np.arange(rows.start, rows.stop) + 0.5) * self._resolution_m)[:, None]
+        x = (np.arange(columns.start, columns.stop, columns.step) + 0.5) * self._resolution_m
+        y = ((np.arange(rows.start, rows.stop, rows.step) + 0.5) * self._resolution_m)[:, None]
         c, s = math.cos(self._origin.yaw_rad), math.sin(self._origin.yaw_rad)
         return self._origin.x_m + c * x - s * y, self._origin.y_m + s * x + c * y
 
