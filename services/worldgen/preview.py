@@ -21,10 +21,12 @@ from services.common.documents import Body, Entity, Material, Planar, Rgba, Shap
 from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
 from services.common.geometry import TriangleMesh, mesh_from_bytes, triangles_of
+from services.common.placement import panel_of
 from services.common.surfaces import Surface, surfaces
 from services.worldgen.footprint import Footprint, footprint, wall_corners
 from services.worldgen.loader import LoadedWorld
 from services.worldgen.occupancy import FREE, UNKNOWN
+from services.worldgen.visibility import reachable, seen_from
 
 MAX_SIDE_PX = 1800
 """Of the plan alone; its margins come to it."""
@@ -57,6 +59,8 @@ _TINTS: tuple[Rgb, ...] = (
     (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
 )  # fmt: skip
 """Of markers, in turn."""
+_MAX_OUTLINED = 40
+"""Areas of more markers than these are tinted only."""
 
 
 @dataclass(frozen=True)
@@ -95,20 +99,22 @@ def view_of(loaded: LoadedWorld) -> View:
 def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
     """The plan of a world, (height, width, 3) RGB, about 2000 pixels a side at most.
 
-    `seen` is (markers, rows, columns), as visibility.seen_from makes it of the entities that
-    `furnish` hangs, in their order: the cells of the map from which each can be read. None leaves
-    these areas out.
+    `seen` is (markers, rows, columns): the cells of the map from which each marker that hangs can
+    be read, in the order of `furnish`. None: it is found out; none at all leaves these areas out.
     """
     world = loaded.world
     entities = furnish(world)[0].entities
     meshes = _meshes(loaded)
+    if seen is None:
+        panels = [panel_of(entity) for entity in entities]
+        seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)
     outlines = _outlines(world, meshes)
     view = _view(world, outlines)
     colours = material_colours(world, loaded.assets)
     scale = _OVERSAMPLING
     fine = View(view.low_m, view.high_m, view.px_m * scale)
     picture = _floor(loaded, fine, colours)
-    if seen is not None and len(seen):
+    if len(seen):
         picture = _tinted(picture, loaded, fine, seen)
     canvas = Image.fromarray(picture)
     draw = ImageDraw.Draw(canvas)
@@ -264,7 +270,7 @@ def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: View) -> NDArra
 
 
 def _tinted(picture: Picture, loaded: LoadedWorld, view: View, seen: NDArray[np.bool_]) -> Picture:
-    """Each marker's area in its colour; where several overlap, in the mean of theirs."""
+    """Each marker's area outlined in its colour, and tinted, in the mean of all there."""
     tints = np.array([_TINTS[index % len(_TINTS)] for index in range(len(seen))], np.float32)
     count = seen.sum(0, dtype=np.float32)
     mixed = np.tensordot(seen.astype(np.float32), tints, axes=(0, 0))
@@ -274,7 +280,12 @@ def _tinted(picture: Picture, loaded: LoadedWorld, view: View, seen: NDArray[np.
     )
     strength = np.where(count > 0, 70 + 12 * np.minimum(count, 4), 0).astype(np.uint8)
     share = _warped(strength, loaded, view).astype(np.float32)[..., None] / 255.0
-    return np.asarray(np.rint(picture * (1.0 - share) + colours * share), np.uint8)
+    tinted = np.asarray(np.rint(picture * (1.0 - share) + colours * share), np.uint8)
+    for index, area in enumerate(seen if len(seen) <= _MAX_OUTLINED else ()):
+        mask = _warped(area.astype(np.uint8), loaded, view)
+        edges, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(tinted, edges, -1, _TINTS[index % len(_TINTS)], _OVERSAMPLING)
+    return tinted
 
 
 def _grid(draw: ImageDraw.ImageDraw, view: View) -> None:
@@ -511,9 +522,7 @@ def _write(
     draw.text(spot, text, fill=colour, font=font, anchor="mm", stroke_width=2, stroke_fill=_PAPER)
 
 
-def _figures(
-    loaded: LoadedWorld, entities: Sequence[Entity], seen: NDArray[np.bool_] | None
-) -> str:
+def _figures(loaded: LoadedWorld, entities: Sequence[Entity], seen: NDArray[np.bool_]) -> str:
     world = loaded.world
     free = int((loaded.map_cells == FREE).sum())
     parts = [
@@ -524,10 +533,11 @@ def _figures(
     if len(entities) < len(world.markers):
         parts[-1] += f" ({len(world.markers) - len(entities)} refused)"
     parts.append(f"{free * world.map_resolution_m**2:.1f} sq m free")
-    if seen is not None and len(seen):
-        reachable = free
-        covered = int(seen.any(0).sum())
-        parts.append(f"markers seen from {covered / max(reachable, 1):.0%} of it")
+    if len(seen):
+        cells, origin = loaded.map_cells, loaded.map_origin
+        floor = reachable(cells, world.map_resolution_m, origin, world.start)
+        share = int((seen.any(0) & floor).sum()) / max(int(floor.sum()), 1)
+        parts.append(f"a marker in sight from {share:.0%} of what can be reached")
     return "   ".join(parts)
 
 

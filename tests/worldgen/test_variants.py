@@ -13,9 +13,11 @@ from scipy import ndimage
 from services.common.documents import Planar, Room, World
 from services.common.frames import SE2, rotation_from_quaternion
 from services.common.furnish import furnish
+from services.common.placement import panel_of
 from services.worldgen.check import problems_of
 from services.worldgen.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
 from services.worldgen.occupancy import FREE, OCCUPIED
+from services.worldgen.visibility import Sight, covered_share
 
 ROBOT_RADIUS_M = 0.24
 NAMES = known_worlds()
@@ -155,3 +157,19 @@ def test_another_seed_is_another_maze(name: str) -> None:
     assert one.walls != other.walls
     assert [place.name for place in one.locations] == ["goal"]
     assert load_world(name).world == one
+
+
+def test_twelve_markers_show_from_nearly_everywhere() -> None:
+    loaded = load_world("sim_house_markers")
+    panels = [panel_of(entity) for entity in furnish(loaded.world)[0].entities]
+    assert len(panels) == 12
+    sight = Sight(loaded.world, loaded.map_cells, loaded.map_origin)
+    count = np.zeros(loaded.map_cells.shape, int)
+    for panel in panels:
+        rows, columns, cells = sight.window(panel)
+        count[rows, columns] += cells
+    assert (count[sight.reachable] >= 1).mean() >= 0.9
+    assert (count[sight.reachable] >= 2).mean() >= 0.9
+    # Fewer show from less: the figure is not one of any set of markers.
+    args = loaded.world, panels[:3], loaded.map_cells, loaded.map_origin
+    assert covered_share(*args) < 0.9
