@@ -23,7 +23,7 @@ from services.common.config import ConfigError
 from services.common.frames import Array, inverse_matrix, quaternion_from_rotation
 from services.common.placement import CONTACT_M
 from services.worldgen import png
-from services.worldgen.recipe import GeometryRecipe, MeshGeometry
+from services.worldgen.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
 from services.worldgen.sdf.model import (
     Ignored,
     ImportReport,
@@ -47,6 +47,7 @@ _ALIGNED = 1e-6
 _LEANS = 1e-3
 """Sine of the angle by which a marker may lean, or turn away from its wall."""
 _SAME = 1e-9
+_MAX_YAW_RAD = 6.2832
 _NOISE = 1e-14
 _HEADER = "# Made from "
 _DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
@@ -204,6 +205,7 @@ class _Part:
     """False for a collision that is a plane, which in SDF has no end."""
     visual: SdfShape | None
     mesh_file: Path | None
+    attributes: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +350,7 @@ class _Conversion:
                 has_end=not isinstance(shape.geometry, doc.Plane) or shape.role == "visual",
                 visual=visual,
                 mesh_file=shape.mesh_file,
+                attributes=shape.attributes,
             )
 
     # Groups to walls, bodies, floor, rooms and ceiling
@@ -421,6 +424,9 @@ class _Conversion:
         if group.links[0].attributes.get("kind") != "wall" and thickness_m > length_m:
             length_m, thickness_m = thickness_m, length_m
             yaw_rad = math.remainder(yaw_rad + math.pi / 2.0, math.tau)
+        noted_rad = _json(group.links[0].attributes.get("yaw_rad"), float)
+        if noted_rad is not None and abs(noted_rad) < _MAX_YAW_RAD:
+            yaw_rad += math.tau * round((noted_rad - yaw_rad) / math.tau)
         name = self._free(_legal(wanted), self._taken)
         self._taken.add(name)
         wall: dict[str, Any] = {
@@ -465,7 +471,11 @@ class _Conversion:
                 material = self._material(part.visual, geometry.get("file"))
             name = self._free(part.name, taken)
             taken.add(name)
-            shape = {"name": name, "geometry": geometry, **_placed(part.body_from_part)}
+            shape = {
+                "name": name,
+                "geometry": geometry,
+                **_placed(part.body_from_part, part.attributes),
+            }
             if material is not None:
                 shape["material"] = material
             if not (part.solid and part.has_end):
@@ -475,7 +485,7 @@ class _Conversion:
             return
         name = self._free("".join(c if c.isprintable() else "_" for c in group.name), self._taken)
         self._taken.add(name)
-        body = {"name": name, **_placed(group.world_from_body)}
+        body = {"name": name, **_placed(group.world_from_body, group.links[0].attributes)}
         body.setdefault("position_m", [0.0, 0.0, 0.0])
         if not group.static and group.mass_kg > 0.0:
             body["mass_kg"] = group.mass_kg
@@ -529,16 +539,18 @@ class _Conversion:
         if visual.material is None and mesh is not None and name is None:
             return mesh
         look = _look(visual.material)
+        side_m = _json(visual.attributes.get("texture_side_m"), float)
+        if side_m is not None and 0.0 <= side_m <= MAX_COORDINATE_M:
+            look["texture_side_m"] = side_m
         if visual.material is not None and visual.material.albedo_map is not None:
             texture = self._texture(visual.material.albedo_map, visual.name)
             if texture:
-                look = {"texture": texture, "texture_side_m": _side_m(visual.attributes), **look}
+                # Gazebo stretches a picture over each face once.
+                look = {"texture": texture, "texture_side_m": 0.0, **look}
             if name is None:
                 name = visual.material.albedo_map.stem
         elif name is None and visual.material is not None:
             name = visual.material.script.rpartition("/")[2]
-        if "texture" not in look and _side_m(visual.attributes) != 0.0:
-            look = {"texture_side_m": _side_m(visual.attributes), **look}
         return self._named(name or "colour", look)
 
     def _named(self, wanted: str, look: dict[str, Any]) -> str:
@@ -792,12 +804,6 @@ def _look(material: SdfMaterial | None) -> dict[str, Any]:
     }
 
 
-def _side_m(attributes: Mapping[str, str]) -> float:
-    """Gazebo stretches a picture over each face once."""
-    side_m = _json(attributes.get("texture_side_m"), float)
-    return side_m if side_m is not None and 0.0 <= side_m <= 1000.0 else 0.0
-
-
 def _png(picture: Path) -> bytes:
     """A picture of any format as PNG that renderers take; a PNG's own bytes where they will do.
 
@@ -837,12 +843,18 @@ def _product(a_from_b: Array, b_from_c: Array) -> Array:
     return a_from_b if np.array_equal(b_from_c, np.eye(4)) else a_from_b @ b_from_c
 
 
-def _placed(a_from_b: Array) -> dict[str, Any]:
-    """Position and orientation, each where it is not that of a."""
+def _placed(a_from_b: Array, attributes: Mapping[str, str]) -> dict[str, Any]:
+    """Position and orientation, each where it is not that of a.
+
+    Of the two quaternions of an orientation, the one that an export has noted, or that of w >= 0.
+    """
     placed: dict[str, Any] = {}
     if np.any(a_from_b[:3, 3]):
         placed["position_m"] = _numbers(a_from_b[:3, 3])
     quaternion = _numbers(quaternion_from_rotation(a_from_b[:3, :3]))
+    near = _json(attributes.get("near_xyzw"), list[float])
+    if near is not None and len(near) == 4 and np.dot(near, quaternion) < 0.0:
+        quaternion = [0.0 - value for value in quaternion]
     if quaternion != [0.0, 0.0, 0.0, 1.0]:
         placed["orientation_xyzw"] = quaternion
     return placed

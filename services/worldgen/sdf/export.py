@@ -217,6 +217,8 @@ class _Export:
         add(model, "pose", numbers(at))
         model.append(link)
         say(link, kind="wall", **_name_note(wall.name, name))
+        if abs(wall.yaw_rad) >= math.pi:
+            say(link, yaw_rad=repr(wall.yaw_rad))
         size_m = (wall.length_m, wall.thickness_m, wall.height_m)
         add_box(add(link, "collision", name="collision"), size_m)
         visual = add(link, "visual", name="visual")
@@ -237,7 +239,7 @@ class _Export:
         model, link, name = self._model(inside, body.name, body.mass_kg == 0.0)
         _pose(model, body.position_m, body.orientation_xyzw)
         model.append(link)
-        say(link, kind="body", **_name_note(body.name, name))
+        say(link, kind="body", **_name_note(body.name, name), **_sign_note(body.orientation_xyzw))
         if body.mass_kg > 0.0:
             self._inertial(link, body)
         names = _Names()
@@ -245,11 +247,11 @@ class _Export:
             noted = json.dumps(shape.name)
             if shape.solid:
                 collision = add(link, "collision", name=names.give(f"{shape.name}_collision"))
-                say(collision, shape=noted)
+                say(collision, shape=noted, **_sign_note(shape.orientation_xyzw))
                 self._collision(collision, shape)
             if shape.material or not shape.solid:
                 visual = add(link, "visual", name=names.give(f"{shape.name}_visual"))
-                say(visual, shape=noted)
+                say(visual, shape=noted, **_sign_note(shape.orientation_xyzw))
                 _pose(visual, shape.position_m, shape.orientation_xyzw)
                 self._geometry(visual, shape.geometry)
                 self._look(visual, shape.material)
@@ -453,6 +455,13 @@ def _pose(
 
 def _name_note(wanted: str, given: str) -> dict[str, str]:
     return {} if wanted == given else {"name": json.dumps(wanted)}
+
+
+def _sign_note(orientation_xyzw: doc.Quaternion) -> dict[str, str]:
+    """Roughly the quaternion, where a reader of its orientation may come upon the other one."""
+    if orientation_xyzw[3] > 1e-6:
+        return {}
+    return {"near_xyzw": json.dumps([round(value, 1) for value in orientation_xyzw])}
 
 
 def _corners_m(shape: doc.Shape, mesh_of: Callable[[str], TriangleMesh]) -> Array:

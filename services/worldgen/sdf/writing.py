@@ -9,7 +9,6 @@ from lxml import etree
 from services.common.documents import Rgba
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 
-
 SHEET_THICKNESS_M = 0.001
 """Of what exports write for things without any: rooms' floors, the ceiling, a plane that is solid.
 """
