@@ -3,11 +3,15 @@
 SHELL := /bin/bash
 WORLD ?= enhanced
 SEED ?= 7
+# `field=value` put over the world's recipe, with spaces between.
+SET ?=
 GOAL ?= 1.0 0.0 0.0
 # A local uv where the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
 PYTHON := .venv/bin/python
+comma := ,
+space := $(subst ,, )
 STAMP := .venv/.installed
 SOURCES := services tests
 
@@ -30,14 +34,18 @@ $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .too
 	@scripts/ensure-gl || true
 	@touch $@
 
-demo: $(STAMP) ## drive the enhanced tour in one process, no Docker (SEED=7)
-	@.venv/bin/mazebot demo --world enhanced --seed $(SEED) --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_enhanced
+demo: $(STAMP) ## drive a tour in one process, no Docker (WORLD=enhanced SEED=7 SET=maze.seed=3)
+	@.venv/bin/mazebot demo --world $(WORLD) --seed $(SEED) $(SET:%=--set '%') --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_$(WORLD)
 
 demo-original: $(STAMP) ## the same tour in the original world
 	@.venv/bin/mazebot demo --world original --seed $(SEED) --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_original
 
-up: image ## start the containers of WORLD=enhanced|original and follow the tour
-	@case "$(WORLD)" in original) docker compose up demo-world;; *) docker compose up demo-world-enhanced;; esac
+up: image ## start the containers of WORLD=enhanced|original|... and follow the tour
+	@case "$(WORLD)" in \
+		enhanced) docker compose up demo-world-enhanced;; \
+		original) docker compose up demo-world;; \
+		*) WORLD_NAME="$(WORLD)" WORLD_SET="$(subst $(space),$(comma),$(strip $(SET)))" docker compose up demo-world;; \
+	esac
 
 down: ## stop the containers and close their recordings
 	@docker compose --profile original --profile enhanced down

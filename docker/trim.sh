@@ -13,7 +13,7 @@ rm -rf pyarrow/include pyarrow/src pyarrow/tests pyarrow/libarrow_flight.* \
   pyarrow/libarrow_python_flight.* pyarrow/_flight.*
 find pyarrow -name '*.pxi' -delete -o -name '*.pxd' -delete -o -name '*.pyx' -delete
 
-find numba numpy scipy shapely -type d -name tests -prune -exec rm -rf {} +
+find networkx numba numpy scipy shapely -type d -name tests -prune -exec rm -rf {} +
 find . -name '*.pyi' -delete
 
 # Only these: a wheel's bundled libraries have been rewritten by auditwheel, which strip may break.
@@ -23,6 +23,7 @@ if [ -e rerun_cli/rerun ]; then strip --strip-unneeded rerun_cli/rerun; fi
 # What is left must still load.
 cd /
 "$1/../../../bin/python" -c '
-import cv2, moderngl, numba, pybullet, pydantic_settings, rerun, rosbags.typesys, scipy.ndimage
-import scipy.optimize, scipy.spatial, shapely, typer, zenoh
+import collada, cv2, lxml.etree, moderngl, networkx, numba, PIL.Image, pybullet
+import pydantic_settings, rerun, rosbags.typesys, scipy.ndimage, scipy.sparse.csgraph
+import scipy.optimize, scipy.spatial, shapely, trimesh, typer, xacro, zenoh
 '

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import posixpath
+import re
 from typing import Any
 
 import pytest
@@ -33,6 +35,41 @@ def test_each_demo_needs_every_service() -> None:
         assert stanza["profiles"] == [profile]
         assert stanza["restart"] == "no"
         assert set(stanza["depends_on"]) == {*NAMES, f"one-world-at-a-time-{profile}"}
+
+
+def test_a_demo_asks_for_any_world_with_anything_put_over_it() -> None:
+    asked = "demo-world", "demo-world-enhanced"
+    for name in (*asked, "one-world-at-a-time-original", "one-world-at-a-time-enhanced"):
+        environment = STANZAS[name]["environment"]
+        assert environment["MAZEBOT_BRINGUP_WORLD_NAME"].startswith("${WORLD_NAME:-sim_house")
+        assert environment["MAZEBOT_BRINGUP_WORLD_OVERRIDES"] == "${WORLD_SET:-}"
+
+
+@pytest.mark.parametrize(
+    ("worlds_dir", "texture_base", "worlds", "textures"),
+    [
+        (False, False, "/opt/mazebot/worlds", "/opt/mazebot/worlds/textures"),
+        (True, False, "/worlds", "/worlds/textures"),
+        (False, True, "/opt/mazebot/worlds", "/textures"),
+        (True, True, "/worlds", "/textures"),
+    ],
+)
+def test_worlds_and_textures_are_the_image_s_or_one_s_own(
+    worlds_dir: bool, texture_base: bool, worlds: str, textures: str
+) -> None:
+    environment = STANZAS["worldgen"]["environment"]
+
+    def path(name: str) -> str:
+        text = str(environment[f"MAZEBOT_WORLDGEN_{name}"])
+        for variable, given in (("WORLDS_DIR", worlds_dir), ("TEXTURE_BASE", texture_base)):
+            text = re.sub(rf"\${{{variable}:\+([^}}]*)}}", r"\1" if given else "", text)
+        return posixpath.normpath(text)
+
+    assert path("WORLDS_DIR") == worlds
+    assert path("TEXTURE_BASE") == textures
+    targets = {volume["target"] for volume in STANZAS["worldgen"]["volumes"]}
+    assert targets == {"/worlds", "/textures"}
+    assert all(volume["read_only"] for volume in STANZAS["worldgen"]["volumes"])
 
 
 @pytest.mark.parametrize("name", OURS)
