@@ -82,8 +82,10 @@ def footprint(
         case doc.Polyline() | doc.Plane():
             mesh = triangles_of(geometry, meshes)
             return _of_triangles(mesh.vertices_m, mesh.triangles, map_from_shape)
+        case doc.Sphere():
+            return _of_sphere(geometry.radius_m, map_from_shape[:3, 3])
         case _:
-            return _of_convex(*_edges(geometry), map_from_shape)
+            return _of_convex(geometry, map_from_shape.tobytes())
 
 
 def _pose(placed: doc.Body | doc.Shape) -> Array:
@@ -95,9 +97,20 @@ def _moved(points: Array, a_from_b: Array) -> Array:
     return np.asarray(points @ a_from_b[:3, :3].T + a_from_b[:3, 3])
 
 
-def _of_convex(points: Array, edges: NDArray[np.intp], map_from_shape: Array) -> Footprint:
-    """Of a convex body with (n, 3) corners and (m, 2) edges."""
-    points = _moved(points, map_from_shape)
+def _of_sphere(radius_m: float, centre_m: Array) -> Footprint:
+    """The widest of the circles that it has between the heights."""
+    height_m = float(np.clip(centre_m[2], FOOT_M, TOP_M))
+    square_m2 = radius_m**2 - (height_m - centre_m[2]) ** 2
+    if square_m2 <= 0.0:
+        return Footprint()
+    return Footprint(((centre_m[:2] + math.sqrt(square_m2) * _around())[None],))
+
+
+@functools.lru_cache(maxsize=20_000)
+def _of_convex(geometry: doc.Geometry, map_from_shape: bytes) -> Footprint:
+    """Of a convex shape at a pose, a (4, 4) matrix as bytes."""
+    points, edges = _edges(geometry)
+    points = _moved(points, np.frombuffer(map_from_shape).reshape(4, 4))
     z = points[:, 2]
     if z.max() <= FOOT_M or z.min() >= TOP_M:
         return Footprint()
@@ -108,7 +121,8 @@ def _of_convex(points: Array, edges: NDArray[np.intp], map_from_shape: Array) ->
     for height in (FOOT_M, TOP_M):
         across = (start[:, 2] < height) != (end[:, 2] < height)
         corners.append(_at_height(start[across], end[across], height))
-    hull = shapely.convex_hull(shapely.multipoints(np.concatenate(corners)))
+    # A line through all of them has the same hull, and is made faster than that many points.
+    hull = shapely.convex_hull(shapely.linestrings(np.concatenate(corners)))
     return Footprint((np.array(shapely.get_coordinates(hull))[None],))
 
 
@@ -131,9 +145,6 @@ def _edges(geometry: doc.Geometry) -> tuple[Array, NDArray[np.intp]]:
         case doc.Cone():
             half_m = geometry.length_m / 2.0
             return _lathe(((geometry.radius_m, -half_m), (0.0, half_m)))
-        case doc.Sphere():
-            points, edges = _sphere(0.0)
-            return points * geometry.radius_m, edges
         case doc.Ellipsoid():
             points, edges = _sphere(0.0)
             return points * geometry.radii_m, edges
@@ -159,10 +170,16 @@ def _sphere(stretch: float) -> tuple[Array, NDArray[np.intp]]:
     )
 
 
+@functools.cache
+def _around() -> Array:
+    """(n, 2) corners of the polygon around a circle of radius 1."""
+    angles = np.arange(_TURN) * (2.0 * math.pi / _TURN)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1) / math.cos(math.pi / _TURN)
+
+
 def _lathe(profile: tuple[tuple[float, float], ...]) -> tuple[Array, NDArray[np.intp]]:
     """Around what a profile of (radius, z) makes when it is turned about z."""
-    angles = np.arange(_TURN) * (2.0 * math.pi / _TURN)
-    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1) / math.cos(math.pi / _TURN)
+    around = _around()
     points = np.concatenate(
         [np.column_stack([radius * around, np.full(_TURN, z)]) for radius, z in profile]
     )
