@@ -19,6 +19,10 @@ _MARKS = (
 )
 
 
+class StoppedError(UnreadableError):
+    """Xacro did not come to an end."""
+
+
 def needs_expansion(file: Path, data: bytes) -> bool:
     """Whether a file is xacro: by its name, or by the namespace it declares."""
     return file.suffix == ".xacro" or any(mark in data for mark in _MARKS)
@@ -51,12 +55,12 @@ def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[
             env={"LC_ALL": "C.UTF-8"},
         )
     except (OSError, subprocess.TimeoutExpired):
-        raise UnreadableError("cannot be expanded: xacro was stopped") from None
+        raise StoppedError("cannot be expanded: xacro was stopped") from None
     try:
         answer = json.loads(done.stdout)
         text, error = answer["text"], answer["error"]
     except (ValueError, KeyError, TypeError):
-        raise UnreadableError("cannot be expanded: xacro took too long or too much") from None
+        raise StoppedError("cannot be expanded: xacro took too long or too much") from None
     if error:
         raise UnreadableError(f"cannot be expanded: {error}")
     return str(text).encode()

@@ -50,7 +50,7 @@ def path_of(element: etree._Element) -> str:
     for one in (element, *element.iterancestors()):
         if one.getparent() is None and parts:
             break
-        name = one.get("name")
+        name = " ".join((one.get("name") or "").split())
         tag = local_name(one.tag)
         parts.append(f"{tag} {name[:80]}" if name else tag)
     return "/".join(reversed(parts))
@@ -81,7 +81,7 @@ class Findings:
 
     def ignore(self, what: str, where: Place) -> None:
         """Something is not simulated. The same thing in one file is told once, with its number."""
-        key = (what[:200], where.source.shown)
+        key = (" ".join(what.split())[:200], where.source.shown)
         first, count = self._ignored.get(key, ("", 0))
         self._ignored[key] = (first or str(where), count + 1)
 

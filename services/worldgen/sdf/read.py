@@ -104,9 +104,7 @@ class _Resolver:
             graph.attached(frame)
         links = self._links()
         lights = tuple(
-            light
-            for light in (self._light(holder, place) for holder, place in tree.lights)
-            if light is not None
+            light for light in (self._light(*one) for one in tree.lights) if light is not None
         )
         ambient, background = self._scene()
         is_world = world.place.element.tag == "world"
@@ -243,9 +241,13 @@ class _Resolver:
                 mass += volume * (density or common)
         return mass or DEFAULT_MASS_KG
 
-    def _light(self, holder: Item, at: Place) -> SdfLight | None:
+    def _light(self, holder: Item, at: Place, include: Place | None) -> SdfLight | None:
         list_unread(at, self._findings)
         name = at.element.get("name") or ""
+        posed = at
+        if include is not None:
+            name = (include.element.findtext("name") or "").strip() or name
+            posed = include if include.element.find("pose") is not None else at
         if not name.strip():
             self._findings.error("ATTRIBUTE_MISSING", at, "<light> must have a name")
         else:
@@ -270,7 +272,7 @@ class _Resolver:
         light = SdfLight(
             kind=cast(Literal["directional", "point", "spot"], kind),
             name=name if holder.kind == "world" else f"{holder.full_name()}::{name}",
-            world_from_light=self._graph.placed(holder, pose_of(at, self._findings)),
+            world_from_light=self._graph.placed(holder, pose_of(posed, self._findings)),
             diffuse=optional(at, "diffuse", values.colour, _WHITE),
             direction=(x, y, z),
             range_m=optional(inner, "range", values.positive, 10.0),

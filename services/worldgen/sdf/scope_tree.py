@@ -24,13 +24,16 @@ _JOINT_TYPES = (
 
 
 class ScopeTree:
-    """Builds the tree; `lights` are told beside it, with what holds them."""
+    """Builds the tree.
+
+    `lights` stand beside it: what holds each, its element, and the <include> that brought it.
+    """
 
     def __init__(self, sources: Sources, findings: Findings) -> None:
         self._sources = sources
         self._findings = findings
         self._stack: list[Source] = []
-        self.lights: list[tuple[Item, Place]] = []
+        self.lights: list[tuple[Item, Place, Place | None]] = []
 
     def world(self, source: Source) -> Item | None:
         """The world of a file, or one made for its model; None where there is neither."""
@@ -117,8 +120,8 @@ class ScopeTree:
         if item is not None:
             item.attached_to = place.element.get("attached_to") or ""
 
-    def _light(self, place: Place, holder: Item) -> None:
-        self.lights.append((holder, place))
+    def _light(self, place: Place, holder: Item, include: Place | None = None) -> None:
+        self.lights.append((holder, place, include))
 
     def _model(self, place: Place, scope: Item, depth: int, include: Place | None = None) -> None:
         self._findings.models += 1
@@ -196,9 +199,7 @@ class ScopeTree:
             else:
                 self._model(top, scope, depth, place)
         elif tops[0].tag == "light":
-            self._light(top, scope)
-            if element.find("pose") is not None or element.find("name") is not None:
-                self._findings.ignore("name and pose of an included light", place)
+            self._light(top, scope, place)
         self._stack.pop()
 
     def _merges(self, place: Place) -> bool:
@@ -213,9 +214,9 @@ class ScopeTree:
 
     def _merge(self, top: Place, include: Place, scope: Item, depth: int) -> None:
         """Put a model's contents into the model that includes it, around a frame in its place."""
-        if scope.kind != "model":
+        if scope.kind == "world" and top.element.find("link") is not None:
             self._findings.error(
-                "MERGE_INCLUDE_UNSUPPORTED", include, "only a <model> can merge what it includes"
+                "MERGE_INCLUDE_UNSUPPORTED", include, "a <world> cannot merge a model with links"
             )
             return
         inner_name = top.element.get("name") or "model"
@@ -227,7 +228,9 @@ class ScopeTree:
         first_link = next(inner.of_kind("link"), None)
         proxy.attached_to = inner.canonical_link or (first_link.name if first_link else "")
         if not pose.relative_to:
-            proxy.pose = Pose(pose.matrix, "__model__", pose.place)
+            # Else it would be relative to what it is attached to.
+            holder = "__model__" if scope.kind == "model" else "world"
+            proxy.pose = Pose(pose.matrix, holder, pose.place)
         if inner.placement_frame:
             self._findings.ignore("placement frame of a merged model", include)
         self._add(proxy)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from services.worldgen.sdf.expansion import expanded, needs_expansion
+from services.worldgen.sdf.expansion import StoppedError, expanded, needs_expansion
 from services.worldgen.sdf.findings import Source, local_name
 from services.worldgen.sdf.locate import LocateError, Locator
 from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of, tree_of
@@ -17,6 +17,8 @@ FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
 MAX_ELEMENTS = 300_000
 """In all files together, each as often as it is included."""
 MAX_INCLUDES = 5000
+MAX_EXPANSIONS = 16
+"""Of xacro files: each has a process of its own."""
 
 _VERSION = re.compile(r"(\d{1,3})\.(\d{1,3})(\.\d{1,3})?", re.ASCII)
 
@@ -44,9 +46,11 @@ class Sources:
         self._roots = list(roots)
         self.locator = Locator(self._file, self._roots)
         self._opened: dict[Path, tuple[Source, int] | SourceError] = {}
+        self._located: dict[tuple[str, Path], Path | SourceError] = {}
         self._bytes = 0
         self._elements = 0
         self._includes = 0
+        self._expansions = 0
 
     def first(self) -> Source:
         """The file that was asked for, or the newest of the folder's. Raises SourceError."""
@@ -59,11 +63,22 @@ class Sources:
         self._includes += 1
         if self._includes > MAX_INCLUDES:
             raise SourceError("URI_INVALID", f"more than {MAX_INCLUDES} <include>s")
+        key = uri, folder
+        if key not in self._located:
+            self._located[key] = self._locate(uri, folder)
+        found = self._located[key]
+        if isinstance(found, SourceError):
+            raise found
+        return self._open(found)
+
+    def _locate(self, uri: str, folder: Path) -> Path | SourceError:
         try:
             path = self.locator.model(uri, folder)
+            return self._newest(path) if path.is_dir() else path
         except LocateError as error:
-            raise SourceError(error.kind, str(error)) from None
-        return self._open(self._newest(path) if path.is_dir() else path)
+            return SourceError(error.kind, str(error))
+        except SourceError as error:
+            return error
 
     def shown(self, path: Path) -> str:
         """A path as people are told of it: from the file's folder, or from a root."""
@@ -101,11 +116,23 @@ class Sources:
                 raise UnreadableError(f"makes it more than {MAX_FILE_BYTES} bytes in all")
             if needs_expansion(path, data):
                 through_xacro = True
-                data = expanded(path, self._roots, self._file, self._arguments)
+                data = self._expanded(path)
             root = tree_of(data)
         except UnreadableError as error:
             raise SourceError("FILE_READ", f"{shown} {error}") from None
         return Source(path, shown, through_xacro, root, _version(root, shown))
+
+    def _expanded(self, path: Path) -> bytes:
+        self._expansions += 1
+        if self._expansions > MAX_EXPANSIONS:
+            raise UnreadableError(
+                "is not expanded: too many xacro files, or one that took too long"
+            )
+        try:
+            return expanded(path, self._roots, self._file, self._arguments)
+        except StoppedError:
+            self._expansions = MAX_EXPANSIONS
+            raise
 
     def _newest(self, folder: Path) -> Path:
         """The file of a model's folder for the newest version of the specification."""

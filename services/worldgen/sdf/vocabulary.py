@@ -37,7 +37,7 @@ _ONCE: dict[str, frozenset[str]] = {
     "polyline": _words("height"),
     "mesh": _words("uri scale submesh"),
     "submesh": _words("name center"),
-    "joint": _words("parent child pose"),
+    "joint": _words("parent child pose axis axis2"),
     "frame": _words("pose"),
     "light": _words("pose diffuse direction attenuation light_on"),
     "attenuation": _words("range constant linear quadratic"),
@@ -82,8 +82,7 @@ _NOT_SIMULATED: dict[str, frozenset[str]] = {
     ),
     "mesh": _words("convex_decomposition"),
     "joint": _words(
-        "axis axis2 gearbox_ratio gearbox_reference_body physics plugin screw_thread_pitch sensor "
-        "thread_pitch"
+        "gearbox_ratio gearbox_reference_body physics plugin screw_thread_pitch sensor thread_pitch"
     ),
     "light": _words("cast_shadows intensity plugin specular spot visualize"),
     "scene": _words("cast_shadows fog grid origin_visual shadows sky"),

@@ -1,0 +1,360 @@
+"""The reader and files: includes, xacro, and what means harm."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from services.common.frames import rotation_from_rpy, transform_matrix
+from services.worldgen.sdf.model import SdfWorld
+from services.worldgen.sdf.read import read_sdf
+
+BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
+LINK = f'<link name="link"><collision name="c">{BOX}</collision></link>'
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def world_file(file: Path, inside: str, root: str = "") -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(f'<sdf version="1.9" {root}><world name="w">{inside}</world></sdf>')
+    return file
+
+
+def model_folder(folder: Path, inside: str = LINK, more: str = "") -> Path:
+    folder.mkdir(parents=True)
+    (folder / "model.config").write_text(
+        f"<model><name>{folder.name}</name><sdf version='1.9'>model.sdf</sdf></model>"
+    )
+    (folder / "model.sdf").write_text(
+        f'<sdf version="1.9"><model name="{folder.name}" {more}>{inside}</model></sdf>'
+    )
+    return folder
+
+
+def include(uri: str, more: str = "") -> str:
+    return f"<include><uri>{uri}</uri>{more}</include>"
+
+
+def clean(world: SdfWorld) -> SdfWorld:
+    assert world.report.errors == ()
+    return world
+
+
+def kinds(world: SdfWorld) -> list[str]:
+    return [error.kind for error in world.report.errors]
+
+
+def test_an_include_is_found_on_the_roots_and_beside_the_file(tmp_path: Path) -> None:
+    model_folder(tmp_path / "path" / "chair", f"<pose>9 9 9 0 0 0</pose><static>1</static>{LINK}")
+    model_folder(tmp_path / "w" / "models" / "table")
+    model_folder(tmp_path / "w" / "worlds" / "lamp")
+    file = world_file(
+        tmp_path / "w" / "worlds" / "w.sdf",
+        include("model://chair", "<name>throne</name><pose>1 0 0 0 0 0</pose><static>0</static>")
+        + include("model://chair")
+        + include("model://table", "<experimental:params><a/></experimental:params>")
+        + include("lamp"),
+    )
+    world = clean(read_sdf(file, [tmp_path / "path"]))
+    assert [model.name for model in world.models] == ["throne", "chair", "table", "lamp"]
+    assert [model.static for model in world.models] == [False, True, False, False]
+    assert world.models[0].world_from_model[0, 3] == 1.0
+    assert world.models[1].world_from_model[0, 3] == 9.0
+    assert [(one.uri, one.name, one.file) for one in world.report.includes] == [
+        ("model://chair", "throne", "path/chair/model.sdf"),
+        ("model://chair", "chair", "path/chair/model.sdf"),
+        ("model://table", "table", str(tmp_path / "w" / "models" / "table" / "model.sdf")),
+        ("lamp", "lamp", "lamp/model.sdf"),
+    ]
+    assert [one.what for one in world.report.ignored] == ["element experimental:params"]
+
+
+def test_a_model_includes_models_and_is_placed_by_a_frame_of_theirs(tmp_path: Path) -> None:
+    model_folder(tmp_path / "inner", LINK + '<frame name="top"><pose>0 0 2 0 0 0.5</pose></frame>')
+    model_folder(
+        tmp_path / "outer",
+        '<link name="base"/>'
+        + include(
+            "model://inner",
+            '<name>i</name><placement_frame>top</placement_frame><pose relative_to="f"/>',
+        )
+        + '<frame name="f" attached_to="base"><pose>0 3 0 0 0 0</pose></frame>'
+        + '<joint name="j" type="fixed"><parent>base</parent><child>i::link</child></joint>',
+    )
+    file = world_file(
+        tmp_path / "w.sdf", include("model://outer", "<pose degrees='true'>1 0 0 0 0 90</pose>")
+    )
+    world = clean(read_sdf(file))
+    assert [model.name for model in world.models] == ["outer", "outer::i"]
+    assert [(link.name, link.fixed_to) for link in world.links] == [
+        ("outer::base", "outer::base"),
+        ("outer::i::link", "outer::base"),
+    ]
+    expected = transform_matrix(rotation_from_rpy(0, 0, np.pi / 2), (-2.0, 0.0, 0.0))
+    inner = transform_matrix(rotation_from_rpy(0, 0, -0.5), (0.0, 0.0, -2.0))
+    np.testing.assert_allclose(world.links[1].world_from_link, expected @ inner, atol=1e-12)
+
+
+def test_a_merged_include_leaves_no_model_behind(tmp_path: Path) -> None:
+    model_folder(
+        tmp_path / "part",
+        LINK + '<frame name="tip"><pose>0 0 1 0 0 0</pose></frame><joint name="k" type="fixed">'
+        "<parent>__model__</parent><child>other</child></joint>"
+        '<link name="other"><pose relative_to="tip">0 0 1 0 0 0</pose></link>',
+    )
+    file = world_file(
+        tmp_path / "w.sdf",
+        '<model name="m"><link name="base"/><include merge="true"><uri>model://part</uri>'
+        "<pose>5 0 0 0 0 0</pose></include>"
+        '<joint name="j" type="fixed"><parent>base</parent><child>link</child></joint></model>',
+    )
+    world = clean(read_sdf(file))
+    poses = {link.name: tuple(link.world_from_link[:3, 3]) for link in world.links}
+    assert poses == {"m::base": (0, 0, 0), "m::link": (5, 0, 0), "m::other": (5, 0, 2)}
+    assert {link.fixed_to for link in world.links} == {"m::base"}
+
+
+def test_the_newest_file_that_can_be_read_is_chosen(tmp_path: Path) -> None:
+    folder = model_folder(tmp_path / "m")
+    listed = "".join(
+        f"<sdf version='{version}'>{name}.sdf</sdf>"
+        for version, name in (("1.5", "old"), ("1.10", "new"), ("1.9", "mid"), ("3.0", "far"))
+    )
+    (folder / "model.config").write_text(f"<model>{listed}</model>")
+    for name in ("old", "new", "mid", "far"):
+        (folder / f"{name}.sdf").write_text(
+            f'<sdf version="1.5"><model name="{name}">{LINK}</model></sdf>'
+        )
+    world = clean(read_sdf(folder))
+    assert (world.name, world.links[0].name) == ("new", "new::link")
+
+
+def test_includes_that_cannot_be_had(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "lost").mkdir()
+    (tmp_path / "lost" / "model.config").write_text(
+        "<model><sdf version='1.5'>no.sdf</sdf></model>"
+    )
+    (tmp_path / "bad.sdf").write_text("<sdf")
+    world_file(tmp_path / "world.sdf", "")
+    uris = ("model://empty", "model://lost", "bad.sdf", "world.sdf", "ftp://x", "a\tb", "model://")
+    file = world_file(tmp_path / "w.sdf", "".join(include(uri) for uri in uris))
+    assert kinds(read_sdf(file)) == [
+        "URI_LOOKUP",
+        "URI_LOOKUP",
+        "FILE_READ",
+        "ELEMENT_MISSING",
+        "URI_INVALID",
+        "URI_INVALID",
+        "URI_INVALID",
+    ]
+
+
+def test_errors_of_included_files_name_those_files(tmp_path: Path) -> None:
+    model_folder(tmp_path / "bad", "\n<link/>")
+    file = world_file(tmp_path / "w.sdf", include("model://bad"))
+    (error,) = read_sdf(file).report.errors
+    assert error.where == "bad/model.sdf:2: model bad/link"
+
+
+def test_lights_are_included_too(tmp_path: Path) -> None:
+    folder = model_folder(tmp_path / "sun")
+    (folder / "model.sdf").write_text(
+        '<sdf version="1.5"><light name="sun" type="directional"><pose>0 0 10 0 0 0</pose></light>'
+        "</sdf>"
+    )
+    file = world_file(
+        tmp_path / "w.sdf",
+        include("model://sun") + include("model://sun", "<name>b</name><pose>1 0 0 0 0 0</pose>"),
+    )
+    first, second = clean(read_sdf(file)).lights
+    assert (first.name, first.world_from_light[2, 3]) == ("sun", 10.0)
+    assert (second.name, second.world_from_light[0, 3]) == ("b", 1.0)
+
+
+def test_meshes_and_pictures_are_found_as_uris_say(tmp_path: Path) -> None:
+    folder = model_folder(tmp_path / "path" / "pkg")
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "a b.dae").touch()
+    (folder / "brick.png").touch()
+    (folder / "package.xml").write_text("<package><name>my_pkg</name></package>")
+
+    def visual(name: str, uri: str, texture: str) -> str:
+        return (
+            f'<visual name="{name}"><geometry><mesh><uri>{uri}</uri><scale>1 2 -3</scale><submesh>'
+            "<name>Door</name><center>1</center></submesh></mesh></geometry><material><pbr><metal>"
+            f"<albedo_map>{texture}</albedo_map></metal></pbr></material></visual>"
+        )
+
+    full = folder / "meshes" / "a b.dae"
+    uris = (
+        "model://pkg/meshes/a b.dae",
+        "meshes/a b.dae",
+        f"file://{full}",
+        str(full),
+        "package://pkg/meshes/a b.dae",
+        "package://my_pkg/meshes/a b.dae",
+        "file://pkg/meshes/a b.dae",
+    )
+    visuals = "".join(
+        visual(f"v{i}", uri, ("brick.png", "model://pkg/brick.png")[i % 2])
+        for i, uri in enumerate(uris)
+    )
+    (folder / "model.sdf").write_text(
+        f'<sdf version="1.9"><model name="m"><link name="l">{visuals}</link></model></sdf>'
+    )
+    file = world_file(tmp_path / "w" / "w.sdf", include("model://pkg"))
+    world = clean(read_sdf(file, [tmp_path / "path", folder]))
+    for shape in world.links[0].shapes:
+        assert shape.mesh_file == full
+        assert shape.geometry.kind == "mesh"
+        assert (shape.geometry.file, shape.geometry.submesh) == ("a_b.dae", "Door")
+        assert (shape.geometry.center, shape.geometry.scale) == (True, (1.0, 2.0, -3.0))
+        assert shape.material is not None
+        assert shape.material.albedo_map == folder / "brick.png"
+    assert world.report.visuals == {"mesh": 7}
+    assert world.report.materials == ("albedo brick.png",)
+
+
+def test_a_picture_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    file = world_file(
+        tmp_path / "w.sdf",
+        f'<model name="m"><link name="l"><visual name="v">{BOX}<material><pbr><metal><albedo_map>'
+        "no.png</albedo_map></metal></pbr></material></visual></link></model>",
+    )
+    world = read_sdf(file)
+    assert kinds(world) == ["URI_LOOKUP"]
+    assert len(world.links[0].shapes) == 1
+
+
+def test_nothing_outside_of_folder_and_roots_is_read(tmp_path: Path) -> None:
+    model_folder(tmp_path / "secret")
+    (tmp_path / "secret" / "mesh.stl").touch()
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "link").symlink_to(tmp_path / "secret")
+    (inside / "loop").symlink_to(inside / "loop")
+    model_folder(inside / "m", "")
+    (inside / "m" / "model.sdf").unlink()
+    (inside / "m" / "model.sdf").symlink_to(tmp_path / "secret" / "model.sdf")
+    for uri in (
+        "../secret",
+        "model://../secret",
+        "model://link",
+        "model://m",
+        f"file://{tmp_path}/secret",
+        "m/../../secret",
+        "file:///etc/passwd",
+        "/dev/zero",
+    ):
+        world = read_sdf(world_file(inside / "w.sdf", include(uri)))
+        assert kinds(world)[0] in ("URI_INVALID", "URI_LOOKUP"), uri
+        assert world.models == ()
+    assert kinds(read_sdf(world_file(inside / "w.sdf", include("model://loop")))) == ["URI_LOOKUP"]
+    clean(read_sdf(world_file(inside / "w.sdf", include("../secret")), [tmp_path]))
+
+
+def test_includes_that_never_end_end(tmp_path: Path) -> None:
+    model_folder(tmp_path / "a", include("model://b"))
+    model_folder(tmp_path / "b", include("model://a"))
+    file = world_file(tmp_path / "w.sdf", include("model://a"))
+    assert "URI_INVALID" in kinds(read_sdf(file))
+    for i in range(20):
+        both = "".join(include(f"model://bomb{i + 1}", f"<name>n{k}</name>") for k in range(8))
+        model_folder(tmp_path / f"bomb{i}", both)
+    model_folder(tmp_path / "bomb20")
+    start = time.process_time()
+    world = read_sdf(world_file(tmp_path / "w.sdf", include("model://bomb0")))
+    assert "URI_INVALID" in kinds(world)
+    assert time.process_time() - start < 5.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<!DOCTYPE x SYSTEM "file:///etc/passwd"><sdf version="1.9"/>',
+        '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;">]>'
+        '<sdf version="1.9"><world name="&b;"/></sdf>',
+        '<sdf version="1.9"><world name="&a;"/></sdf>',
+        '<sdf version="1.9">' + "<model>" * 100_000,
+        '<sdf version="1.9"><world name="w">' + "<a/>" * 400_000 + "</world></sdf>",
+        '<sdf version="1.9"><world name="w"><b>' + "x" * 11_000_000 + "</b></world></sdf>",
+    ],
+    ids=["external", "entities", "undefined", "deep", "many", "long"],
+)
+def test_hostile_xml_is_refused_at_once(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "w.sdf"
+    file.write_text(text)
+    start = time.process_time()
+    assert kinds(read_sdf(file)) == ["FILE_READ"]
+    assert time.process_time() - start < 5.0
+
+
+def test_xacro_takes_arguments_macros_and_packages(tmp_path: Path) -> None:
+    package = tmp_path / "ws" / "my_maze"
+    model_folder(package / "models" / "chair")
+    (package / "package.xml").write_text("<package><name>my_maze</name></package>")
+    (package / "parts.xacro").write_text(
+        f"""<parts {XACRO}><xacro:macro name="box" params="name x">
+        <model name="${{name}}"><pose>${{x * 2}} ${{round(sqrt(16))}} ${{sum}} 0 0 0</pose>
+        {LINK}</model></xacro:macro></parts>"""
+    )
+    file = world_file(
+        package / "worlds" / "w.sdf.xacro",
+        """<xacro:arg name="chairs" default="false"/><xacro:arg name="x" default="1"/>
+        <xacro:property name="sum" value="${[1, 2, 3][2] + $(eval 1 + 1)}"/>
+        <xacro:include filename="$(find my_maze)/parts.xacro"/><xacro:box name="a" x="$(arg x)"/>
+        <xacro:if value="$(arg chairs)"><include>
+        <uri>file://$(find my_maze)/models/chair</uri></include></xacro:if>""",
+        XACRO,
+    )
+    world = clean(read_sdf(file))
+    assert [model.name for model in world.models] == ["a"]
+    np.testing.assert_allclose(world.models[0].world_from_model[:3, 3], [2, 4, 5])
+    world = clean(read_sdf(file, [tmp_path / "ws"], {"chairs": "true", "x": "3.5"}))
+    assert [model.name for model in world.models] == ["a", "chair"]
+    assert world.models[0].world_from_model[0, 3] == 7.0
+
+
+@pytest.mark.parametrize(
+    ("inside", "word"),
+    [
+        ('<xacro:include filename="../outside.xacro"/>', "outside"),
+        ('<xacro:include filename="/etc/passwd"/>', "outside"),
+        ("${xacro.load_yaml('../outside.yaml')}", "outside"),
+        ("${load_yaml('/etc/passwd')}", "outside"),
+        ("$(find nowhere)", "nowhere"),
+        ("$(env HOME)", "environment"),
+        ("$(eval open)", "open"),
+        ("$(eval [].__class__)", "__class__"),
+        ("${[x.__class__ for x in [()]]}", "__class__"),
+        ("${(x for x in [1]).gi_frame}", "gi_frame"),
+        ("${'%s'.format}", "format"),
+        ("$(arg missing)", "missing"),
+        ("${1 +}", "1 +"),
+        ("<xacro:nothing/>", "nothing"),
+        ("${9**9**9}", "too"),
+        ("${'x' * 10**10}", ""),
+        ("${[0] * 10**10}", ""),
+        ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "deep"),
+        ('<xacro:include filename="w.sdf.xacro"/>', ""),
+    ],
+)
+def test_what_xacro_may_not_do_is_one_error(tmp_path: Path, inside: str, word: str) -> None:
+    (tmp_path / "outside.xacro").write_text(f"<a {XACRO}/>")
+    (tmp_path / "outside.yaml").write_text("a: 1")
+    file = world_file(tmp_path / "in" / "w.sdf.xacro", inside, XACRO)
+    (error,) = read_sdf(file).report.errors
+    assert error.kind == "FILE_READ"
+    assert error.message.startswith("w.sdf.xacro cannot be expanded: ")
+    assert word in error.message
+    assert "\n" not in error.message
+
+
+def test_places_in_xacro_are_of_the_expanded_text(tmp_path: Path) -> None:
+    file = world_file(tmp_path / "w.sdf.xacro", "\n<model/>", XACRO)
+    (error, *_) = read_sdf(file).report.errors
+    assert error.where == "w.sdf.xacro:4 (expanded): world w/model"
