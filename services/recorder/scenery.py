@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from services.common.documents import Body, Material, Mesh, World
 from services.common.frames import MAP_FRAME, Array
-from services.common.geometry import TriangleMesh, clipped, joined, quad_triangles
+from services.common.geometry import TriangleMesh, clipped, flat_triangles, joined, quad_triangles
 from services.common.surfaces import Surface, surfaces, wall_corners
 
 CUT_M = 1.0
@@ -79,7 +82,7 @@ def _placed(
     world: World, seen: tuple[Surface, ...], extent: Extent
 ) -> Iterator[tuple[Surface, tuple[str, ...], TriangleMesh]]:
     """Each surface with the entity that it goes to; cut ones twice."""
-    for surface in (*seen, *_lids(world)):
+    for surface in (*seen, *_lids(world, seen)):
         material = surface.material or "plain"
         if surface.moves:
             yield surface, ("moving", surface.name, material), surface.mesh
@@ -96,19 +99,51 @@ def _placed(
                 yield surface, (f"{kind}_above", *name), clipped(surface.mesh, CUT_M, np.inf)
 
 
-def _lids(world: World) -> Iterator[Surface]:
-    """The walls' insides where they are cut, so that they do not look hollow."""
+def _lids(world: World, seen: tuple[Surface, ...]) -> Iterator[Surface]:
+    """The insides where things are cut, so that they do not look hollow."""
     high = [wall for wall in world.walls if wall.height_m > CUT_M]
     for material in dict.fromkeys(wall.material for wall in high):
         corners = wall_corners([wall for wall in high if wall.material == material]).reshape(-1, 2)
-        count = len(corners)
-        mesh = TriangleMesh(
-            np.column_stack([corners, np.full(count, CUT_M)]),
-            np.tile((0.0, 0.0, 1.0), (count, 1)),
-            np.zeros((count, 2)),
-            quad_triangles(count // 4),
-        )
-        yield Surface("wall", "", material, False, False, mesh)
+        yield _lid("wall", material, corners, quad_triangles(len(corners) // 4))
+    for surface in seen:
+        if surface.kind == "body" and not surface.moves:
+            corners, triangles = flat_triangles(_section(surface.mesh))
+            yield _lid("body", surface.material, corners, triangles)
+
+
+def _lid(
+    kind: Literal["wall", "body"], material: str, corners: Array, triangles: NDArray[np.int32]
+) -> Surface:
+    count = len(corners)
+    positions = np.column_stack([corners, np.full(count, CUT_M)])
+    normals = np.tile((0.0, 0.0, 1.0), (count, 1))
+    mesh = TriangleMesh(positions, normals, np.zeros((count, 2)), triangles)
+    return Surface(kind, "", material, False, False, mesh)
+
+
+def _section(mesh: TriangleMesh) -> shapely.MultiPolygon:
+    """The area within a closed surface where it is cut; nothing where it is open."""
+    z = mesh.vertices_m[mesh.triangles][..., 2]
+    crossing = (z.min(axis=1) <= CUT_M) & (z.max(axis=1) > CUT_M)
+    corners = mesh.vertices_m[mesh.triangles[crossing]]
+    above = corners[..., 2] > CUT_M
+    if not len(corners):
+        return shapely.MultiPolygon()
+    # Two sides of each such triangle cross: the corner between them is on one side, alone.
+    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+    rows = np.arange(len(corners))
+    tip = corners[rows, alone]
+    ends = []
+    for step in (1, 2):
+        other = corners[rows, (alone + step) % 3]
+        share = (CUT_M - tip[:, 2]) / (other[:, 2] - tip[:, 2])
+        ends.append(tip[:, :2] + share[:, None] * (other - tip)[:, :2])
+    # Neighbours find the same point, up to the last bits.
+    segments = np.round(np.stack(ends, axis=1), 6)
+    segments = segments[(segments[:, 0] != segments[:, 1]).any(axis=1)]
+    area = shapely.build_area(shapely.multilinestrings(shapely.linestrings(segments)))
+    parts_of_area = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
+    return shapely.MultiPolygon(parts_of_area)
 
 
 def _extent(world: World, seen: tuple[Surface, ...]) -> Extent:

@@ -276,6 +276,9 @@ def test_what_stands_is_cut_where_the_walls_are() -> None:
         assert corners(above)[:, 2].max() == pytest.approx(3.0)
     (lid,) = meshes_on(paper, "world/walls/plain/top")
     assert set(corners(lid)[:, 2]) == {1.0}
+    (inside,) = meshes_on(paper, "world/bodies/bricks/top")
+    assert corners(inside).min(axis=0) == pytest.approx([0.8, -1.2, 1.0], abs=1e-3)
+    assert corners(inside).max(axis=0) == pytest.approx([1.2, -0.8, 1.0], abs=1e-3)
     (top,) = meshes_on(paper, "world/bodies/plain")
     assert corners(top).min(axis=0) == pytest.approx([-0.4, 0.3, 0.69], abs=1e-5)
     (ceiling,) = meshes_on(paper, "world/ceiling")
