@@ -91,8 +91,10 @@ def marker_model_files(
         "model.config": _config(marker, kind),
         "model.sdf": _sdf(marker, kind, side_m, texture, own is not None),
         f"meshes/{name}.glb": glb,
-        f"meshes/{name}.mtl": _mtl(name, f"../{texture}"),
+        f"meshes/{name}.mtl": _mtl(name, f"{marker.id}.png"),
         f"meshes/{name}.obj": _obj(name, faces),
+        # Once more, for not every reader of OBJ follows a path out of the mesh's folder.
+        f"meshes/{marker.id}.png": picture,
         texture: picture,
     }
 

@@ -213,6 +213,8 @@ class _Group:
     """Links that are one body."""
 
     name: str
+    full_name: str
+    """With its model's, where another has the name."""
     world_from_body: Array
     static: bool
     mass_kg: float
@@ -303,12 +305,13 @@ class _Conversion:
                     if shape.role == "visual" and "covering" in shape.attributes:
                         coverings.append((body_from_link @ shape.link_from_shape, shape))
                 parts += self._parts(link, body_from_link)
-            short = root.name.rpartition("::")[2]
+            short, model = root.name.rpartition("::")[2], root.model.rpartition("::")[2]
             if links_of_model[root.model] == 1:
-                short = root.model.rpartition("::")[2] or short
+                short = model or short
             noted = _json(root.attributes.get("name"), str)
             yield _Group(
                 name=noted or short,
+                full_name=f"{model}.{short}",
                 world_from_body=root.world_from_link,
                 static=all(link.static for link in links),
                 mass_kg=sum(link.mass_kg for link in links),
@@ -371,8 +374,9 @@ class _Conversion:
         )
         if is_wall:
             for part, pose in zip(parts, poses, strict=True):
-                name = group.name if len(parts) == 1 else f"{group.name}_{part.name}"
-                self._wall(group, part, pose, name)
+                more = "" if len(parts) == 1 else f"_{part.name}"
+                names = [_legal(f"{name}{more}") for name in (group.name, group.full_name)]
+                self._wall(group, part, pose, self._free(names, self._taken))
         else:
             self._body(group, parts)
 
@@ -388,7 +392,7 @@ class _Conversion:
             material = self._material(shape)
             if material is not None:
                 look["floor_material"] = material
-            self._rooms[self._free(_legal(room), self._rooms)] = look
+            self._rooms[self._free((_legal(room),), set(self._rooms))] = look
         elif "ceiling" in shape.attributes and isinstance(shape.geometry, doc.Box):
             bottom_m = pose[2, 3] - shape.geometry.size_m[2] / 2.0
             self._ceiling = {
@@ -417,7 +421,7 @@ class _Conversion:
             self._floor_material = self._material(part.visual)
         return is_floor
 
-    def _wall(self, group: _Group, part: _Part, pose: Array, wanted: str) -> None:
+    def _wall(self, group: _Group, part: _Part, pose: Array, name: str) -> None:
         assert isinstance(part.geometry, doc.Box)
         length_m, thickness_m, height_m = part.geometry.size_m
         yaw_rad = math.atan2(pose[1, 0], pose[0, 0])
@@ -427,8 +431,6 @@ class _Conversion:
         noted_rad = _json(group.links[0].attributes.get("yaw_rad"), float)
         if noted_rad is not None and abs(noted_rad) < _MAX_YAW_RAD:
             yaw_rad += math.tau * round((noted_rad - yaw_rad) / math.tau)
-        name = self._free(_legal(wanted), self._taken)
-        self._taken.add(name)
         wall: dict[str, Any] = {
             "name": name,
             "length_m": length_m,
@@ -469,8 +471,7 @@ class _Conversion:
             material = None
             if part.visual is not None:
                 material = self._material(part.visual, geometry.get("file"))
-            name = self._free(part.name, taken)
-            taken.add(name)
+            name = self._free((part.name,), taken)
             shape = {
                 "name": name,
                 "geometry": geometry,
@@ -483,8 +484,9 @@ class _Conversion:
             shapes.append(shape)
         if not shapes:
             return
-        name = self._free("".join(c if c.isprintable() else "_" for c in group.name), self._taken)
-        self._taken.add(name)
+        names = (group.name, group.full_name)
+        printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
+        name = self._free(printable, self._taken)
         body = {"name": name, **_placed(group.world_from_body, group.links[0].attributes)}
         body.setdefault("position_m", [0.0, 0.0, 0.0])
         if not group.static and group.mass_kg > 0.0:
@@ -648,8 +650,7 @@ class _Conversion:
             self._ignore(f"point light {light.name}, the ninth or later", light.name)
         taken: set[str] = set()
         for light in lamps[:MAX_LIGHTS]:
-            name = self._free(_legal(light.name), taken)
-            taken.add(name)
+            name = self._free((_legal(light.name),), taken)
             found.setdefault("lights", []).append(
                 {
                     "name": name,
@@ -710,12 +711,16 @@ class _Conversion:
         self._errors.append(SdfError(kind=kind, where=where, message=message))
 
     @staticmethod
-    def _free(wanted: str, taken: Iterable[str]) -> str:
-        """The wanted name, or one like it that is not taken."""
-        name, count, known = wanted, 1, set(taken)
-        while name in known:
+    def _free(wanted: Sequence[str], taken: set[str]) -> str:
+        """The first of the wanted names that is not taken, or one like the last; takes it."""
+        for name in wanted:
+            if name not in taken:
+                taken.add(name)
+                return name
+        count = 2
+        while (name := f"{wanted[-1][:58]}_{count}") in taken:
             count += 1
-            name = f"{wanted[:58]}_{count}"
+        taken.add(name)
         return name
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import trimesh
+from lxml import etree
 
 from services.common.documents import World
 from services.worldgen.loader import LoadedWorld, load_file
 from services.worldgen.sdf.convert import ImportedWorld, recipe_yaml, to_recipe, write_recipe
-from services.worldgen.sdf.export import export_world
+from services.worldgen.sdf.export import export_files, export_world
 from services.worldgen.sdf.read import read_sdf
 from tests.worldgen import folder
 
@@ -138,8 +139,9 @@ def two_parts() -> bytes:
     return data
 
 
-def exported(loaded: LoadedWorld, where: Path) -> Path:
-    return export_world(loaded, where)
+def root_of(loaded: LoadedWorld) -> etree._Element:
+    """Of the SDF file that a world becomes."""
+    return etree.fromstring(export_files(loaded)[f"{loaded.world.name}.sdf"])
 
 
 def imported(file: Path) -> ImportedWorld:
@@ -154,7 +156,7 @@ def reloaded(world: ImportedWorld, where: Path) -> LoadedWorld:
 
 def there_and_back(loaded: LoadedWorld, where: Path) -> LoadedWorld:
     """The world after an export and an import."""
-    world = imported(exported(loaded, where / "sdf"))
+    world = imported(export_world(loaded, where / "sdf"))
     assert world.report.errors == ()
     return reloaded(world, where / "back")
 
