@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import Body, Material, Shape, Wall, World
+from services.common.documents import Body, Material, Plane, Shape, Wall, World
 from services.common.frames import Array, rotation_from_quaternion, transform_matrix
 from services.common.geometry import (
     TriangleMesh,
@@ -76,6 +76,15 @@ def surfaces(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Surface,
         *_floors(world, tile_of),
         *_ceiling(world, tile_of),
     )
+
+
+def is_floor(body: Body, shape: Shape) -> bool:
+    """Whether a shape is a plane that lies on the floor, as SDF's ground planes do."""
+    if body.mass_kg > 0.0 or not isinstance(shape.geometry, Plane):
+        return False
+    map_from_shape = pose_matrix(body) @ pose_matrix(shape)
+    level = map_from_shape[2, 2] > 1.0 - 1e-6
+    return bool(level and abs(map_from_shape[2, 3]) < _SAME_PLANE_M)
 
 
 def body_surfaces(
@@ -339,14 +348,22 @@ def _floors(world: World, tile_of: Mapping[str, float]) -> Iterator[Surface]:
     low = np.min([*(corners - _MARGIN_M), (-half, -half)], axis=0).tolist()
     high = np.max([*(corners + _MARGIN_M), (half, half)], axis=0).tolist()
     rest = shapely.MultiPolygon([shapely.box(*low, *high)])
+    # Ground planes are drawn as bodies.
+    for body in world.bodies:
+        for shape in body.shapes:
+            if shape.material and is_floor(body, shape):
+                mesh = triangles_of(shape.geometry, {})
+                corners = mesh.moved(pose_matrix(body) @ pose_matrix(shape)).vertices_m
+                rest = rest - shapely.Polygon(corners[:, :2])
     for room in world.rooms:
         if room.floor_material:
             area = polygons_of([room.polygon_m])
             mesh = _level(rest & area, 0.0, True, tile_of.get(room.floor_material, 1.0))
             yield Surface("floor", room.name, room.floor_material, False, True, mesh)
             rest = rest - area
-    mesh = _level(rest, 0.0, True, tile_of.get(world.floor_material, 1.0))
-    yield Surface("floor", "", world.floor_material, False, True, mesh)
+    if not rest.is_empty:
+        mesh = _level(rest, 0.0, True, tile_of.get(world.floor_material, 1.0))
+        yield Surface("floor", "", world.floor_material, False, True, mesh)
 
 
 def _ceiling(world: World, tile_of: Mapping[str, float]) -> Iterator[Surface]:

@@ -1,4 +1,4 @@
-"""The world's bodies in PyBullet: floor, walls and robot, stepped at 240 Hz.
+"""The world's bodies in PyBullet: floor, walls, things and robot, stepped at 240 Hz.
 
 Contact figures. Bullet multiplies the two surfaces' friction: floor and walls have 1.0, so that the
 model's own coefficients hold: 1.0 for a tyre, 0 for a caster, which glides, 0.3 for the hull, which
@@ -7,44 +7,65 @@ PyBullet's 50 solver iterations the standing robot creeps by 0.01 mm a second, w
 Rolling straight or in a curve, it covers the distance of its wheels within 0.2 %. It turns 0.35 %
 less than the wheels say, since they stand 288 mm apart, while drive and odometry assume 287 mm as
 in the reference robot.
+
+What moves is a plain rigid body, which Bullet steps four times as fast as a multibody; Bullet's own
+damping is left on for it, since nothing else brings a rolling ball to rest.
 """
 
 from __future__ import annotations
 
 import math
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from services.common.documents import World
+from services.common.documents import Body, World
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
     Array,
     inverse_matrix,
     quaternion_from_rotation,
     rotation_from_quaternion,
     transform_matrix,
 )
+from services.common.geometry import TriangleMesh
+from services.common.surfaces import pose_matrix
 from services.physics.bullet import pybullet
+from services.physics.collision import Solid, as_obj, inertia_of, solids_of
 from services.physics.config import STEPS_PER_SECOND
 from services.physics.robot_model import ModelError, RobotModel, Shape, Vector
+from services.physics.world_limits import check
 
 GRAVITY_M_S2 = 9.8
 FLOOR = "floor"
 WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 _SURFACE_FRICTION = 1.0
-_STATIC_GROUP, _ROBOT_GROUP = 1, 2
+_STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP = 1, 2, 4
 _RAY_GROUP = 1
 """Bullet's rays belong to its default group; what is to be hit must let that group in."""
-_MAX_WALLS = 5_000
-_MAX_LENGTH_M = 1_000.0
 _FAR_M = 10_000.0
 _LOWEST_M, _HIGHEST_M = -0.05, 0.5
 _MAX_SPEED_M_S = 20.0
+_DEEPEST_M = -1.0
+_MAX_MOVER_SPEED_M_S = 200.0
 
 Quaternion = tuple[float, float, float, float]
+
+_KINDS = {
+    "box": pybullet.GEOM_BOX,
+    "cylinder": pybullet.GEOM_CYLINDER,
+    "sphere": pybullet.GEOM_SPHERE,
+    "capsule": pybullet.GEOM_CAPSULE,
+    "hull": pybullet.GEOM_MESH,
+    "triangles": pybullet.GEOM_MESH,
+}
 
 
 class BodyState(NamedTuple):
@@ -75,6 +96,36 @@ class BodyState(NamedTuple):
         )
 
 
+class MoverState(NamedTuple):
+    """A body that moves after a step, exactly as PyBullet has it, in the map frame."""
+
+    position_m: Vector
+    """Of its centre of mass."""
+    orientation_xyzw: Quaternion
+    """Of its principal axes."""
+    velocity_m_s: Vector
+    angular_velocity_rad_s: Vector
+
+    def is_sane(self) -> bool:
+        """Whether a thing can be so."""
+        x, y, z = self.position_m
+        turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
+        return (
+            -_FAR_M < x < _FAR_M
+            and -_FAR_M < y < _FAR_M
+            and _DEEPEST_M < z < _FAR_M
+            and max(map(abs, self.velocity_m_s)) < _MAX_MOVER_SPEED_M_S
+            and -_FAR_M < turn < _FAR_M
+        )
+
+
+class _Mover(NamedTuple):
+    name: str
+    number: int
+    """PyBullet's."""
+    com_from_body: Array
+
+
 class Touch(NamedTuple):
     """A point in which the robot presses against something."""
 
@@ -87,9 +138,16 @@ class Touch(NamedTuple):
 class Bodies:
     """One world in a PyBullet client of its own: nothing of an earlier world is left in it."""
 
-    def __init__(self, world: World, model: RobotModel, wheel_torque_n_m: float) -> None:
+    def __init__(
+        self,
+        world: World,
+        model: RobotModel,
+        wheel_torque_n_m: float,
+        meshes: Mapping[str, TriangleMesh] | None = None,
+    ) -> None:
         """Raises ValueError, in one line, where world or model cannot be built."""
-        _check(world)
+        meshes = meshes or {}
+        check(world, meshes, (MAP_FRAME, ODOM_FRAME, *model.links))
         self._torques = [wheel_torque_n_m, wheel_torque_n_m]
         self._client: int = pybullet.connect(pybullet.DIRECT)
         try:
@@ -108,12 +166,16 @@ class Bodies:
                     wall.yaw_rad,
                     halfExtents=[wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0],
                 )
+            self._movers: list[_Mover] = []
+            for thing in world.bodies:
+                self._add_body(thing, meshes)
             self._add_robot(world, model)
-        except (pybullet.error, ModelError) as error:
+        except (pybullet.error, ValueError) as error:
             self.close()
             raise ValueError(" ".join(str(error).split())) from error
         self.set_wheel_speeds(0.0, 0.0)
         self.state = self._read()
+        self.mover_states = self._read_movers()
 
     def close(self) -> None:
         """Remove everything. Calling it again does nothing."""
@@ -136,7 +198,23 @@ class Bodies:
         """Advance by one step."""
         pybullet.stepSimulation(physicsClientId=self._client)
         self.state = self._read()
+        if self._movers:
+            self.mover_states = self._read_movers()
         return self.state
+
+    @property
+    def mover_names(self) -> list[str]:
+        """The bodies that move, in the order of the world."""
+        return [mover.name for mover in self._movers]
+
+    def map_from_movers(self) -> Array:
+        """(k, 4, 4) true poses of the bodies that move."""
+        poses = [
+            transform_matrix(rotation_from_quaternion(*state.orientation_xyzw), state.position_m)
+            @ mover.com_from_body
+            for mover, state in zip(self._movers, self.mover_states, strict=True)
+        ]
+        return np.array(poses).reshape(-1, 4, 4)
 
     def touches(self) -> list[Touch]:
         """Where the robot presses against anything that is not the floor, after the last step."""
@@ -149,7 +227,7 @@ class Bodies:
         ]
 
     def cast_rays(self, starts_m: Array, ends_m: Array) -> Array:
-        """How far along each ray, 0 to 1, it meets a wall: (n,) from (n, 3) in the map frame.
+        """How far along each ray, 0 to 1, it meets something: (n,) from (n, 3) in the map frame.
 
         Robot and floor are not in the way. A ray that meets nothing has 1.
         """
@@ -157,7 +235,7 @@ class Bodies:
             starts_m,
             ends_m,
             numThreads=1,
-            collisionFilterMask=_STATIC_GROUP,
+            collisionFilterMask=_STATIC_GROUP | _MOVER_GROUP,
             physicsClientId=self._client,
         )
         return np.fromiter((hit[2] for hit in hits), np.float64, len(hits))
@@ -207,25 +285,124 @@ class Bodies:
             position, orientation, velocity, spin, (left[0], right[0]), (left[1], right[1])
         )
 
+    def _read_movers(self) -> list[MoverState]:
+        client = self._client
+        return [
+            MoverState(
+                *pybullet.getBasePositionAndOrientation(mover.number, physicsClientId=client),
+                *pybullet.getBaseVelocity(mover.number, physicsClientId=client),
+            )
+            for mover in self._movers
+        ]
+
     def _add_static(
         self, name: str, kind: int, position_m: Vector, yaw_rad: float, **shape: Any
     ) -> int:
+        turn = 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
+        index = pybullet.createCollisionShape(kind, physicsClientId=self._client, **shape)
+        body = self._add_rigid(name, 0.0, index, position_m, turn)
+        # No ray of a level lidar meets the floor, and a plane without end costs each ray a test.
+        meets = _ROBOT_GROUP | _MOVER_GROUP
+        meets |= 0 if kind == pybullet.GEOM_PLANE else _RAY_GROUP
+        pybullet.setCollisionFilterGroupMask(
+            body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
+        )
+        return body
+
+    def _add_rigid(
+        self, name: str, mass_kg: float, shape: int, position_m: Vector, turn_xyzw: Quaternion
+    ) -> int:
+        """A plain rigid body: where it does not move, Bullet does not look at it in every step."""
         client = self._client
+        if shape < 0:
+            raise ValueError(f"body {name!r:.60}: PyBullet cannot make its shape")
         body: int = pybullet.createMultiBody(
-            0.0,
-            pybullet.createCollisionShape(kind, physicsClientId=client, **shape),
+            mass_kg,
+            shape,
             basePosition=position_m,
-            baseOrientation=[0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)],
-            # A plain rigid body: Bullet does not look at it again in every step.
+            baseOrientation=list(turn_xyzw),
             useMaximalCoordinates=1,
             physicsClientId=client,
         )
         pybullet.changeDynamics(body, -1, lateralFriction=_SURFACE_FRICTION, physicsClientId=client)
-        # No ray of a level lidar meets the floor, and a plane without end costs each ray a test.
-        meets = _ROBOT_GROUP if kind == pybullet.GEOM_PLANE else _ROBOT_GROUP | _RAY_GROUP
-        pybullet.setCollisionFilterGroupMask(body, -1, _STATIC_GROUP, meets, physicsClientId=client)
         self._names[body] = name
         return body
+
+    def _add_body(self, thing: Body, meshes: Mapping[str, TriangleMesh]) -> None:
+        """A body of the world: one that moves is one in PyBullet, else each of its pieces is."""
+        try:
+            solids = solids_of(thing, meshes)
+            if thing.mass_kg > 0.0:
+                self._add_mover(thing, solids, meshes)
+                return
+        except ValueError as error:
+            raise ValueError(f"body {thing.name!r:.60}: shapes: {error}") from error
+        for solid in solids:
+            pose = pose_matrix(thing) @ solid.body_from_solid
+            body = self._add_rigid(thing.name, 0.0, self._shape_of(solid), *_placed(pose))
+            meets = _ROBOT_GROUP | _MOVER_GROUP | _RAY_GROUP
+            pybullet.setCollisionFilterGroupMask(
+                body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
+            )
+
+    def _add_mover(
+        self, thing: Body, solids: list[Solid], meshes: Mapping[str, TriangleMesh]
+    ) -> None:
+        inertia = inertia_of(thing, meshes)
+        com_from_body = inverse_matrix(inertia.body_from_com)
+        pose = pose_matrix(thing) @ inertia.body_from_com
+        body = self._add_rigid(
+            thing.name, thing.mass_kg, self._compound(solids, com_from_body), *_placed(pose)
+        )
+        pybullet.changeDynamics(
+            body, -1, localInertiaDiagonal=inertia.diagonal_kg_m2, physicsClientId=self._client
+        )
+        meets = _STATIC_GROUP | _ROBOT_GROUP | _MOVER_GROUP
+        pybullet.setCollisionFilterGroupMask(
+            body, -1, _MOVER_GROUP, meets, physicsClientId=self._client
+        )
+        self._movers.append(_Mover(thing.name, body, com_from_body))
+
+    def _shape_of(self, solid: Solid) -> int:
+        options: dict[str, Any] = {}
+        if solid.vertices_m is not None:
+            options["vertices"] = solid.vertices_m.tolist()
+        if solid.triangles is not None:
+            options["indices"] = solid.triangles.ravel().tolist()
+            options["flags"] = pybullet.GEOM_FORCE_CONCAVE_TRIMESH
+        index: int = pybullet.createCollisionShape(
+            _KINDS[solid.kind],
+            halfExtents=list(solid.half_extents_m),
+            radius=solid.radius_m,
+            height=solid.length_m,
+            physicsClientId=self._client,
+            **options,
+        )
+        return index
+
+    def _compound(self, solids: list[Solid], com_from_body: Array) -> int:
+        """One PyBullet shape of several convex pieces, seen from the centre of mass."""
+        poses = [_placed(com_from_body @ solid.body_from_solid) for solid in solids]
+        with tempfile.TemporaryDirectory(prefix="mazebot-hulls-") as folder:
+            # Of several pieces PyBullet takes corners from files only.
+            files = [""] * len(solids)
+            for number, solid in enumerate(solids):
+                if solid.vertices_m is not None:
+                    path = Path(folder) / f"{number}.obj"
+                    path.write_text(as_obj(solid.vertices_m), encoding="ascii")
+                    files[number] = str(path)
+            index: int = pybullet.createCollisionShapeArray(
+                shapeTypes=[_KINDS[solid.kind] for solid in solids],
+                halfExtents=[list(solid.half_extents_m) for solid in solids],
+                radii=[solid.radius_m for solid in solids],
+                lengths=[solid.length_m for solid in solids],
+                fileNames=files,
+                meshScales=[[1.0, 1.0, 1.0]] * len(solids),
+                collisionFramePositions=[list(position) for position, _ in poses],
+                collisionFrameOrientations=[list(turn) for _, turn in poses],
+                physicsClientId=self._client,
+            )
+        return index
 
     def _add_robot(self, world: World, model: RobotModel) -> None:
         """The robot at the world's start; its base's frame in PyBullet is its centre of mass."""
@@ -279,7 +456,11 @@ class Bodies:
                 physicsClientId=client,
             )
             pybullet.setCollisionFilterGroupMask(
-                self._robot, index, _ROBOT_GROUP, _STATIC_GROUP, physicsClientId=client
+                self._robot,
+                index,
+                _ROBOT_GROUP,
+                _STATIC_GROUP | _MOVER_GROUP,
+                physicsClientId=client,
             )
         names = [joint.name for joint in parts]
         for wheel in WHEELS:
@@ -291,14 +472,9 @@ class Bodies:
         """One PyBullet shape of several."""
         if not shapes:
             return -1
-        kinds = {
-            "box": pybullet.GEOM_BOX,
-            "cylinder": pybullet.GEOM_CYLINDER,
-            "sphere": pybullet.GEOM_SPHERE,
-        }
         poses = [shape.link_from_shape for shape in shapes]
         index: int = pybullet.createCollisionShapeArray(
-            shapeTypes=[kinds[shape.kind] for shape in shapes],
+            shapeTypes=[_KINDS[shape.kind] for shape in shapes],
             halfExtents=[[side / 2.0 for side in shape.sides_m] for shape in shapes],
             radii=[shape.radius_m for shape in shapes],
             lengths=[shape.length_m for shape in shapes],
@@ -319,22 +495,7 @@ def _moved(shape: Shape, a_from_link: Array) -> Shape:
     )
 
 
-def _check(world: World) -> None:
-    """Refuse what PyBullet would take in and then go wrong with."""
-    if len(world.walls) > _MAX_WALLS:
-        raise ValueError(f"walls: {len(world.walls)} of them: at most {_MAX_WALLS}")
-    seen: set[str] = set()
-    for wall in world.walls:
-        if wall.name in seen:
-            raise ValueError(f"walls: {wall.name!r} is there twice")
-        seen.add(wall.name)
-        sizes = {"length_m": wall.length_m, "thickness_m": wall.thickness_m}
-        sizes |= {"height_m": wall.height_m, "x_m": wall.x_m, "y_m": wall.y_m}
-        for field, value in sizes.items():
-            # Bullet's collision margin is 1 mm and more: a thinner wall would be none.
-            low = -_MAX_LENGTH_M if field in ("x_m", "y_m") else 0.002
-            if not low <= value <= _MAX_LENGTH_M:
-                raise ValueError(f"wall {wall.name!r}: {field}: {value} is out of range")
-    for field, value in {"x_m": world.start.x_m, "y_m": world.start.y_m}.items():
-        if not abs(value) <= _MAX_LENGTH_M:
-            raise ValueError(f"start: {field}: {value} is out of range")
+def _placed(a_from_b: Array) -> tuple[Vector, Quaternion]:
+    """Position and orientation, as PyBullet takes them."""
+    x, y, z = a_from_b[:3, 3].tolist()
+    return (x, y, z), quaternion_from_rotation(a_from_b[:3, :3])

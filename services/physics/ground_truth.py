@@ -39,3 +39,11 @@ def joint_states(bodies: Bodies, stamp_ns: int) -> msg.JointState:
         velocity=np.array(bodies.state.wheel_speeds_rad_s),
         effort=np.zeros(0),
     )
+
+
+def mover_frames(bodies: Bodies, stamp_ns: int) -> list[msg.TransformStamped]:
+    """True poses in the map of the bodies that move, as frames of their names."""
+    return [
+        msg.transform_stamped(stamp_ns, MAP_FRAME, name, pose)
+        for name, pose in zip(bodies.mover_names, bodies.map_from_movers(), strict=True)
+    ]

@@ -12,6 +12,7 @@ from services.common.documents import Entities, SimulationStats, World
 from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Outbox
+from services.common.surfaces import Surface, surfaces
 from services.common.topics import (
     ASSETS,
     CAMERA_IMAGE,
@@ -31,12 +32,12 @@ from services.common.topics import (
     TF_STATIC,
     WORLD,
 )
-from services.physics.assets import Assets
+from services.physics.assets import Assets, mesh_sha256s, meshes_of
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.camera_messages import camera_info, image_message
 from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from services.physics.entities import review
-from services.physics.ground_truth import ground_truth, joint_states
+from services.physics.ground_truth import ground_truth, joint_states, mover_frames
 from services.physics.robot_model import ModelError, robot_model_from_urdf
 from services.physics.scene import build_scene
 from services.physics.simulation import STEP_S, Simulation
@@ -80,6 +81,7 @@ class PhysicsNode(ClockNode):
         self._next_world: World | None = None
         self._entities: Entities | None = None
         self._simulation: Simulation | None = None
+        self._surfaces: tuple[Surface, ...] = ()
         self._schedule = self._make_schedule()
 
     def next_step_ns(self) -> int | None:
@@ -116,7 +118,7 @@ class PhysicsNode(ClockNode):
         stops = simulation.watchdog_stops
         contacts = simulation.step(now_ns)
         if contacts is None:
-            _log.error("the robot's state was not physical: world '%s' built anew", self._name())
+            _log.error("a body's state was not physical: world '%s' built anew", self._name())
         else:
             for contact in contacts:
                 _log.info("%s touches %s", contact.robot_link, contact.body)
@@ -170,7 +172,7 @@ class PhysicsNode(ClockNode):
     def _missing(self, world: World) -> str | None:
         """The first thing without which a world cannot begin, in words."""
         textures = [material.texture_sha256 for material in world.materials]
-        missing = self._assets.missing(textures)
+        missing = self._assets.missing([*textures, *mesh_sha256s(world)])
         if missing:
             return f"assets of the world on {ASSETS.name}: {_digests(missing)}"
         desired = self._desired.get(world.hash)
@@ -183,7 +185,8 @@ class PhysicsNode(ClockNode):
 
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         try:
-            simulation = Simulation(world, self._model, self._config)
+            meshes = meshes_of(world, self._assets.files)
+            simulation = Simulation(world, self._model, self._config, meshes)
         except ValueError as error:
             inbox.reject(WORLD, "cannot be built")
             _log.error("world '%s' refused: %s", world.name, error)
@@ -191,12 +194,14 @@ class PhysicsNode(ClockNode):
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = simulation
+        self._surfaces = surfaces(world, meshes) if self._renderer is not None else ()
         self._entities = None
         self.world_hash = world.hash
-        walls, start = len(world.walls), world.start
+        walls, things, start = len(world.walls), len(world.bodies), world.start
         _log.info(
-            "world '%s' (%s) loaded: %d walls, robot at (%g, %g, %g)",
-            *(world.name, world.hash, walls, start.x_m, start.y_m, start.yaw_rad),
+            "world '%s' (%s) loaded: %d walls,%s robot at (%g, %g, %g)",
+            *(world.name, world.hash, walls, f" {things} bodies," if things else ""),
+            *(start.x_m, start.y_m, start.yaw_rad),
         )
         transforms = [
             msg.transform_stamped(now_ns, joint.parent, joint.child, joint.parent_from_child)
@@ -214,7 +219,9 @@ class PhysicsNode(ClockNode):
             return
         self._entities = entities
         if self._renderer is not None:
-            scene = build_scene(world, self._assets.files, entities.entities)
+            scene = build_scene(world, self._assets.files, entities.entities, self._surfaces)
+            for problem in scene.problems:
+                _log.warning("%s", problem)
             self._renderer.set_scene(scene)
         for refusal in entities.refused:
             _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
@@ -249,7 +256,8 @@ class PhysicsNode(ClockNode):
         elapsed_s = steps_per_period(ODOM.rate_hz or 1.0) * STEP_S
         bodies, odometry = simulation.bodies, simulation.odometry
         odometry.update(bodies.state.wheel_angles_rad, elapsed_s)
-        outbox.put(TF, odometry.transform(now_ns))
+        transforms = odometry.transform(now_ns).transforms
+        outbox.put(TF, msg.TFMessage(transforms=[*transforms, *mover_frames(bodies, now_ns)]))
         outbox.put(ODOM, odometry.message(now_ns))
         outbox.put(JOINT_STATES, joint_states(bodies, now_ns))
         outbox.put(GROUND_TRUTH_ODOM, ground_truth(bodies, now_ns))
@@ -262,7 +270,8 @@ class PhysicsNode(ClockNode):
             return
         map_from_optical = simulation.bodies.map_from_footprint() @ self._footprint_from_optical
         outbox.put(CAMERA_INFO, camera_info(now_ns, self._intrinsics))
-        outbox.put(CAMERA_IMAGE, image_message(now_ns, self._renderer.render(map_from_optical)))
+        picture = self._renderer.render(map_from_optical, simulation.bodies.map_from_movers())
+        outbox.put(CAMERA_IMAGE, image_message(now_ns, picture))
 
     def _put_stats(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.put(

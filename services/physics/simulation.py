@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from services.common.documents import Contact, World
 from services.common.frames import BASE_FOOTPRINT_FRAME, IMU_FRAME, SCAN_FRAME
+from services.common.geometry import TriangleMesh
 from services.common.node import random_generator
 from services.physics.bodies import Bodies
 from services.physics.config import STEPS_PER_SECOND, PhysicsConfig
@@ -21,9 +24,16 @@ STEP_S = 1.0 / STEPS_PER_SECOND
 class Simulation:
     """What there is from the load of a world to the load of the next."""
 
-    def __init__(self, world: World, model: RobotModel, config: PhysicsConfig) -> None:
+    def __init__(
+        self,
+        world: World,
+        model: RobotModel,
+        config: PhysicsConfig,
+        meshes: Mapping[str, TriangleMesh] | None = None,
+    ) -> None:
         """Raises ValueError, in one line, where the world cannot be built."""
         self.world = world
+        self.meshes = meshes or {}
         self._model = model
         self._config = config
         self.state_hash = StateHash()
@@ -33,7 +43,7 @@ class Simulation:
 
     def _build(self) -> None:
         config, model = self._config, self._model
-        bodies = Bodies(self.world, model, config.wheel_torque_n_m)
+        bodies = Bodies(self.world, model, config.wheel_torque_n_m, self.meshes)
         self.bodies = bodies
         self.drive = Drive(_limits(config))
         self.contacts = ContactEvents()
@@ -70,20 +80,21 @@ class Simulation:
     def step(self, now_ns: int) -> list[Contact] | None:
         """Advance to `now_ns`, one step on; the touches that began.
 
-        None: PyBullet had brought the robot into a state that no robot can be in, and everything
-        was built anew, with the robot at its start.
+        None: PyBullet had brought robot or things into a state that they cannot be in, and
+        everything was built anew, as at the start.
         """
         speeds = self.drive.step(now_ns, STEP_S)
         if speeds is not None:
             self.bodies.set_wheel_speeds(*speeds)
         state = self.bodies.step()
-        if not state.is_sane():
+        movers = self.bodies.mover_states
+        if not (state.is_sane() and all(mover.is_sane() for mover in movers)):
             self.watchdog_stops_before = self.watchdog_stops
             self.bodies.close()
             self._build()
-            self.state_hash.add(self.bodies.state)
+            self.state_hash.add(self.bodies.state, self.bodies.mover_states)
             return None
-        self.state_hash.add(state)
+        self.state_hash.add(state, movers)
         touches = self.bodies.touches()
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
 

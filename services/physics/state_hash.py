@@ -1,22 +1,24 @@
-"""A fingerprint of a run: equal where two runs moved the robot alike to the last bit."""
+"""A fingerprint of a run: equal where two runs moved everything alike to the last bit."""
 
 from __future__ import annotations
 
 import hashlib
 import struct
+from collections.abc import Iterable
 
-from services.physics.bodies import BodyState
+from services.physics.bodies import BodyState, MoverState
 
 _PACK = struct.Struct("<17d").pack
+_PACK_MOVER = struct.Struct("<13d").pack
 
 
 class StateHash:
-    """blake2b over the robot's state after each step, one after the other."""
+    """blake2b over the states of robot and things after each step, one after the other."""
 
     def __init__(self) -> None:
         self._hash = hashlib.blake2b(digest_size=8)
 
-    def add(self, state: BodyState) -> None:
+    def add(self, state: BodyState, movers: Iterable[MoverState] = ()) -> None:
         """Take in the state after a step."""
         self._hash.update(
             _PACK(
@@ -28,6 +30,15 @@ class StateHash:
                 *state.wheel_speeds_rad_s,
             )
         )
+        for mover in movers:
+            self._hash.update(
+                _PACK_MOVER(
+                    *mover.position_m,
+                    *mover.orientation_xyzw,
+                    *mover.velocity_m_s,
+                    *mover.angular_velocity_rad_s,
+                )
+            )
 
     def hex(self) -> str:
         """The hash of all states so far, 16 hex digits."""
