@@ -324,7 +324,7 @@ def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool
         return False
     reserved = name == "world" or (len(name) >= 4 and name.startswith("__") and name.endswith("__"))
     # Up to 1.7 a model that was included stood flattened: its links are named `model::link`.
-    flattened = place.source.version < (1, 8) and kind in ("link", "joint", "frame")
+    flattened = place.source.version < (1, 8)
     if reserved or ("::" in name and not flattened):
         findings.error(
             "RESERVED_NAME",

@@ -21,14 +21,18 @@ from services.worldgen.sdf import values
 from services.worldgen.sdf.findings import Findings, Place
 from services.worldgen.sdf.gazebo_colours import GAZEBO_COLOURS
 from services.worldgen.sdf.locate import LocateError, Locator
+from services.worldgen.sdf.material_script import MAX_SCRIPT_BYTES, ScriptMaterial, material_in
 from services.worldgen.sdf.model import SdfMaterial
 from services.worldgen.sdf.vocabulary import list_unread
+from services.worldgen.sdf.xml_text import UnreadableError, bytes_of
 
 T = TypeVar("T")
 
 MESH_SUFFIXES = (".dae", ".obj", ".stl", ".glb")
 INFINITE_PLANE_M = 100.0
 """Side of a solid plane that has no size: Gazebo's solid planes have no end."""
+
+MAX_SCRIPT_URIS, MAX_SCRIPTS = 8, 32
 
 _REFUSED = ("image", "heightmap")
 _NAMES = (
@@ -55,6 +59,9 @@ class ShapeReader:
         self._findings = findings
         self._locator = locator
         self._picture_cache: dict[tuple[str, Path], Path | None] = {}
+        self._script_cache: dict[
+            tuple[str, tuple[str, ...], Path], tuple[ScriptMaterial | None, Path | None]
+        ] = {}
 
     def geometry(self, place: Place, role: str) -> ReadGeometry | None:
         """Of a <collision> or <visual>; None where there is nothing to see or to touch."""
@@ -194,13 +201,16 @@ class ShapeReader:
         diffuse = self._colour(at, "diffuse")
         albedo = self._albedo(at)
         script = self._script(at)
-        if script:
-            known = GAZEBO_COLOURS.get(script)
-            if known is not None:
-                ambient = ambient or known[0]
-                diffuse = diffuse or known[1]
-            elif albedo is None and diffuse is None:
+        if script in GAZEBO_COLOURS:
+            ambient = ambient or GAZEBO_COLOURS[script][0]
+            diffuse = diffuse or GAZEBO_COLOURS[script][1]
+        elif script:
+            found, picture = self._scripted(at, script)
+            if found is None:
                 self._findings.ignore(f"material script {script}", at)
+            else:
+                ambient, diffuse = ambient or found.ambient, diffuse or found.diffuse
+                albedo = albedo or picture
         read = SdfMaterial(ambient=ambient, diffuse=diffuse, script=script, albedo_map=albedo)
         self._findings.material(_told(read))
         return read
@@ -214,6 +224,47 @@ class ShapeReader:
         if not name:
             self._findings.error("ELEMENT_MISSING", at.at(script), "<script> must have a <name>")
         return name[:200]
+
+    def _scripted(self, at: Place, name: str) -> tuple[ScriptMaterial | None, Path | None]:
+        """A material of the scripts that a <script>'s URIs lead to, and its picture's file."""
+        script = at.element.find("script")
+        uris = [] if script is None else [(uri.text or "").strip() for uri in script.findall("uri")]
+        folder = at.source.file.parent
+        key = name, tuple(uris), folder
+        if key not in self._script_cache:
+            places = []
+            for uri in uris[:MAX_SCRIPT_URIS]:
+                try:
+                    places.append(self._locator.model(uri, folder))
+                except LocateError:
+                    continue
+            self._script_cache[key] = self._search(name, places)
+        found, picture = self._script_cache[key]
+        if found is not None and found.picture and picture is None:
+            self._findings.error(
+                "URI_LOOKUP", at, f"picture `{found.picture[:100]}` of {name} is not on the path"
+            )
+        return found, picture
+
+    def _search(self, name: str, places: list[Path]) -> tuple[ScriptMaterial | None, Path | None]:
+        folders = [place if place.is_dir() else place.parent for place in places]
+        folders += [folder.parent / "textures" for folder in folders]
+        for place in places:
+            files = sorted(place.glob("*.material"))[:MAX_SCRIPTS] if place.is_dir() else [place]
+            for file in files:
+                if not self._locator.may_read(file):
+                    continue
+                try:
+                    data = bytes_of(file, MAX_SCRIPT_BYTES)
+                except UnreadableError:
+                    continue
+                found = material_in(data.decode("utf-8", "replace"), name)
+                if found is None:
+                    continue
+                pictures = (folder / Path(found.picture).name for folder in folders)
+                readable = (p for p in pictures if p.is_file() and self._locator.may_read(p))
+                return found, next((p.resolve() for p in readable), None)
+        return None, None
 
     def _albedo(self, at: Place) -> Path | None:
         pbr = at.element.find("pbr")

@@ -14,7 +14,7 @@ from services.worldgen.sdf.locate import LocateError, Locator
 from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of, tree_of
 
 FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
-MAX_ELEMENTS = 300_000
+MAX_ELEMENTS = 120_000
 """In all files together, each as often as it is included."""
 MAX_INCLUDES = 5000
 MAX_EXPANSIONS = 16

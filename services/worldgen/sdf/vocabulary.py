@@ -20,7 +20,7 @@ _ONCE: dict[str, frozenset[str]] = {
     "collision": _words("pose geometry density"),
     "visual": _words("pose geometry material"),
     "material": _words("ambient diffuse script pbr"),
-    "script": _words("name uri"),
+    "script": _words("name"),
     "pbr": _words("metal specular"),
     "metal": _words("albedo_map"),
     "specular": _words("albedo_map"),

@@ -16,14 +16,14 @@ class UnreadableError(Exception):
     """A file is not what it should be: a short phrase."""
 
 
-def bytes_of(file: Path) -> bytes:
-    """The bytes of a regular file of at most MAX_FILE_BYTES. Raises UnreadableError."""
+def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """The bytes of a regular file of at most so many. Raises UnreadableError."""
     try:
         facts = file.stat()
         if not stat.S_ISREG(facts.st_mode):
             raise UnreadableError("is not a file")
-        if facts.st_size > MAX_FILE_BYTES:
-            raise UnreadableError(f"has {facts.st_size} bytes, must have at most {MAX_FILE_BYTES}")
+        if facts.st_size > max_bytes:
+            raise UnreadableError(f"has {facts.st_size} bytes, must have at most {max_bytes}")
         return file.read_bytes()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "cannot be read"

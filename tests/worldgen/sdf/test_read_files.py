@@ -219,6 +219,45 @@ def test_meshes_and_pictures_are_found_as_uris_say(tmp_path: Path) -> None:
     assert world.report.materials == ("albedo brick.png",)
 
 
+def test_materials_of_scripts_give_colour_and_picture(tmp_path: Path) -> None:
+    folder = model_folder(tmp_path / "marker")
+    (folder / "materials" / "scripts").mkdir(parents=True)
+    (folder / "materials" / "textures").mkdir()
+    (folder / "materials" / "textures" / "marker7.png").touch()
+    (folder / "materials" / "scripts" / "a.material").write_text(
+        """material Other { technique { pass { diffuse 0 0 0 1 } } }
+        // material Marker/Seven in a comment
+        material Marker/Seven
+        {
+          technique { pass {
+            ambient 0.5 0.5 0.5 1.0
+            diffuse 0.9 0.8 0.7
+            texture_unit { texture marker7.png
+              filtering trilinear } } }
+        }
+        material Marker/Lost { technique { pass { texture_unit { texture no.png } } } }"""
+    )
+    uris = "".join(
+        f"<uri>model://marker/materials/{name}</uri>" for name in ("scripts", "textures")
+    )
+    visuals = "".join(
+        f'<visual name="{name}">{BOX}<material><script>{uris}<name>Marker/{name}</name></script>'
+        "</material></visual>"
+        for name in ("Seven", "Lost", "None")
+    )
+    file = world_file(
+        tmp_path / "w.sdf", f'<model name="m"><link name="l">{visuals}</link></model>'
+    )
+    world = read_sdf(file)
+    assert kinds(world) == ["URI_LOOKUP"]
+    assert [one.what for one in world.report.ignored] == ["material script Marker/None"]
+    material = world.links[0].shapes[0].material
+    assert material is not None
+    assert (material.ambient, material.diffuse) == ((0.5, 0.5, 0.5, 1.0), (0.9, 0.8, 0.7, 1.0))
+    assert material.albedo_map == folder / "materials" / "textures" / "marker7.png"
+    assert world.report.materials[0] == "albedo marker7.png"
+
+
 def test_a_picture_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     file = world_file(
         tmp_path / "w.sdf",
