@@ -26,6 +26,9 @@ LETHAL_OBSTACLE: Final = 254
 NO_INFORMATION: Final = 255
 """Cell values of nav2_costmap_2d."""
 
+_STRAIGHT_RAD = 1e-6
+"""A map turned by less is not turned."""
+
 
 @dataclass(frozen=True, slots=True)
 class GridFrame:
@@ -224,14 +227,49 @@ class LayeredCostmap:
 def frame_of(resolution_m: float, origin: SE2, cells: Cells) -> GridFrame:
     """Frame of a map's (rows, columns) cells.
 
-    Raises ValueError where the map is turned: its rows must run along the map's x axis.
+    Raises ValueError where the map is turned: its rows must run along the map's x axis, as
+    `straightened` makes them.
     """
-    if abs(origin.yaw_rad) > 1e-6:
+    if abs(origin.yaw_rad) > _STRAIGHT_RAD:
         raise ValueError(f"origin yaw {origin.yaw_rad:.3f} rad: must be 0")
     if cells.size == 0 or resolution_m <= 0.0:
         raise ValueError(f"{cells.shape} cells of {resolution_m} m: must be some, of positive size")
     rows, columns = cells.shape
     return GridFrame(resolution_m, origin.x_m, origin.y_m, rows, columns)
+
+
+def straightened(resolution_m: float, origin: SE2, cells: Cells) -> tuple[SE2, Cells]:
+    """A map with its rows along the map's x axis: origin and (rows, columns) cells of one that may
+    be turned.
+
+    Each new cell has the value at its centre, but none of what is occupied gets lost between
+    centres; beyond the map is unknown.
+    """
+    if abs(origin.yaw_rad) <= _STRAIGHT_RAD or cells.size == 0 or not resolution_m > 0.0:
+        return origin, cells
+    rows, columns = cells.shape
+    c, s = math.cos(origin.yaw_rad), math.sin(origin.yaw_rad)
+    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) @ [[c, s], [-s, c]]
+    # In cells from the old origin, along the map's axes.
+    low, high = np.floor(corners.min(0) + 1e-6), np.ceil(corners.max(0) - 1e-6)
+    x, y = (np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True))
+
+    def at(dx: float, dy: float) -> Cells:
+        along, up = x[None, :] + dx, y[:, None] + dy
+        column = np.floor(c * along + s * up).astype(np.int64)
+        row = np.floor(c * up - s * along).astype(np.int64)
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        found = cells[row.clip(0, rows - 1), column.clip(0, columns - 1)]
+        return np.where(inside, found, np.int8(-1))
+
+    turned = at(0.0, 0.0)
+    # However it is turned, the middle of some new cell's quarter lies in every old cell.
+    for dx, dy in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
+        turned = np.where((near := at(dx, dy)) >= 100, near, turned)
+    moved = SE2(
+        origin.x_m + float(low[0]) * resolution_m, origin.y_m + float(low[1]) * resolution_m, 0.0
+    )
+    return moved, turned.astype(np.int8)
 
 
 def scan_points(

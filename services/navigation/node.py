@@ -50,7 +50,7 @@ from services.common.topics import (
 )
 from services.navigation.collision import STOP, Surroundings, Velocity
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.costmap import LayeredCostmap, frame_of, scan_points
+from services.navigation.costmap import LayeredCostmap, frame_of, scan_points, straightened
 from services.navigation.error_codes import ErrorCode, NavigationError
 from services.navigation.localization import Localization
 from services.navigation.navigator import Goal, GoalResult, Navigator
@@ -165,6 +165,8 @@ class NavigationNode(Node):
         origin = msg.se2_from_pose(grid.info.origin)
         cells = np.array(msg.cells_from_grid(grid), np.int8)
         try:
+            # Localisation takes a map as it lies; what plans has its rows along the map's axes.
+            origin, cells = straightened(grid.info.resolution, origin, cells)
             frame = frame_of(grid.info.resolution, origin, cells)
             self._costmap = LayeredCostmap(
                 frame, cells, self._config.inflation(), self._config.obstacle()

@@ -14,6 +14,7 @@ from services.navigation.costmap import (
     frame_of,
     inflate,
     scan_points,
+    straightened,
 )
 
 INFLATION = InflationParams(robot_radius_m=0.22, inflation_radius_m=0.55, cost_scaling_factor=3.0)
@@ -75,6 +76,41 @@ def test_a_point_finds_its_cell_and_none_outside() -> None:
 def test_a_turned_map_is_refused_by_its_yaw() -> None:
     with pytest.raises(ValueError, match=r"yaw 0\.300 rad: must be 0"):
         frame_of(0.05, SE2(0.0, 0.0, 0.3), np.zeros((2, 2), np.int8))
+
+
+def test_a_turned_map_is_made_straight_and_loses_nothing_occupied() -> None:
+    rng = np.random.default_rng(2)
+    cells = np.where(rng.random((60, 90)) < 0.02, 100, 0).astype(np.int8)
+    cells[:, :10] = -1
+    origin = SE2(-1.0, 2.0, 2.3)
+    moved, straight = straightened(0.05, origin, cells)
+    assert moved.yaw_rad == 0.0
+    frame = frame_of(0.05, moved, straight)
+    for row, column in np.ndindex(cells.shape):
+        x_m, y_m, _ = origin @ SE2((column + 0.5) * 0.05, (row + 0.5) * 0.05, 0.0)
+        cell = frame.cell(x_m, y_m)
+        assert cell is not None
+        around = straight[cell[0] - 1 : cell[0] + 2, cell[1] - 1 : cell[1] + 2]
+        if cells[row, column] == 100:
+            assert (around == 100).any()
+    # A cell at a slant reaches into two or three.
+    assert 1.0 < (straight == 100).sum() / (cells == 100).sum() < 2.6
+    assert (straight == 0).sum() == pytest.approx((cells == 0).sum(), rel=0.05)
+    assert straight[0, 0] == straight[-1, -1] == -1
+
+
+def test_a_straight_map_is_left_as_it_is() -> None:
+    cells = np.zeros((3, 4), np.int8)
+    origin = SE2(1.0, 2.0, 0.0)
+    moved, same = straightened(0.05, origin, cells)
+    assert moved == origin
+    assert same is cells
+    # By a quarter turn it only changes places.
+    cells[0, 3] = 100
+    moved, turned = straightened(0.5, SE2(1.0, 2.0, math.pi / 2), cells)
+    assert moved[:2] == pytest.approx((-0.5, 2.0))
+    assert np.argwhere(turned == 100).tolist() == [[3, 2]]
+    assert turned.shape == (4, 3)
 
 
 def ranges_to(x_m: float, y_m: float, radius_m: float, sensor: SE2) -> NDArray[np.float32]:

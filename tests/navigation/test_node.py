@@ -31,6 +31,8 @@ from services.common.topics import (
 from services.navigation.config import NavigationConfig
 from services.navigation.error_codes import ErrorCode
 from services.navigation.node import NavigationNode
+from services.worldgen.footprint import wall_corners
+from services.worldgen.occupancy import Grid, rasterise
 from tests.navigation.driving import (
     IDENTITY,
     LOCATIONS,
@@ -247,14 +249,29 @@ def test_it_says_what_it_waits_for_in_the_order_it_comes() -> None:
     assert said == ["the world", "the map", "the robot's fixed frames", "a scan", None]
 
 
-def test_a_turned_map_is_refused_and_counted() -> None:
+def test_what_is_no_map_is_refused_and_counted() -> None:
     driver = NodeDriver()
-    turned = msg.occupancy_grid(0, 0.05, SE2(0.0, 0.0, 0.5), house().map_cells)
     driver.deliver(WORLD, house().world)
-    driver.deliver(MAP, turned)
+    driver.deliver(MAP, msg.occupancy_grid(0, 0.0, house().map_origin, house().map_cells))
     driver.step()
     assert driver.inbox.counts[MAP.name].rejected["not a map to drive in"] == 1
     assert driver.node.waiting_for() == "the map"
+
+
+def test_it_drives_by_a_map_that_is_turned() -> None:
+    grid = Grid(240, 260, 0.05, SE2(-1.6, -5.6, 0.5))
+    walls = np.array([wall_corners(wall) for wall in house().world.walls])
+    cells = np.where(rasterise([walls], grid), 100, 0).astype(np.int8)
+    driver = ready()
+    driver.deliver(MAP, msg.occupancy_grid(0, 0.05, grid.origin, cells))
+    driver.run(0.5)
+    driver.goal(LOCATIONS["location1"])
+    driver.run(20.0)
+    (result,) = driver.results()
+    assert (result.error_code, result.error_msg) == (0, "")
+    assert driver.robot.map_from_base.distance_m(LOCATIONS["location1"]) < 0.3
+    assert estimate_error_m(driver) < 0.05
+    assert msg.se2_from_pose(driver.of(GLOBAL_COSTMAP)[-1].info.origin).yaw_rad == 0.0
 
 
 def test_the_same_world_and_map_latched_again_change_nothing() -> None:
