@@ -24,15 +24,17 @@ SPACING_M = 0.25
 """Between the places on a wall's face that are tried, where there are not too many."""
 MAX_PLACES = 3000
 
-_SAMPLE_M = 0.15
+_SAMPLE_M = 0.2
 """Between the places of the floor that are counted, where there are not too many."""
 _MAX_SAMPLES = 20_000
 _MAX_ENTRIES = 60_000
 """Of the integer program's matrix: beyond, places are chosen greedily."""
 _MAX_NODES = 60
 """Of the search: a count, not a clock, so that the same world gets the same markers."""
-_ROUNDS = 4
-"""Of counting again on all of the floor, where the sample promised too much."""
+_ROUNDS = 2
+"""Of asking the sample for a little more, where it promised too much."""
+_TRIED = 40
+"""Places tried on all of the floor for each marker that completes a cover."""
 
 
 @dataclass(frozen=True)
@@ -92,33 +94,78 @@ def best_cover(
     sees = _seen_samples(sight, [panel for _, panel in places], covered, every)
     samples = max(int(sight.reachable[::every, ::every].sum()), 1)
     overlapping = _overlapping([panel for _, panel in places])
-    asked = recipe.share
-    for turn in range(_ROUNDS):
+    best: list[int] = []
+    asked, least, share = recipe.share, 0, 0.0
+    for _ in range(_ROUNDS):
         wanted = math.ceil(asked * samples - 1e-9) - (samples - sees.shape[1])
         chosen, proven = _chosen(sees, overlapping, wanted, most)
-        after = covered.copy()
-        for number in chosen:
-            rows, columns, seen = sight.window(places[number][1])
-            after[rows, columns] |= seen
-        share = float(after.sum() / floor)
-        if share >= recipe.share:
-            markers = [places[number][0] for number in sorted(chosen)]
-            return Cover(
-                tuple(
-                    marker.model_copy(update={"id": identity.id})
-                    for marker, identity in zip(markers, identities, strict=False)
-                ),
-                share,
-                proven and turn == 0,
-            )
-        if _covered(sees, chosen) < wanted:
+        if proven and not least:
+            least = len(chosen)
+        at_once = _covered_cells(sight, covered, [places[number][1] for number in chosen])
+        asked += max(recipe.share - at_once.sum() / floor, 0.0) + 0.002
+        chosen, seen = _completed(
+            sight, places, sees, overlapping, chosen, at_once, recipe.share * floor, most
+        )
+        share = max(share, float(seen.sum() / floor))
+        if seen.sum() >= recipe.share * floor and not 0 < len(best) <= len(chosen):
+            best = chosen
+        if len(best) == least:
             break
-        # The sample promised too much.
-        asked += recipe.share - share + 0.002
-    raise ValueError(
-        f"must be at most {math.floor(share * 100.0) / 100.0:.2f}: {len(hanging) + len(chosen)} "
-        f"markers reach no more (max_markers: {recipe.max_markers})"
+    if not best:
+        raise ValueError(
+            f"must be at most {math.floor(share * 100.0) / 100.0:.2f}: {len(hanging) + most} "
+            f"markers reach no more (max_markers: {recipe.max_markers})"
+        )
+    markers = [places[number][0] for number in sorted(best)]
+    seen = _covered_cells(sight, covered, [places[number][1] for number in best])
+    return Cover(
+        tuple(
+            marker.model_copy(update={"id": identity.id})
+            for marker, identity in zip(markers, identities, strict=False)
+        ),
+        float(seen.sum() / floor),
+        len(best) == least,
     )
+
+
+def _covered_cells(sight: Sight, covered: Bits, panels: Sequence[Panel]) -> Bits:
+    """The cells that are covered with some more panels."""
+    found = covered.copy()
+    for panel in panels:
+        rows, columns, seen = sight.window(panel)
+        found[rows, columns] |= seen
+    return found
+
+
+def _completed(
+    sight: Sight,
+    places: Sequence[tuple[Marker, Panel]],
+    sees: sparse.csr_array,
+    overlapping: NDArray[np.int64],
+    chosen: Sequence[int],
+    covered: Bits,
+    wanted: float,
+    most: int,
+) -> tuple[list[int], Bits]:
+    """The places chosen, and more one by one where what they cover is less than the sample said."""
+    chosen, covered = list(chosen), covered.copy()
+    while covered.sum() < wanted and len(chosen) < most:
+        left = np.ones(sees.shape[1])
+        left[sees[chosen].indices] = 0.0
+        gain = sees @ left
+        gain[overlapping[np.isin(overlapping, chosen).any(1)].ravel()] = -1.0
+        gain[chosen] = -1.0
+        best, best_gain, best_seen = -1, 0, covered
+        for number in np.argsort(-gain, kind="stable")[:_TRIED].tolist():
+            if gain[number] >= 0.0:
+                seen = _covered_cells(sight, covered, [places[number][1]])
+                if seen.sum() - covered.sum() > best_gain:
+                    best, best_gain, best_seen = number, int(seen.sum() - covered.sum()), seen
+        if best < 0:
+            break
+        chosen.append(best)
+        covered = best_seen
+    return chosen, covered
 
 
 def _identities(world: World, recipe: MarkerCoverRecipe, most: int) -> list[Marker]:
@@ -174,16 +221,17 @@ def _seen_samples(
 ) -> sparse.csr_array:
     """(panels, samples): 1.0 where a panel can be read, for the samples that nothing covers yet."""
     open_floor = (sight.reachable & ~covered)[::every, ::every]
-    number: NDArray[np.int64] = np.cumsum(open_floor).reshape(open_floor.shape) - 1
-    rows_of, columns_of = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for row, panel in enumerate(panels):
+    number = (np.cumsum(open_floor) - 1).reshape(open_floor.shape)
+    rows_of: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    columns_of: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    for place, panel in enumerate(panels):
         rows, columns, seen = sight.window(panel, every)
         part = (
             slice(rows.start // every, rows.start // every + seen.shape[0]),
             slice(columns.start // every, columns.start // every + seen.shape[1]),
         )
         samples = number[part][seen & open_floor[part]]
-        rows_of.append(np.full(len(samples), row))
+        rows_of.append(np.full(len(samples), place))
         columns_of.append(samples)
     row, column = np.concatenate(rows_of), np.concatenate(columns_of)
     return sparse.csr_array(
@@ -202,9 +250,9 @@ def _overlapping(panels: Sequence[Panel]) -> NDArray[np.int64]:
     return np.asarray(pairs[same_way][np.lexsort(pairs[same_way].T[::-1])], np.int64)
 
 
-def _covered(sees: sparse.csr_array, chosen: Sequence[int]) -> int:
+def _covered(sees: sparse.csr_array, chosen: list[int]) -> int:
     """Samples of which at least one of the chosen is seen."""
-    return len(np.unique(sees[list(chosen)].indices)) if len(chosen) else 0
+    return len(np.unique(sees[chosen].indices)) if len(chosen) else 0
 
 
 def _chosen(
