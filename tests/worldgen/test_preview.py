@@ -74,8 +74,13 @@ def full(furnished: LoadedWorld) -> Plan:
     return Plan(furnished, np.zeros((0, *furnished.map_cells.shape), np.bool_))
 
 
-def test_the_same_world_gives_the_same_bytes(enhanced: LoadedWorld) -> None:
-    assert world_glb(enhanced) == world_glb(enhanced)
+@pytest.fixture(scope="module")
+def model(furnished: LoadedWorld) -> bytes:
+    return world_glb(furnished)
+
+
+def test_the_same_world_gives_the_same_model(furnished: LoadedWorld, model: bytes) -> None:
+    assert world_glb(furnished) == model
 
 
 def test_a_plan_is_a_png_of_at_most_2000_pixels_a_side(enhanced: LoadedWorld, plain: Plan) -> None:
@@ -122,14 +127,14 @@ def test_areas_are_tinted_in_their_markers_colours(enhanced: LoadedWorld, plain:
     assert tuple(tinted.at(*both)) not in colours
 
 
-def scene_of(loaded: LoadedWorld) -> trimesh.Scene:
-    scene = trimesh.load_scene(io.BytesIO(world_glb(loaded)), file_type="glb")
+def scene_of(model: bytes) -> trimesh.Scene:
+    scene = trimesh.load_scene(io.BytesIO(model), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     return scene
 
 
-def test_the_model_has_y_up_and_every_material(furnished: LoadedWorld) -> None:
-    scene = scene_of(furnished)
+def test_the_model_has_y_up_and_every_material(model: bytes) -> None:
+    scene = scene_of(model)
     assert {"wall_bricks", "wall_wood", "wall_concrete", "floor_red", "body_red"} <= set(
         scene.geometry
     )
@@ -141,8 +146,8 @@ def test_the_model_has_y_up_and_every_material(furnished: LoadedWorld) -> None:
     assert box.bounds == pytest.approx(np.array([[3.8, 0.0, -0.2], [4.2, 0.4, 0.2]]), abs=1e-5)
 
 
-def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld) -> None:
-    scene = scene_of(enhanced)
+def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld, model: bytes) -> None:
+    scene = scene_of(model)
     for entity in furnish(enhanced.world)[0].entities:
         panel: Any = scene.geometry[entity.name]
         x, y, z = entity.position_m

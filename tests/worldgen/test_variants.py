@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from scipy import ndimage
 
+from services.common.config import ROOT
 from services.common.documents import Planar, Room, World
 from services.common.frames import SE2, rotation_from_quaternion
 from services.common.furnish import furnish
@@ -173,3 +176,17 @@ def test_twelve_markers_show_from_nearly_everywhere() -> None:
     # Fewer show from less: the figure is not one of any set of markers.
     args = loaded.world, panels[:3], loaded.map_cells, loaded.map_origin
     assert covered_share(*args) < 0.9
+
+
+def test_the_page_of_worlds_is_right(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "worlds.md").read_text()
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(NAMES)
+    (recipe,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "den.yaml").write_text(recipe)
+    (tmp_path / "textures").symlink_to(ROOT / "worlds" / "textures")
+    assert problems_of("den", worlds_dir=tmp_path) == ()
+    (tmp_path / "den.yaml").write_text(recipe.replace("wall: east", "wall: est"))
+    (problem,) = problems_of("den", worlds_dir=tmp_path)
+    said = re.search(r"^worlds/(den\.yaml:\d+: .*)$", page, re.MULTILINE)
+    assert said
+    assert str(problem).endswith(said.group(1))
