@@ -355,7 +355,12 @@ class Bodies:
             thing.name, thing.mass_kg, self._compound(solids, com_from_body), *_placed(pose)
         )
         pybullet.changeDynamics(
-            body, -1, localInertiaDiagonal=inertia.diagonal_kg_m2, physicsClientId=self._client
+            body,
+            -1,
+            # Without the mass, PyBullet takes one that it has never set.
+            mass=thing.mass_kg,
+            localInertiaDiagonal=inertia.diagonal_kg_m2,
+            physicsClientId=self._client,
         )
         meets = _STATIC_GROUP | _ROBOT_GROUP | _MOVER_GROUP
         pybullet.setCollisionFilterGroupMask(

@@ -27,7 +27,7 @@ from services.common.frames import Array, transform_matrix
 from services.common.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
 from services.common.surfaces import is_floor, pose_matrix
 
-MAX_HULL_POINTS = 128
+MAX_HULL_POINTS = 256
 """Of a convex body; of more, those farthest out in so many directions are kept."""
 _MAX_PRISMS = 64
 _MAX_TRIANGLES = 20_000
