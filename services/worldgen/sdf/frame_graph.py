@@ -48,7 +48,11 @@ class Item:
     canonical_link: str = ""
     """Of a model."""
     placement_frame: str = ""
-    """Of a model: which of its frames its pose is for; empty: its own."""
+    """Of a model: which of its frames its pose is for; empty: its own. Of the frame that a merged
+    include leaves in its model's place: the same, among the frames around it.
+    """
+    model_frame: Item | None = None
+    """Of a link of a merged include: what `__model__` means in it; None: the model it is in."""
     attached_to: str = ""
     """Of a frame; empty: what holds it."""
     joint_type: str = ""
@@ -139,7 +143,7 @@ class FrameGraph:
         """(4, 4) of something in a link, whose pose is relative to the link by default."""
         if not pose.relative_to or link.scope is None:
             return pose.matrix
-        target = lookup(link.scope, pose.relative_to)
+        target = _lookup_from(link, pose.relative_to)
         if target is None:
             self._unknown_reference(pose)
             return pose.matrix
@@ -148,8 +152,7 @@ class FrameGraph:
     def placed(self, holder: Item, pose: Pose) -> Array:
         """(4, 4) pose in the world of something that a link, model or world holds."""
         if pose.relative_to:
-            scope = holder.scope if holder.kind == "link" else holder
-            target = None if scope is None else lookup(scope, pose.relative_to)
+            target = _lookup_from(holder, pose.relative_to)
             if target is not None:
                 return self.world_from(target) @ pose.matrix
             self._unknown_reference(pose)
@@ -229,7 +232,7 @@ class FrameGraph:
 
     def _find_reference(self, item: Item) -> tuple[Item | None, Array]:
         scope, matrix = item.scope, item.pose.matrix
-        if item.kind == "model" and item.placement_frame:
+        if item.placement_frame:
             matrix = matrix @ _inverse(self._model_from_placement(item))
         if scope is None:
             return None, matrix
@@ -245,7 +248,8 @@ class FrameGraph:
         return scope, matrix
 
     def _model_from_placement(self, model: Item) -> Array:
-        frame = lookup(model, model.placement_frame)
+        scope = model if model.kind == "model" or model.scope is None else model.scope
+        frame = lookup(scope, model.placement_frame)
         if frame is None:
             self._findings.error(
                 "MODEL_PLACEMENT_FRAME_INVALID",
@@ -292,6 +296,14 @@ class FrameGraph:
             f"relative_to `{pose.relative_to}` must be the name of a frame, link, joint or model "
             "in the same model or world",
         )
+
+
+def _lookup_from(holder: Item, name: str) -> Item | None:
+    """What a name means to something in a link, model or world."""
+    if name == "__model__" and holder.model_frame is not None:
+        return holder.model_frame
+    scope = holder.scope if holder.kind == "link" else holder
+    return None if scope is None else lookup(scope, name)
 
 
 def _inverse(a_from_b: Array) -> Array:

@@ -231,8 +231,8 @@ class ScopeTree:
             # Else it would be relative to what it is attached to.
             holder = "__model__" if scope.kind == "model" else "world"
             proxy.pose = Pose(pose.matrix, holder, pose.place)
-        if inner.placement_frame:
-            self._findings.ignore("placement frame of a merged model", include)
+        if inner.placement_frame != "__model__":
+            proxy.placement_frame = inner.placement_frame
         self._add(proxy)
         for item in inner.items.values():
             item.scope = scope
@@ -242,6 +242,8 @@ class ScopeTree:
                 item.pose = Pose(item.pose.matrix, proxy_name, item.pose.place)
             if item.kind == "frame" and item.attached_to in ("", "__model__"):
                 item.attached_to = proxy_name
+            if item.kind == "link":
+                item.model_frame = proxy
             if item.parent == "__model__":
                 item.parent = proxy_name
             if item.child == "__model__":

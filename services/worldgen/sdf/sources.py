@@ -16,7 +16,7 @@ from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, byte
 FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
 MAX_ELEMENTS = 120_000
 """In all files together, each as often as it is included."""
-MAX_INCLUDES = 5000
+MAX_INCLUDES = 3000
 MAX_EXPANSIONS = 16
 """Of xacro files: each has a process of its own."""
 

@@ -99,13 +99,13 @@ def _restrict(locator: Locator) -> None:
             names.setdefault(name, substitution_args.convert_value(value, "auto"))
         for function in (list, dict, map, str, float, int):
             names[function.__name__] = function
-        return str(eval(_checked(text), names))
+        return str(eval(compiled(text), names))
 
     def safe_eval(
         expression: str, names: dict[str, Any], local: dict[str, Any] | None = None
     ) -> Any:
         names.update(__builtins__={})
-        return eval(_checked(expression), names, local)
+        return eval(compiled(expression), names, local)
 
     xacro.open = checked_open
     xacro.safe_eval = safe_eval
@@ -117,7 +117,7 @@ def _restrict(locator: Locator) -> None:
     substitution_args._eval_optenv = lambda name, default="": default
 
 
-def _checked(expression: str) -> Any:
+def compiled(expression: str) -> Any:
     """The compiled expression. Raises XacroException where it reaches for the interpreter."""
     tree = ast.parse(expression.strip(), "<expression>", "eval")
     for node in ast.walk(tree):

@@ -64,7 +64,9 @@ def _parsed(data: bytes, recover: bool) -> tuple[etree._Element | None, str]:
     try:
         return etree.fromstring(data, _parser(recover)), ""
     except (etree.XMLSyntaxError, ValueError, LookupError) as error:
-        return None, " ".join(str(error).split())[:200]
+        # lxml adds a made-up file name.
+        words = " ".join(str(error).partition(" (<string>")[0].split())
+        return None, words[:200]
 
 
 def _only_prefixes(data: bytes) -> bool:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from xacro import XacroException
 
 from services.common.frames import rotation_from_rpy, transform_matrix
 from services.worldgen.sdf.model import SdfWorld
 from services.worldgen.sdf.read import read_sdf
+from services.worldgen.sdf.xacro_process import compiled
 
 BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
 LINK = f'<link name="link"><collision name="c">{BOX}</collision></link>'
@@ -115,6 +117,25 @@ def test_a_merged_include_leaves_no_model_behind(tmp_path: Path) -> None:
     poses = {link.name: tuple(link.world_from_link[:3, 3]) for link in world.links}
     assert poses == {"m::base": (0, 0, 0), "m::link": (5, 0, 0), "m::other": (5, 0, 2)}
     assert {link.fixed_to for link in world.links} == {"m::base"}
+
+
+def test_a_merged_include_can_be_placed_by_a_frame(tmp_path: Path) -> None:
+    model_folder(
+        tmp_path / "part",
+        '<link name="link"><visual name="v"><pose relative_to="__model__">0 7 0 0 0 0</pose>'
+        f'{BOX}</visual><pose>0 1 0 0 0 0</pose></link><frame name="tip"><pose>0 0 2 0 0 0</pose>'
+        "</frame>",
+    )
+    merge = (
+        '<include merge="true"><uri>model://part</uri><pose>5 0 0 0 0 0</pose>'
+        "<placement_frame>tip</placement_frame></include>"
+    )
+    file = world_file(tmp_path / "w.sdf", f'<model name="m"><link name="base"/>{merge}</model>')
+    link = clean(read_sdf(file)).links[1]
+    np.testing.assert_allclose(link.world_from_link[:3, 3], [5, 1, -2], atol=1e-12)
+    np.testing.assert_allclose(link.shapes[0].link_from_shape[:3, 3], [0, 6, 0], atol=1e-12)
+    file = world_file(tmp_path / "w.sdf", merge)
+    assert kinds(read_sdf(file)) == ["MERGE_INCLUDE_UNSUPPORTED"]
 
 
 def test_the_newest_file_that_can_be_read_is_chosen(tmp_path: Path) -> None:
@@ -363,21 +384,16 @@ def test_xacro_takes_arguments_macros_and_packages(tmp_path: Path) -> None:
     [
         ('<xacro:include filename="../outside.xacro"/>', "outside"),
         ('<xacro:include filename="/etc/passwd"/>', "outside"),
-        ("${xacro.load_yaml('../outside.yaml')}", "outside"),
         ("${load_yaml('/etc/passwd')}", "outside"),
         ("$(find nowhere)", "nowhere"),
         ("$(env HOME)", "environment"),
         ("$(eval open)", "open"),
-        ("$(eval [].__class__)", "__class__"),
         ("${[x.__class__ for x in [()]]}", "__class__"),
-        ("${(x for x in [1]).gi_frame}", "gi_frame"),
-        ("${'%s'.format}", "format"),
         ("$(arg missing)", "missing"),
         ("${1 +}", "1 +"),
         ("<xacro:nothing/>", "nothing"),
         ("${9**9**9}", "too"),
         ("${'x' * 10**10}", ""),
-        ("${[0] * 10**10}", ""),
         ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "deep"),
         ('<xacro:include filename="w.sdf.xacro"/>', ""),
     ],
@@ -391,6 +407,23 @@ def test_what_xacro_may_not_do_is_one_error(tmp_path: Path, inside: str, word: s
     assert error.message.startswith("w.sdf.xacro cannot be expanded: ")
     assert word in error.message
     assert "\n" not in error.message
+
+
+@pytest.mark.parametrize(
+    ("expression", "name"),
+    [
+        ("[x.__class__ for x in [()]]", "__class__"),
+        ("(lambda: 0).__globals__", "__globals__"),
+        ("(x for x in [1]).gi_frame", "gi_frame"),
+        ("'{0.__class__}'.format(1)", "format"),
+        ("__import__('os')", "__import__"),
+        ("math._x", "_x"),
+    ],
+)
+def test_expressions_do_not_reach_the_interpreter(expression: str, name: str) -> None:
+    with pytest.raises(XacroException, match=name):
+        compiled(expression)
+    assert eval(compiled(" 1 + 2 ")) == 3
 
 
 def test_places_in_xacro_are_of_the_expanded_text(tmp_path: Path) -> None:
