@@ -20,7 +20,7 @@ from scipy import ndimage
 from services.common.documents import Body, Entity, Material, Planar, Rgba, Shape, Wall, World
 from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
-from services.common.geometry import TriangleMesh, mesh_from_bytes, triangles_of
+from services.common.geometry import TriangleMesh, triangles_of
 from services.common.placement import panel_of
 from services.common.surfaces import Surface, surfaces
 from services.worldgen.footprint import Footprint, footprint, wall_corners
@@ -59,6 +59,8 @@ _TINTS: tuple[Rgb, ...] = (
     (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
 )  # fmt: skip
 """Of markers, in turn."""
+_MAX_POLYGONS = 20_000
+"""A mesh of more is drawn as what is around it, as drawing would take seconds."""
 _MAX_OUTLINED = 40
 """Areas of more markers than these are tinted only."""
 
@@ -93,7 +95,7 @@ class View:
 
 def view_of(loaded: LoadedWorld) -> View:
     """Where things are in a plan: `LEFT_PX` and `TOP_PX` come to its pixels."""
-    return _view(loaded.world, _outlines(loaded.world, _meshes(loaded)))
+    return _view(loaded.world, _outlines(loaded.world, loaded.meshes))
 
 
 def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
@@ -104,7 +106,7 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     """
     world = loaded.world
     entities = furnish(world)[0].entities
-    meshes = _meshes(loaded)
+    meshes = loaded.meshes
     if seen is None:
         panels = [panel_of(entity) for entity in entities]
         seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)
@@ -182,7 +184,7 @@ def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline
         for shape in body.shapes:
             map_from_shape = _pose(body) @ _pose(shape)
             points = triangles_of(shape.geometry, meshes).moved(map_from_shape).vertices_m
-            hull = cv2.convexHull(points[:, :2].astype(np.float32))[:, 0].astype(np.float64)
+            hull = _hull(points[:, :2])
             floor = Footprint()
             if shape.solid:
                 floor = footprint(shape.geometry, map_from_shape, meshes)
@@ -191,21 +193,14 @@ def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline
     return sorted(found, key=lambda outline: outline.top_m)
 
 
+def _hull(points_m: Array) -> Array:
+    """(n, 2) corners of the convex hull of points."""
+    return np.asarray(cv2.convexHull(points_m.astype(np.float32))[:, 0], np.float64)
+
+
 def _pose(placed: Body | Shape | Entity) -> Array:
     """(4, 4), to the frame in which its pose is given."""
     return transform_matrix(rotation_from_quaternion(*placed.orientation_xyzw), placed.position_m)
-
-
-def _meshes(loaded: LoadedWorld) -> dict[str, TriangleMesh]:
-    wanted = sorted(
-        {
-            shape.geometry.sha256
-            for body in loaded.world.bodies
-            for shape in body.shapes
-            if shape.geometry.kind == "mesh"
-        }
-    )
-    return {sha256: mesh_from_bytes(loaded.assets[sha256]) for sha256 in wanted}
 
 
 def _view(world: World, outlines: Sequence[_Outline]) -> View:
@@ -366,7 +361,11 @@ def _body(
 ) -> None:
     """Filled where it stands in the robot's way, and an outline: a thick one where it moves."""
     fill = colours.get(outline.material, _CORE)
-    for polygons in outline.floor.polygons_m:
+    floor = outline.floor.polygons_m
+    if sum(len(polygons) for polygons in floor) > _MAX_POLYGONS:
+        points = np.concatenate([polygons.reshape(-1, 2) for polygons in floor])
+        floor = (_hull(points)[None],)
+    for polygons in floor:
         for polygon in polygons:
             draw.polygon(view.at(polygon), fill=fill, outline=fill)
     for segment in () if outline.floor.outline_m is None else outline.floor.outline_m:
@@ -604,7 +603,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     scene: Any = trimesh.Scene()
     # One mesh for each kind and material: a maze has thousands of faces.
     groups: dict[tuple[str, str, bool], list[TriangleMesh]] = {}
-    for surface in surfaces(world, _meshes(loaded)):
+    for surface in surfaces(world, loaded.meshes):
         mesh = surface.mesh
         if surface.moves:
             mesh = mesh.moved(_pose(bodies[surface.name]))
