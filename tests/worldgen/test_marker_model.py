@@ -41,7 +41,7 @@ def ids_in(grey: Pixels, dictionary: cv2.aruco.Dictionary | None = None) -> list
     return [] if ids is None else [int(one) for one in ids.ravel()]
 
 
-def seen(mesh: trimesh.Trimesh, right: Array, up: Array, side_px: int = 320) -> Pixels:
+def seen(mesh: Any, right: Array, up: Array, side_px: int = 320) -> Pixels:
     """The mesh as one sees it who looks along cross(up, right), pixel by pixel."""
     towards = np.cross(right, up)
     axis = (np.arange(side_px) + 0.5) / side_px - 0.5
@@ -52,7 +52,7 @@ def seen(mesh: trimesh.Trimesh, right: Array, up: Array, side_px: int = 320) -> 
     corners = mesh.triangles
     shown = np.full(len(origins), 255, np.uint8)
     best = np.full(len(origins), -np.inf)
-    material: Any = mesh.visual.material
+    material = mesh.visual.material
     texture = material.baseColorTexture if hasattr(material, "baseColorTexture") else material.image
     image = np.asarray(texture.convert("L"))
     for triangle, normal, uvs in zip(
@@ -74,17 +74,13 @@ def seen(mesh: trimesh.Trimesh, right: Array, up: Array, side_px: int = 320) -> 
     return shown.reshape(side_px, side_px)
 
 
-def loaded(file: Path) -> trimesh.Trimesh:
-    """With glTF's y up turned back to z up."""
-    scene = trimesh.load(file)
-    mesh = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
-    assert isinstance(mesh, trimesh.Trimesh)
-    if file.suffix == ".glb" and np.ptp(mesh.vertices[:, 1]) < 10 * PANEL_THICKNESS_M:
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
-    return mesh
+def loaded(file: Path) -> Any:
+    """The one mesh in a file."""
+    scene: Any = trimesh.load(file)
+    return scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
 
 
-def closed(mesh: trimesh.Trimesh) -> bool:
+def closed(mesh: Any) -> bool:
     """Whether it has an inside, and its faces look out of it."""
     joined = trimesh.Trimesh(mesh.vertices, mesh.faces)
     return bool(joined.is_volume)
@@ -186,7 +182,7 @@ def test_a_dictionary_of_ones_own_as_opencv_writes_it(tmp_path: Path, suffix: st
     file = tmp_path / f"own.{suffix}"
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
     for key, value in OWN.items():
-        storage.write(key, value)
+        storage.write(key, value)  # type: ignore[call-overload]
     storage.release()
     dictionary = read_dictionary(file)
     folder = write_marker_model(tmp_path / "models", 1, "own", dictionary_file=file)

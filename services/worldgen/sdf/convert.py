@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 from PIL import Image
-from pydantic import TypeAdapter, ValidationError
+from pydantic import FiniteFloat, TypeAdapter, ValidationError
 
 from services.common import documents as doc
 from services.common.config import ConfigError
@@ -56,6 +56,13 @@ _WHITE = (1.0, 1.0, 1.0, 1.0)
 _SDF_AMBIENT = (0.4, 0.4, 0.4, 1.0)
 
 _T = TypeVar("_T")
+_TEXT = TypeAdapter(str)
+_NUMBER: TypeAdapter[float] = TypeAdapter(FiniteFloat)
+_VECTOR: TypeAdapter[list[float]] = TypeAdapter(list[FiniteFloat])
+_NOTES = TypeAdapter(list[dict[str, Any]])
+_MARKER = TypeAdapter(doc.Marker)
+_PLANAR = TypeAdapter(doc.Planar)
+_LOCATIONS = TypeAdapter(list[doc.Location])
 
 
 @dataclass(frozen=True)
@@ -232,6 +239,9 @@ class _Conversion:
         self._errors: list[SdfError] = []
         self._files: dict[str, bytes] = {}
         self._materials: dict[str, dict[str, Any]] = {}
+        self._material_names: set[str] = set()
+        self._looks: dict[str, dict[str, str]] = {}
+        """Name of a material by the name that was wanted, and the look."""
         self._textures: dict[Path, str] = {}
         """File name in the folder of textures by picture; empty where it is none."""
         self._meshes: dict[tuple[Path, str | None, bool], tuple[str, str | None]] = {}
@@ -308,7 +318,7 @@ class _Conversion:
             short, model = root.name.rpartition("::")[2], root.model.rpartition("::")[2]
             if links_of_model[root.model] == 1:
                 short = model or short
-            noted = _json(root.attributes.get("name"), str)
+            noted = _json(root.attributes.get("name"), _TEXT)
             yield _Group(
                 name=noted or short,
                 full_name=f"{model}.{short}",
@@ -343,7 +353,7 @@ class _Conversion:
         for shape, pose, geometry, visual in sorted(
             [*prepared, *alone], key=lambda one: order[id(one[0])]
         ):
-            noted = _json(shape.attributes.get("shape"), str)
+            noted = _json(shape.attributes.get("shape"), _TEXT)
             yield _Part(
                 name=noted or shape.name,
                 where=f"{link.name}::{shape.name}",
@@ -384,20 +394,21 @@ class _Conversion:
         if shape.role != "visual":
             return
         pose = _product(link.world_from_link, shape.link_from_shape)
-        room = _json(shape.attributes.get("room"), str)
+        room = _json(shape.attributes.get("room"), _TEXT)
         if room is not None and isinstance(shape.geometry, doc.Polyline):
             corners = shape.geometry.polygons_m[0]
             moved = [pose @ np.array([x, y, 0.0, 1.0]) for x, y in corners]
-            look: dict[str, Any] = {"polygon_m": [_numbers(corner[:2]) for corner in moved]}
+            look: dict[str, Any] = {"polygon_m": [corner[:2].tolist() for corner in moved]}
             material = self._material(shape)
             if material is not None:
                 look["floor_material"] = material
             self._rooms[self._free((_legal(room),), set(self._rooms))] = look
         elif "ceiling" in shape.attributes and isinstance(shape.geometry, doc.Box):
-            bottom_m = pose[2, 3] - shape.geometry.size_m[2] / 2.0
+            bottom_m = float(pose[2, 3]) - shape.geometry.size_m[2] / 2.0
+            (bottom_m,) = _noted([bottom_m], f"[{shape.attributes['ceiling']}]")
             self._ceiling = {
                 "material": self._material(shape) or self._named("colour", _look(None)),
-                "height_m": _number(bottom_m),
+                "height_m": bottom_m,
             }
 
     def _is_floor(self, group: _Group, part: _Part) -> bool:
@@ -428,14 +439,14 @@ class _Conversion:
         if group.links[0].attributes.get("kind") != "wall" and thickness_m > length_m:
             length_m, thickness_m = thickness_m, length_m
             yaw_rad = math.remainder(yaw_rad + math.pi / 2.0, math.tau)
-        noted_rad = _json(group.links[0].attributes.get("yaw_rad"), float)
-        if noted_rad is not None and abs(noted_rad) < _MAX_YAW_RAD:
-            yaw_rad += math.tau * round((noted_rad - yaw_rad) / math.tau)
+        noted_rad = _json(group.links[0].attributes.get("yaw_rad"), _NUMBER)
+        if noted_rad is not None and abs(math.remainder(noted_rad - yaw_rad, math.tau)) <= _SAME:
+            yaw_rad = noted_rad
         wall: dict[str, Any] = {
             "name": name,
             "length_m": length_m,
-            "x_m": _number(pose[0, 3]),
-            "y_m": _number(pose[1, 3]),
+            "x_m": float(pose[0, 3]),
+            "y_m": float(pose[1, 3]),
             "yaw_rad": _number(yaw_rad),
             "thickness_m": thickness_m,
             "height_m": height_m,
@@ -447,12 +458,14 @@ class _Conversion:
             covering = _product(inverse_matrix(part.body_from_part), body_from_covering)
             material = self._material(shape)
             if isinstance(shape.geometry, doc.Box) and material is not None:
-                half_m, along_m = shape.geometry.size_m[0] / 2.0, covering[0, 3]
+                half_m, along_m = shape.geometry.size_m[0] / 2.0, float(covering[0, 3])
+                span_m = [along_m - half_m, along_m + half_m]
+                from_m, to_m = _noted(span_m, shape.attributes.get("span_m"))
                 coverings.append(
                     {
                         "side": "left" if covering[1, 3] > 0.0 else "right",
-                        "from_m": _number(along_m - half_m),
-                        "to_m": _number(along_m + half_m),
+                        "from_m": from_m,
+                        "to_m": to_m,
                         "material": material,
                     }
                 )
@@ -541,7 +554,7 @@ class _Conversion:
         if visual.material is None and mesh is not None and name is None:
             return mesh
         look = _look(visual.material)
-        side_m = _json(visual.attributes.get("texture_side_m"), float)
+        side_m = _json(visual.attributes.get("texture_side_m"), _NUMBER)
         if side_m is not None and 0.0 <= side_m <= MAX_COORDINATE_M:
             look["texture_side_m"] = side_m
         if visual.material is not None and visual.material.albedo_map is not None:
@@ -557,11 +570,13 @@ class _Conversion:
 
     def _named(self, wanted: str, look: dict[str, Any]) -> str:
         """A name of this look: another look may have the wanted one."""
-        name, count = _legal(wanted), 1
-        while self._materials.setdefault(name, look) != look:
-            count += 1
-            name = f"{_legal(wanted)[:58]}_{count}"
-        return name
+        known = self._looks.setdefault(_legal(wanted), {})
+        key = repr(sorted(look.items()))
+        if key not in known:
+            base = _legal(wanted)
+            known[key] = self._free([base, f"{base[:52]}_{len(known) + 1}"], self._material_names)
+            self._materials[known[key]] = look
+        return known[key]
 
     def _texture(self, picture: Path, where: str) -> str:
         """File name in the folder of textures; empty where the picture cannot be read."""
@@ -590,22 +605,22 @@ class _Conversion:
         """As noted, then those whose models have been added since."""
         left = dict(models)
         found = []
-        for note in _json(self._sdf.attributes.get("markers"), list[dict[str, Any]]) or []:
+        for note in _json(self._sdf.attributes.get("markers"), _NOTES) or []:
             if "model" not in note:
-                marker = _validated(doc.Marker, note)
+                marker = _validated(_MARKER, note)
                 if marker is not None:
                     found.append(marker.model_dump(mode="json"))
             elif str(note["model"]) in left:
                 # One that is gone from the file has been taken away.
                 model = left.pop(str(note["model"]))
-                found += self._marker(model, str(note.get("wall")))
+                found += self._marker(model, note)
         for model in left.values():
-            found += self._marker(model, "")
+            found += self._marker(model, {})
         return found
 
-    def _marker(self, model: SdfModel, preferred: str) -> list[dict[str, Any]]:
+    def _marker(self, model: SdfModel, note: Mapping[str, Any]) -> list[dict[str, Any]]:
         """The marker of a model, on the wall that it is on: there may be none."""
-        preferred = self._wall_of_link.get(preferred, preferred)
+        preferred = self._wall_of_link.get(str(note.get("wall")))
         places = [
             (wall["name"] != preferred, gap_m, index, place)
             for index, wall in enumerate(self._walls)
@@ -615,8 +630,10 @@ class _Conversion:
             self._ignore(f"marker {model.attributes['marker']}, which is on no wall", model.name)
             return []
         *_, place = min(places, key=lambda one: one[:3])
+        for key in ("offset_m", "height_m"):
+            (place[key],) = _noted([place[key]], f"[{note.get(key)!r}]")
         values = {key: model.attributes[key] for key in _MARKER_KEYS if key in model.attributes}
-        marker = _validated(doc.Marker, {"id": model.attributes["marker"], **values, **place})
+        marker = _validated(_MARKER, {"id": model.attributes["marker"], **values, **place})
         if marker is None:
             self._ignore(f"marker {model.attributes['marker']!r:.40}, which is none", model.name)
             return []
@@ -654,7 +671,7 @@ class _Conversion:
             found.setdefault("lights", []).append(
                 {
                     "name": name,
-                    "position_m": _numbers(light.world_from_light[:3, 3]),
+                    "position_m": light.world_from_light[:3, 3].tolist(),
                     "diffuse": _colour(light.diffuse),
                     "range_m": light.range_m,
                     "constant": light.constant,
@@ -668,18 +685,18 @@ class _Conversion:
         """What exports note of a world."""
         notes = self._sdf.attributes
         found: dict[str, Any] = {}
-        resolution_m = _json(notes.get("map_resolution_m"), float)
+        resolution_m = _json(notes.get("map_resolution_m"), _NUMBER)
         if resolution_m is not None:
             found["map_resolution_m"] = resolution_m
-        ready = _json(notes.get("map"), str)
+        ready = _json(notes.get("map"), _TEXT)
         if ready is not None:
             name = self._ready_map(ready)
             if name:
                 found["map"] = name
-        start = _json(notes.get("start"), doc.Planar)
+        start = _json(notes.get("start"), _PLANAR)
         if start is not None:
             found["start"] = start.model_dump()
-        locations = _json(notes.get("locations"), list[doc.Location])
+        locations = _json(notes.get("locations"), _LOCATIONS)
         if locations:
             found["locations"] = {
                 place.name: place.model_dump(exclude={"name"}) for place in locations
@@ -732,7 +749,8 @@ def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
     geometry = shape.geometry
     if shape.attributes.get("geometry") == "plane" and isinstance(geometry, doc.Box):
         pose = shape.link_from_shape.copy()
-        pose[:3, 3] += SHEET_THICKNESS_M / 2.0 * pose[:3, 2]
+        top_m = pose[:3, 3] + SHEET_THICKNESS_M / 2.0 * pose[:3, 2]
+        pose[:3, 3] = _noted(top_m.tolist(), shape.attributes.get("position_m"))
         return pose, doc.Plane(size_m=geometry.size_m[:2])
     return shape.link_from_shape, geometry
 
@@ -744,6 +762,8 @@ def _same(collision: SdfShape, pose: Array, geometry: GeometryRecipe, visual: Sd
         (None in names or names[0] == names[1])
         and geometry.kind == visual.geometry.kind
         and collision.mesh_file == visual.mesh_file
+        # Most are told apart by this, in no time.
+        and abs(pose[0, 3] - visual.link_from_shape[0, 3]) <= _SAME
         and bool(np.abs(pose - visual.link_from_shape).max() <= _SAME)
         and _alike(geometry.model_dump(), visual.geometry.model_dump())
     )
@@ -791,9 +811,8 @@ def _places(
         and abs(along_m) <= wall["length_m"] / 2.0
         and 0.0 < centre[2] < wall["height_m"]
     ):
-        offset_m, height_m = _number(along_m), _number(centre[2])
-        at = {"wall": wall["name"], "side": side, "offset_m": offset_m, "height_m": height_m}
-        yield gap_m, at
+        at = {"wall": wall["name"], "side": side}
+        yield gap_m, {**at, "offset_m": _number(along_m), "height_m": float(centre[2])}
 
 
 def _look(material: SdfMaterial | None) -> dict[str, Any]:
@@ -849,20 +868,28 @@ def _product(a_from_b: Array, b_from_c: Array) -> Array:
 
 
 def _placed(a_from_b: Array, attributes: Mapping[str, str]) -> dict[str, Any]:
-    """Position and orientation, each where it is not that of a.
-
-    Of the two quaternions of an orientation, the one that an export has noted, or that of w >= 0.
-    """
+    """Position and orientation, each where it is not that of a."""
     placed: dict[str, Any] = {}
     if np.any(a_from_b[:3, 3]):
-        placed["position_m"] = _numbers(a_from_b[:3, 3])
+        placed["position_m"] = a_from_b[:3, 3].tolist()
     quaternion = _numbers(quaternion_from_rotation(a_from_b[:3, :3]))
-    near = _json(attributes.get("near_xyzw"), list[float])
-    if near is not None and len(near) == 4 and np.dot(near, quaternion) < 0.0:
-        quaternion = [0.0 - value for value in quaternion]
+    noted = attributes.get("orientation_xyzw")
+    opposite = [0.0 - value for value in quaternion]
+    quaternion = _noted(quaternion, noted, _noted(opposite, noted, quaternion))
     if quaternion != [0.0, 0.0, 0.0, 1.0]:
         placed["orientation_xyzw"] = quaternion
     return placed
+
+
+def _noted(
+    found: list[float], note: str | None, otherwise: list[float] | None = None
+) -> list[float]:
+    """The numbers that an export has noted, where they are those found but for rounding."""
+    noted = _json(note, _VECTOR)
+    if noted is not None and len(noted) == len(found):
+        if all(abs(one - other) <= _SAME for one, other in zip(noted, found, strict=True)):
+            return noted
+    return found if otherwise is None else otherwise
 
 
 def _number(value: float) -> float:
@@ -894,18 +921,18 @@ def _legal(name: str) -> str:
     return letters.lstrip("_.-")[:64] or "unnamed"
 
 
-def _json(text: str | None, kind: type[_T]) -> _T | None:
+def _json(text: str | None, kind: TypeAdapter[_T]) -> _T | None:
     """What exports note as JSON; None where it is something else, by a hand's doing."""
     if text is None:
         return None
     try:
-        return TypeAdapter(kind).validate_json(text)
+        return kind.validate_json(text)
     except (ValidationError, RecursionError):
         return None
 
 
-def _validated(kind: type[_T], values: Mapping[str, Any]) -> _T | None:
+def _validated(kind: TypeAdapter[_T], values: Mapping[str, Any]) -> _T | None:
     try:
-        return TypeAdapter(kind).validate_python(values)
+        return kind.validate_python(values)
     except ValidationError:
         return None

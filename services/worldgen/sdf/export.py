@@ -2,7 +2,8 @@
 
 SDF's own elements hold all poses, sizes and looks. What SDF has no word for stands beside them in
 the namespace of model.MAZEBOT_NAMESPACE, which Gazebo passes over: see `_notes` and the calls of
-`say`.
+`say`. Where a pose loses its last digits in sines and cosines, the number is noted too: it is taken
+for the pose only where the two agree to 1e-9, so that what is moved in the file is moved.
 """
 
 from __future__ import annotations
@@ -217,7 +218,7 @@ class _Export:
         add(model, "pose", numbers(at))
         model.append(link)
         say(link, kind="wall", **_name_note(wall.name, name))
-        if abs(wall.yaw_rad) >= math.pi:
+        if wall.yaw_rad:
             say(link, yaw_rad=repr(wall.yaw_rad))
         size_m = (wall.length_m, wall.thickness_m, wall.height_m)
         add_box(add(link, "collision", name="collision"), size_m)
@@ -226,7 +227,11 @@ class _Export:
         self._look(visual, wall.material)
         for index, covering in enumerate(wall.coverings):
             visual = add(link, "visual", name=f"covering_{index}")
-            say(visual, covering=covering.side)
+            say(
+                visual,
+                covering=covering.side,
+                span_m=json.dumps([covering.from_m, covering.to_m]),
+            )
             sign = 1.0 if covering.side == "left" else -1.0
             out_m = sign * (wall.thickness_m + COVERING_THICKNESS_M) / 2.0
             along_m = (covering.from_m + covering.to_m) / 2.0
@@ -239,7 +244,7 @@ class _Export:
         model, link, name = self._model(inside, body.name, body.mass_kg == 0.0)
         _pose(model, body.position_m, body.orientation_xyzw)
         model.append(link)
-        say(link, kind="body", **_name_note(body.name, name), **_sign_note(body.orientation_xyzw))
+        say(link, kind="body", **_name_note(body.name, name), **_turn_note(body.orientation_xyzw))
         if body.mass_kg > 0.0:
             self._inertial(link, body)
         names = _Names()
@@ -247,11 +252,11 @@ class _Export:
             noted = json.dumps(shape.name)
             if shape.solid:
                 collision = add(link, "collision", name=names.give(f"{shape.name}_collision"))
-                say(collision, shape=noted, **_sign_note(shape.orientation_xyzw))
+                say(collision, shape=noted, **_turn_note(shape.orientation_xyzw))
                 self._collision(collision, shape)
             if shape.material or not shape.solid:
                 visual = add(link, "visual", name=names.give(f"{shape.name}_visual"))
-                say(visual, shape=noted, **_sign_note(shape.orientation_xyzw))
+                say(visual, shape=noted, **_turn_note(shape.orientation_xyzw))
                 _pose(visual, shape.position_m, shape.orientation_xyzw)
                 self._geometry(visual, shape.geometry)
                 self._look(visual, shape.material)
@@ -264,7 +269,7 @@ class _Export:
             self._geometry(collision, shape.geometry)
             return
         # To Gazebo a plane that is solid has no end.
-        say(collision, geometry="plane")
+        say(collision, geometry="plane", position_m=json.dumps(shape.position_m))
         rotation = rotation_from_quaternion(*shape.orientation_xyzw)
         x, y, z = np.array(shape.position_m) - SHEET_THICKNESS_M / 2.0 * rotation[:, 2]
         _pose(collision, (float(x), float(y), float(z)), shape.orientation_xyzw)
@@ -318,7 +323,7 @@ class _Export:
         add(model, "pose", f"{numbers(at)} 0 0 0")
         model.append(link)
         visual = add(link, "visual", name="visual")
-        say(visual, ceiling="true")
+        say(visual, ceiling=repr(ceiling.height_m))
         add(visual, "cast_shadows", "false")
         add_box(visual, (float(x1 - x0), float(y1 - y0), SHEET_THICKNESS_M))
         self._look(visual, ceiling.material)
@@ -346,7 +351,8 @@ class _Export:
             add(include, "uri", f"model://{model_name(marker.id)}")
             yaw_rad = math.atan2(panel.right[1], panel.right[0])
             add(include, "pose", numbers((*panel.centre_m, math.pi / 2.0, 0.0, yaw_rad)))
-            notes.append({"model": name, "wall": marker.wall})
+            place = marker.model_dump(include={"wall", "offset_m", "height_m"})
+            notes.append({"model": name, **place})
             for file, data in marker_model_files(marker).items():
                 self._files[f"{model_name(marker.id)}/{file}"] = data
         return notes
@@ -457,11 +463,10 @@ def _name_note(wanted: str, given: str) -> dict[str, str]:
     return {} if wanted == given else {"name": json.dumps(wanted)}
 
 
-def _sign_note(orientation_xyzw: doc.Quaternion) -> dict[str, str]:
-    """Roughly the quaternion, where a reader of its orientation may come upon the other one."""
-    if orientation_xyzw[3] > 1e-6:
+def _turn_note(orientation_xyzw: doc.Quaternion) -> dict[str, str]:
+    if orientation_xyzw == (0.0, 0.0, 0.0, 1.0):
         return {}
-    return {"near_xyzw": json.dumps([round(value, 1) for value in orientation_xyzw])}
+    return {"orientation_xyzw": json.dumps(orientation_xyzw)}
 
 
 def _corners_m(shape: doc.Shape, mesh_of: Callable[[str], TriangleMesh]) -> Array:

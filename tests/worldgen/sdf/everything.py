@@ -33,7 +33,7 @@ def recipe() -> dict[str, Any]:
     }  # fmt: skip
     made["materials"]["tiles"] = {"diffuse": [0.9, 0.9, 1 / 3, 1.0], "texture_side_m": 0.0}
     made["floor_material"] = "tiles"
-    made["ceiling"] = {"material": "paint", "height_m": 2.6}
+    made["ceiling"] = {"material": "paint", "height_m": 2.6 + 1 / 300}
     made["rooms"] = {
         "left": {
             "polygon_m": [[-2.0, -1.0], [0.0, -1.0], [0.0, 1.0], [-2.0, 1.0]],
@@ -122,7 +122,8 @@ def make(where: Path, made: dict[str, Any] | None = None) -> Path:
 
 def two_parts() -> bytes:
     """A box and a pyramid of two colours."""
-    scene = trimesh.Scene()
+    scene: Any = trimesh.Scene()
+    visual: Any = trimesh.visual
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     pyramid = trimesh.Trimesh(
         [[0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, 0]], [[0, 1, 2], [0, 2, 3], [0, 3, 1], [3, 2, 1]]
@@ -131,8 +132,8 @@ def two_parts() -> bytes:
         ("box", box, (200, 30, 40, 255)),
         ("pyramid", pyramid, (20, 130, 40, 255)),
     ):
-        material = trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=colour)
-        mesh.visual = trimesh.visual.TextureVisuals(material=material)
+        material = visual.material.PBRMaterial(name=name, baseColorFactor=colour)
+        mesh.visual = visual.TextureVisuals(material=material)
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     data = scene.export(file_type="glb")
     assert isinstance(data, bytes)

@@ -437,9 +437,13 @@ def test_spoilt_notes_are_passed_over(house: LoadedWorld, tmp_path: Path, value:
     sdf = read_sdf(file, (file.parent,))
     sdf.attributes.update(dict.fromkeys(sdf.attributes, value))
     for shape in (shape for link in sdf.links for shape in link.shapes):
-        shape.attributes.update(texture_side_m=value, shape=value, near_xyzw=value)
-    for one in (*sdf.links, *sdf.models):
-        one.attributes.update(dict.fromkeys(one.attributes, value), yaw_rad=value, name=value)
+        shape.attributes.update(
+            texture_side_m=value, shape=value, orientation_xyzw=value, span_m=value
+        )
+    for attributes in [one.attributes for one in sdf.links] + [
+        one.attributes for one in sdf.models
+    ]:
+        attributes.update(dict.fromkeys(attributes, value), yaw_rad=value, name=value)
     world = to_recipe(sdf, "sim_house_enhanced")
     made = yaml.safe_load(recipe_yaml(world.recipe))
     assert len(made.get("walls", ())) + len(made.get("bodies", ())) >= 30

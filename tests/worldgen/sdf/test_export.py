@@ -15,6 +15,7 @@ from services.worldgen.loader import LoadedWorld, load_file, load_world
 from services.worldgen.sdf.export import MANIFEST, export_files, export_world
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 from services.worldgen.sdf.read import read_sdf
+from tests.worldgen import folder
 from tests.worldgen.sdf import everything
 
 OURS = f"{{{MAZEBOT_NAMESPACE}}}"
@@ -25,11 +26,10 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> LoadedWorld:
     return load_file(everything.make(tmp_path_factory.mktemp("worlds")))
 
 
-@pytest.mark.parametrize("name", ["sim_house", "sim_house_enhanced"])
+@pytest.mark.parametrize("name", ["sim_house", "sim_house_enhanced", "sim_house_slam"])
 def test_the_houses_come_back_as_they_went_out(tmp_path: Path, name: str) -> None:
     house = load_world(name)
     back = everything.there_and_back(house, tmp_path)
-    # To the last bit, so that the hash is the same too.
     assert back.world == house.world
     assert back.assets == house.assets
     assert (back.map_cells == house.map_cells).all()
@@ -40,18 +40,17 @@ def test_a_world_of_everything_comes_back(loaded: LoadedWorld, tmp_path: Path) -
     assert len(kinds) == 9
     back = everything.there_and_back(loaded, tmp_path)
     assert everything.differences(loaded.world, back.world) == []
+    # To the last bit, so that the hash is the same too.
+    assert back.world == loaded.world
     assert back.assets == loaded.assets
     assert (back.map_cells == loaded.map_cells).all()
-    # And again: nothing creeps in.
-    again = everything.there_and_back(back, tmp_path / "again")
-    assert everything.differences(back.world, again.world) == []
 
 
 def test_a_ready_map_goes_with_its_world(tmp_path: Path) -> None:
     from services.worldgen.map_files import write_map
 
     worlds = tmp_path / "worlds"
-    made = everything.folder.room()
+    made = folder.room()
     plain = load_file(everything.make(worlds, made))
     (worlds / "maps").mkdir()
     cells = np.array(plain.map_cells)
@@ -172,7 +171,7 @@ def test_each_marker_that_hangs_is_a_model_beside_the_world(loaded: LoadedWorld)
     entities, _ = furnish(loaded.world)
     assert texture == entities.entities[0].texture_sha256
     notes = json.loads(root.findtext(f"world/{OURS}world/{OURS}markers"))
-    assert [set(note) == {"model", "wall"} for note in notes] == [True, True, False, False]
+    assert ["model" in note for note in notes] == [True, True, False, False]
 
 
 def test_same_world_same_bytes(loaded: LoadedWorld) -> None:
