@@ -87,6 +87,10 @@ class PhysicsConfig(ServiceConfig):
         1.047, gt=0.1, lt=3.0, description="horizontal field of view"
     )
 
+    clear_view_m: float = Field(
+        0.5, gt=0.0, le=10.0, description="depth in front of a marker that must be free"
+    )
+
     @field_validator("scan_rate_hz", "camera_rate_hz")
     @classmethod
     def _divides_the_step_rate(cls, rate_hz: float) -> float:

@@ -6,29 +6,34 @@ import math
 from collections.abc import Container
 
 from services.common.documents import Entities, Entity, Refusal
+from services.common.placement import Panel, Placement, panel_of
 
 MAX_ENTITIES = 200
 MAX_PANEL_SIDE_M = 3.0
 MAX_COORDINATE_M = 1_000.0
 
 
-def review(desired: Entities, textures: Container[str]) -> Entities:
+def review(desired: Entities, textures: Container[str], placement: Placement) -> Entities:
     """The entities that exist where `desired` is what should: same input, same set.
 
-    `textures` are the sha256 of the assets at hand. Order is kept; of two with one name the first
-    stands.
+    `textures` are the sha256 of the assets at hand. A panel hangs where `placement` lets it, beside
+    those before it. Order is kept; of two with one name the first stands.
     """
     accepted: list[Entity] = []
     refused: list[Refusal] = []
     names: set[str] = set()
+    hanging: list[Panel] = []
     for entity in desired.entities:
         reason = _reason(entity, names, textures)
         if not reason and len(accepted) >= MAX_ENTITIES:
             reason = f"there are {MAX_ENTITIES} entities already: no more fit"
+        panel = panel_of(entity)
+        reason = reason or placement.problem(panel, hanging)
         if reason:
             refused.append(Refusal(name=entity.name, reason=reason))
         else:
             names.add(entity.name)
+            hanging.append(panel)
             accepted.append(entity)
     return Entities(world_hash=desired.world_hash, entities=tuple(accepted), refused=tuple(refused))
 

@@ -12,6 +12,7 @@ from services.common.documents import Entities, SimulationStats, World
 from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Outbox
+from services.common.placement import Placement
 from services.common.surfaces import Surface, surfaces
 from services.common.topics import (
     ASSETS,
@@ -81,6 +82,7 @@ class PhysicsNode(ClockNode):
         self._next_world: World | None = None
         self._entities: Entities | None = None
         self._simulation: Simulation | None = None
+        self._placement: Placement | None = None
         self._surfaces: tuple[Surface, ...] = ()
         self._schedule = self._make_schedule()
 
@@ -194,6 +196,7 @@ class PhysicsNode(ClockNode):
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = simulation
+        self._placement = Placement(world, self._config.clear_view_m, meshes)
         self._surfaces = surfaces(world, meshes) if self._renderer is not None else ()
         self._entities = None
         self.world_hash = world.hash
@@ -212,9 +215,9 @@ class PhysicsNode(ClockNode):
     def _place_entities(self, world: World, outbox: Outbox) -> None:
         """Make the set that exists the one desired, as far as can be; say nothing where it is."""
         desired = self._desired.get(world.hash)
-        if desired is None:
+        if desired is None or self._placement is None:
             return
-        entities = review(desired, self._assets.files)
+        entities = review(desired, self._assets.files, self._placement)
         if entities == self._entities:
             return
         self._entities = entities

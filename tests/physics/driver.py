@@ -84,10 +84,11 @@ def asset(data: bytes) -> msg.CompressedImage:
 
 
 def panel(name: str, texture_sha256: str, **changes: object) -> Entity:
+    """A panel on the left face of HOUSE_WALLS' first wall."""
     entity = Entity(
         name=name,
-        position_m=(1.0, 0.0, 0.3),
-        orientation_xyzw=(0.5, 0.5, 0.5, 0.5),
+        position_m=(-1.2, -1.957, 0.3),
+        orientation_xyzw=(0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0),
         panel_side_m=0.4,
         texture_sha256=texture_sha256,
         marker_id=7,

@@ -201,12 +201,12 @@ def test_entities_are_made_what_is_desired_and_told_once() -> None:
     driver = Driver()
     driver.send_asset(PANEL_TEXTURE)
     driver.load(world())
-    a, b = panel("a", PANEL_SHA), panel("b", PANEL_SHA)
+    a, b = panel("a", PANEL_SHA), panel("b", PANEL_SHA, position_m=(-0.7, -1.957, 0.3))
     assert _desire(driver, a, b).entities == (a, b)
     told = len(driver.all(ENTITIES))
     _desire(driver, a, b)
     assert len(driver.all(ENTITIES)) == told
-    moved = panel("a", PANEL_SHA, position_m=(2.0, 0.0, 0.3))
+    moved = panel("a", PANEL_SHA, position_m=(-1.3, -1.957, 0.4))
     assert _desire(driver, moved).entities == (moved,)
     assert _desire(driver).entities == ()
 
@@ -224,6 +224,10 @@ def test_entities_that_cannot_stand_are_refused_with_a_reason() -> None:
         "orientation_xyzw": panel("turn", PANEL_SHA, orientation_xyzw=(0.0, 0.0, 0.0, 2.0)),
         "marker_size_m": panel("marker", PANEL_SHA, marker_size_m=0.5),
         "name": panel("good", PANEL_SHA, marker_id=8),
+        "floats 0.043 m off Wall_0": panel("off", PANEL_SHA, position_m=(-0.7, -1.916, 0.3)),
+        "is buried in Wall_0": panel("in", PANEL_SHA, position_m=(-0.7, -2.0, 0.3)),
+        "overlaps good": panel("over", PANEL_SHA, position_m=(-1.1, -1.957, 0.3)),
+        "reaches 0.1": panel("top", PANEL_SHA, position_m=(-0.7, -1.957, 0.9)),
     }
     told = _desire(driver, good, *bad.values())
     assert told.entities == (good,)
@@ -244,8 +248,16 @@ def test_an_entity_stands_as_soon_as_its_texture_comes() -> None:
 def test_no_more_than_200_entities() -> None:
     driver = Driver()
     driver.send_asset(PANEL_TEXTURE)
-    driver.load(world())
-    told = _desire(driver, *(panel(f"p{n}", PANEL_SHA) for n in range(205)))
+    long_wall = world(walls=[("Long", 30.0, 0.0, -2.03381, 0.0)])
+    driver.load(long_wall)
+    small = {"panel_side_m": 0.08, "marker_size_m": 0.06}
+    panels = tuple(
+        panel(f"p{n}", PANEL_SHA, position_m=(0.1 * n - 10.0, -1.957, 0.3), **small)
+        for n in range(205)
+    )
+    driver.deliver(DESIRED_ENTITIES, Entities(world_hash=long_wall.hash, entities=panels))
+    driver.turn()
+    told = driver.last(ENTITIES)
     assert len(told.entities) == 200
     assert [refusal.name for refusal in told.refused] == [f"p{n}" for n in range(200, 205)]
 
