@@ -8,8 +8,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from services.common.documents import Marker
+from services.common.documents import Entities, Marker
+from services.common.frames import rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
+from services.common.placement import Panel
 from services.worldgen.clearance import ROBOT_RADIUS_M, cannot_be_reached, clear_m
 from services.worldgen.footprint import footprints
 from services.worldgen.loader import (
@@ -112,7 +114,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
     """Markers must hang where one can see them."""
     markers = draft.world.markers
     walls = {wall.name for wall in draft.world.walls}
-    entities, _ = furnish(draft.world)
+    entities, _ = furnish(draft.world, meshes=draft.meshes)
     hung = {entity.name for entity in entities.entities}
     reasons: dict[str, list[str]] = {}
     for refusal in entities.refused:
@@ -130,6 +132,25 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
         number_of[name] += 1
         if reason and marker.wall in walls:
             yield _refused(draft, index, marker, reason)
+    yield from _unseen(draft, entities)
+
+
+def _unseen(draft: Draft, entities: Entities) -> Iterator[Mistake]:
+    """Markers that hang well, and that the robot can read from nowhere."""
+    if not entities.entities:
+        return
+    from services.worldgen.visibility import Sight  # noqa: PLC0415
+
+    sight = Sight(draft.world, draft.cells, draft.grid.origin, draft.meshes)
+    index_of = {marker.id: index for index, marker in reversed([*enumerate(draft.world.markers)])}
+    for entity in entities.entities:
+        rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+        map_from_panel = transform_matrix(rotation, entity.position_m)
+        _, _, cells = sight.window(Panel(entity.name, map_from_panel, entity.panel_side_m))
+        if not cells.any():
+            index = index_of[entity.marker_id]
+            marker = draft.world.markers[index]
+            yield _refused(draft, index, marker, "is seen from nowhere that the robot can reach")
 
 
 def _refused(draft: Draft, index: int, marker: Marker, reason: str) -> Mistake:
@@ -162,8 +183,8 @@ def _of_sdf(
     from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
-    sdf = read_sdf(path, roots, arguments)
-    for error in sdf.report.errors:
+    imported = to_recipe(read_sdf(path, roots, arguments), "world")
+    for error in imported.report.errors:
         place = re.match(r"(?s)(.*?):(\d+)(?::\s*|\s+|$)(.*)", error.where)
         yield Problem(
             file=place[1] if place else error.where or shown_path(path),
@@ -173,7 +194,6 @@ def _of_sdf(
         )
     with tempfile.TemporaryDirectory(prefix="mazebot-check-") as folder:
         recipe = Path(folder) / "world.yaml"
-        imported = to_recipe(sdf, recipe.stem)
         write_recipe(imported, recipe)
         # The recipe is nobody's: its problems are told as the file's.
         sources = [Source(shown_path(path), sources_of(recipe)[0].content)]

@@ -18,7 +18,7 @@ ROBOT_RADIUS_M = 0.24
 """Of a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm to spare."""
 
 _FINE_M = 0.02
-_MAX_CELLS = 4e6
+_MAX_CELLS = 2e6
 
 
 def clear_m(taken: Sequence[Footprint], places: Sequence[Planar]) -> list[float]:

@@ -23,6 +23,7 @@ from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from services.worldgen import maze as mazes
 from services.worldgen import png
+from services.worldgen.map_files import MapFile, disagreement, read_map
 from services.worldgen.mistakes import mistakes
 from services.worldgen.occupancy import FREE, OCCUPIED, Grid, grid_of, occupancy
 from services.worldgen.overrides import (
@@ -63,6 +64,9 @@ SHORT_NAMES = {
     "slam": "sim_house_slam",
     "markers": "sim_house_markers",
 }
+
+MAX_MAP_ERROR_M = 0.1
+"""Mean distance between a ready map's walls and the world's. SLAM's are off by 2 to 5 cm."""
 
 _MAX_EXTENDS = 20
 
@@ -294,10 +298,17 @@ class Loading:
         if recipe.name != name:
             self.add(Mistake(("name",), recipe.name, f"must be {name!r}, as the file is called"))
         maze = self._maze(recipe)
+        wrong_bodies = set()
         for mistake in mistakes(recipe, maze_wall_names(maze)):
             self.add(mistake)
+            if mistake.location[0] == "bodies" and len(mistake.location) > 1:
+                wrong_bodies.add(mistake.location[1])
         meshes = self._meshes(recipe)
-        world = resolve(recipe, file_name, maze, meshes, use_aruco)
+        # Nothing is asked of a shape that may have no triangles.
+        bodies = tuple(b for i, b in enumerate(recipe.bodies) if i not in wrong_bodies)
+        world = resolve(
+            recipe.model_copy(update={"bodies": bodies}), file_name, maze, meshes, use_aruco
+        )
         world = self._with_textures(recipe, world)
         if not (self._thorough or self._may_run()):
             return
@@ -424,7 +435,7 @@ class Loading:
         from services.worldgen.marker_cover import cover  # noqa: PLC0415
 
         try:
-            markers = cover(draft.world, draft.cells, draft.grid.origin, wanted)
+            markers = cover(draft.world, draft.cells, draft.grid.origin, wanted, draft.meshes)
         except ValueError as error:
             self.add(Mistake(("marker_cover",), wanted.share, str(error)))
             return draft.world
@@ -432,13 +443,13 @@ class Loading:
 
     def _with_ready_map(self, name: str, draft: Draft) -> tuple[World, NDArray[np.int8], SE2]:
         """The world, the map's cells and its origin."""
-        from services.worldgen.map_files import read_map  # noqa: PLC0415
-
         try:
             ready = read_map(self._worlds_dir / "maps" / name)
         except ConfigError as error:
             self.add(Mistake(("map",), name, str(error)))
             return draft.world, draft.cells, draft.grid.origin
+        if self._thorough:
+            self._judge_map(name, ready, draft)
         shape, pose = np.array(ready.cells.shape, "<i8"), np.array(ready.origin, "<f8")
         content = shape.tobytes() + pose.tobytes() + ready.cells.tobytes()
         changes = {
@@ -446,6 +457,18 @@ class Loading:
             "map_resolution_m": ready.resolution_m,
         }
         return draft.world.model_copy(update=changes), ready.cells, ready.origin
+
+    def _judge_map(self, name: str, ready: MapFile, draft: Draft) -> None:
+        """A ready map must be of the world that it is used in."""
+        own = MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin)
+        try:
+            found = disagreement(ready, own)
+        except ValueError as error:
+            self.add(Mistake(("map",), name, f"must show the world: {error}", fatal=False))
+            return
+        if found.mean_m > MAX_MAP_ERROR_M:
+            must = f"must lie on the world: {found}"
+            self.add(Mistake(("map",), name, must, fatal=False))
 
 
 def named_sources(name: str, worlds_dir: Path) -> list[Source]:

@@ -27,6 +27,9 @@ from services.worldgen.recipe import (
 MIN_SIZE_M = 1e-4
 """Of what is solid: the physics loses what is thinner."""
 ROBOT_HEIGHT_M = 0.25
+MAX_SHAPES = 5000
+MAX_POLYGONS, MAX_CORNERS = 100, 2000
+"""Of one polyline."""
 MAX_TURN = 1e-3
 """By which the length of a quaternion may differ from 1: three digits by hand."""
 
@@ -80,6 +83,9 @@ def _names(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
         yield Mistake(
             ("walls",), recipe.walls, "must hold a wall, or there must be a maze or something else"
         )
+    shapes = sum(len(body.shapes) for body in recipe.bodies)
+    if shapes > MAX_SHAPES:
+        yield Mistake(("bodies",), f"{shapes} shapes", f"must have at most {MAX_SHAPES}")
     for location, thing in things:
         if thing.name in first:
             must = "must be unique: {other} has it"
@@ -192,8 +198,12 @@ def _geometry(location: Location, shape: ShapeRecipe) -> Iterator[Mistake]:
             for index, side_m in enumerate(value):
                 yield from _size((*location, field, index), side_m, shape.solid)
     if isinstance(geometry, doc.Polyline):
-        if not geometry.polygons_m:
-            yield Mistake((*location, "polygons_m"), (), "must hold a polygon")
+        corners = sum(len(polygon) for polygon in geometry.polygons_m)
+        if not 0 < len(geometry.polygons_m) <= MAX_POLYGONS or corners > MAX_CORNERS:
+            value = f"{len(geometry.polygons_m)} polygons of {corners} corners"
+            must = f"must be 1 to {MAX_POLYGONS} of at most {MAX_CORNERS}"
+            yield Mistake((*location, "polygons_m"), value, must)
+            return
         for index, polygon in enumerate(geometry.polygons_m):
             yield from _polygon((*location, "polygons_m", index), polygon)
 

@@ -298,13 +298,15 @@ class Recipe(Part):
         None, description="name of a material; none: a plain grey one"
     )
     ceiling: CeilingRecipe | None = Field(None, description="none: the sky is seen")
-    rooms: dict[Name, RoomRecipe] = Field(default_factory=dict, description="by name; none overlap")
+    rooms: dict[Name, RoomRecipe] = Field(
+        default_factory=dict, max_length=500, description="by name; none overlap"
+    )
     markers: tuple[Marker, ...] = Field(
         (), max_length=1000, description="ArUco markers, by the wall they hang on"
     )
     marker_cover: MarkerCoverRecipe | None = Field(None, description="more markers, placed")
     locations: dict[Name, PoseRecipe] = Field(
-        default_factory=dict, description="named places to drive to"
+        default_factory=dict, max_length=1000, description="named places to drive to"
     )
     start: PoseRecipe | None = Field(
         None, description="where the robot stands at the start; none: the maze's, or (0, 0)"

@@ -74,7 +74,7 @@ def _spans(
     """The pieces of a line along the wall, from its middle; its ends are those of the wall."""
     spans = []
     for part in shapely.get_parts(inside):
-        if part.geom_type != "LineString":
+        if part.geom_type != "LineString" or part.is_empty:
             continue
         at = sorted(float((point - middle) @ along) for point in shapely.get_coordinates(part))
         low = -half_length_m if at[0] < 1e-9 - half_length_m else at[0]
