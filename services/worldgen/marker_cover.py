@@ -109,7 +109,7 @@ def best_cover(
         share = max(share, float(seen.sum() / floor))
         if seen.sum() >= recipe.share * floor and not 0 < len(best) <= len(chosen):
             best = chosen
-        if len(best) == least:
+        if len(best) == least or _covered(sees, chosen) < wanted:
             break
     if not best:
         raise ValueError(
@@ -157,7 +157,7 @@ def _completed(
         gain[chosen] = -1.0
         best, best_gain, best_seen = -1, 0, covered
         for number in np.argsort(-gain, kind="stable")[:_TRIED].tolist():
-            if gain[number] >= 0.0:
+            if gain[number] > 0.0:
                 seen = _covered_cells(sight, covered, [places[number][1]])
                 if seen.sum() - covered.sum() > best_gain:
                     best, best_gain, best_seen = number, int(seen.sum() - covered.sum()), seen

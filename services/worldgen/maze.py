@@ -75,7 +75,7 @@ def generate(recipe: MazeRecipe, wall_thickness_m: float) -> Maze:
 
     Raises ValueError with a short phrase about `cell_m` where the robot cannot pass.
     """
-    if recipe.cell_m - wall_thickness_m < PASSABLE_M:
+    if recipe.cell_m - wall_thickness_m < PASSABLE_M - 1e-9:
         raise ValueError(
             f"must be at least {wall_thickness_m + PASSABLE_M:g}, for the robot to pass between "
             f"walls of {wall_thickness_m:g} m"

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from services.common.documents import Marker, Wall
+from services.common.documents import Body, Box, Ceiling, Marker, Mesh, Shape, Wall
 from services.common.frames import SE2, rotation_from_rpy, transform_matrix
-from services.common.placement import Panel, Placement, hang
+from services.common.furnish import furnish
+from services.common.geometry import TriangleMesh
+from services.common.placement import Panel, Placement, hang, panel_of
 from services.worldgen.loader import load_world
 from tests.common.house import marker, wall, world
 
@@ -142,3 +144,100 @@ def test_without_walls_there_is_nowhere_to_hang() -> None:
     assert "none of this name" in Placement(world([wall()], []), 0.5).problem(
         hang("marker", marker(), wall(pose=SE2(0.0, 1.0, 0.0)), SIDE_M, 0.002), (), "other"
     )
+
+
+def body(
+    x_m: float, y_m: float, z_m: float, size_m: tuple[float, float, float], **shape: object
+) -> Body:
+    values = {"name": "box", "geometry": Box(size_m=size_m), "material": "plain"} | shape
+    return Body(name="crate", position_m=(x_m, y_m, z_m), shapes=(Shape.model_validate(values),))
+
+
+def among(*bodies: Body, meshes: dict[str, TriangleMesh] | None = None, **changes: object) -> str:
+    """What is wrong with a marker on the left face, at y = 0.1, among bodies."""
+    one = world([wall()], []).model_copy(update={"bodies": bodies, **changes})
+    panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
+    return Placement(one, 0.5, meshes).problem(panel, (), "wall")
+
+
+@pytest.mark.parametrize(
+    ("crate", "said"),
+    [
+        (body(0.0, 0.2, 0.4, (0.3, 0.3, 0.1)), "is buried in crate over 0.300 m"),
+        (body(0.0, 0.5, 0.4, (0.3, 0.2, 0.1)), "is hidden by crate, 0.298 m in front of it"),
+        (body(0.0, 0.5, 0.09, (0.3, 0.2, 0.18)), ""),  # below the panel
+        (body(0.0, 0.5, 0.9, (0.3, 0.2, 0.2)), ""),  # above it
+        (body(0.5, 0.5, 0.4, (0.3, 0.2, 0.2)), ""),  # beside it
+        (body(0.0, 0.5, 0.4, (0.3, 0.2, 0.1), material=""), ""),  # cannot be seen
+        (body(0.0, 0.2, 0.4, (0.3, 0.3, 0.1), solid=False), "is buried in crate over 0.300 m"),
+    ],
+)
+def test_a_panel_is_judged_among_bodies(crate: Body, said: str) -> None:
+    assert among(crate) == said
+
+
+def test_a_turned_body_is_met_where_it_is() -> None:
+    # A long box, turned by an eighth about z, reaches before the panel with its end only.
+    turn = (0.0, 0.0, math.sin(math.pi / 8), math.cos(math.pi / 8))
+    crate = body(0.7, 0.9, 0.4, (1.6, 0.05, 0.1))
+    assert among(crate) == ""
+    assert among(crate.model_copy(update={"orientation_xyzw": turn})).startswith("is hidden by")
+
+
+def test_a_mesh_hides_with_its_triangles_alone() -> None:
+    frame = [((-0.8, 0.4), (-0.4, 0.4)), ((0.4, 0.4), (0.8, 0.4))]
+    corners = np.array([[(*a, 0.0), (*b, 0.0), (*b, 1.0)] for a, b in frame]).reshape(-1, 3)
+    mesh = TriangleMesh(
+        corners, np.zeros((6, 3)), np.zeros((6, 2)), np.arange(6, dtype=np.int32).reshape(-1, 3)
+    )
+    around = body(0.0, 0.0, 0.0, (1.0, 1.0, 1.0), geometry=Mesh(sha256="mesh"))
+    assert among(around, meshes={"mesh": mesh}) == ""
+    beside = around.model_copy(update={"position_m": (0.6, 0.0, 0.0)})
+    assert among(beside, meshes={"mesh": mesh}).startswith("is hidden by crate")
+    assert among(beside) == "", "what is not known is not met"
+
+
+def test_a_panel_stays_under_the_ceiling() -> None:
+    ceiling = Ceiling(height_m=0.55, material="plain")
+    assert among(ceiling=ceiling) == "reaches 0.050 m through the ceiling"
+    assert among(ceiling=ceiling.model_copy(update={"height_m": 0.6})) == ""
+
+
+def test_a_panel_must_be_seen_from_somewhere_where_that_is_known() -> None:
+    placement = Placement(world([wall()], []), 0.5)
+    panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
+    nowhere = np.zeros((3, 3), np.bool_)
+    said = "is seen from nowhere that the robot can go"
+    assert placement.problem(panel, (), "wall", nowhere) == said
+    nowhere[1, 1] = True
+    assert placement.problem(panel, (), "wall", nowhere) == ""
+
+
+def test_bodies_close_a_floor_off() -> None:
+    sides = [body(x, 1.0, 0.1, (0.1, 2.0, 0.2)) for x in (-0.95, 0.95)]
+    front = body(0.0, 2.0, 0.1, (2.0, 0.1, 0.2))
+    assert among(*sides) == ""
+    assert among(*sides, front) == "faces a floor that cannot be reached from the start"
+
+
+def test_hundreds_of_panels_among_thousands_of_walls_are_judged_at_once() -> None:
+    walls = [
+        wall(f"w{row}_{column}", SE2(2.5 * column, 1.5 * row, 0.0))
+        for row in range(50)
+        for column in range(50)
+    ]
+    placement = Placement(world(walls, [], start=SE2(0.0, 0.7, 0.0)), 0.5)
+    hanging: list[Panel] = []
+    for host in walls[:300]:
+        panel = hang(host.name, marker(wall=host.name), host, SIDE_M, 0.002)
+        assert placement.problem(panel, hanging) == ""
+        hanging.append(panel)
+
+
+def test_an_entity_tells_its_panel() -> None:
+    (entity,) = furnish(world([wall()], [marker(offset_m=0.3, side="right")]))[0].entities
+    panel = hang("aruco_7", marker(offset_m=0.3, side="right"), wall(), SIDE_M, 0.002)
+    again = panel_of(entity)
+    assert again.map_from_panel == pytest.approx(panel.map_from_panel, abs=1e-12)
+    assert again.name == "aruco_7"
+    assert again.side_m == pytest.approx(SIDE_M)
