@@ -46,8 +46,8 @@ _ALIGNED = 1e-6
 """Sine of the angle by which a wall may lean."""
 _LEANS = 1e-3
 """Sine of the angle by which a marker may lean, or turn away from its wall."""
-_SAME = 1e-9
-_MAX_YAW_RAD = 6.2832
+_SAME_DIGITS = 9
+_SAME = 10.0**-_SAME_DIGITS
 _NOISE = 1e-14
 _HEADER = "# Made from "
 _DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
@@ -338,18 +338,29 @@ class _Conversion:
             if shape.role == "visual"
             and not {"covering", "room", "ceiling"} & set(shape.attributes)
         ]
+        alike: dict[tuple[object, ...], list[SdfShape]] = {}
+        for one in visuals:
+            key = _key(one.link_from_shape, one.geometry, one.mesh_file)
+            alike.setdefault(key, []).append(one)
         prepared: list[tuple[SdfShape, Array, GeometryRecipe, SdfShape | None]] = []
+        matched: set[int] = set()
         for shape in link.shapes:
             if shape.role != "collision":
                 continue
             pose, geometry = _solid(shape)
-            match = next((v for v in visuals if _same(shape, pose, geometry, v)), None)
+            candidates = alike.get(_key(pose, geometry, shape.mesh_file), [])
+            match = next((visual for visual in candidates if _may_be_one(shape, visual)), None)
             if match is not None:
-                visuals.remove(match)
+                candidates.remove(match)
+                matched.add(id(match))
             prepared.append((shape, pose, geometry, match))
         # In the order of the exports: a body's shapes come back as they were.
         order = {id(shape): index for index, shape in enumerate(link.shapes)}
-        alone = [(visual, visual.link_from_shape, visual.geometry, visual) for visual in visuals]
+        alone = [
+            (visual, visual.link_from_shape, visual.geometry, visual)
+            for visual in visuals
+            if id(visual) not in matched
+        ]
         for shape, pose, geometry, visual in sorted(
             [*prepared, *alone], key=lambda one: order[id(one[0])]
         ):
@@ -755,29 +766,24 @@ def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
     return shape.link_from_shape, geometry
 
 
-def _same(collision: SdfShape, pose: Array, geometry: GeometryRecipe, visual: SdfShape) -> bool:
-    """Whether a collision and a visual are one thing."""
+def _key(pose: Array, geometry: GeometryRecipe, mesh_file: Path | None) -> tuple[object, ...]:
+    """The same for a collision and a visual that are one thing."""
+    # Adding nothing turns -0.0 into 0.0.
+    place = (np.round(pose, _SAME_DIGITS) + 0.0).tobytes()
+    return place, repr(_rounded(geometry.model_dump())), mesh_file
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(inner) for inner in value]
+    return round(value, _SAME_DIGITS) + 0.0 if isinstance(value, float) else value
+
+
+def _may_be_one(collision: SdfShape, visual: SdfShape) -> bool:
     names = collision.attributes.get("shape"), visual.attributes.get("shape")
-    return (
-        (None in names or names[0] == names[1])
-        and geometry.kind == visual.geometry.kind
-        and collision.mesh_file == visual.mesh_file
-        # Most are told apart by this, in no time.
-        and abs(pose[0, 3] - visual.link_from_shape[0, 3]) <= _SAME
-        and bool(np.abs(pose - visual.link_from_shape).max() <= _SAME)
-        and _alike(geometry.model_dump(), visual.geometry.model_dump())
-    )
-
-
-def _alike(one: Any, other: Any) -> bool:
-    """Equal, numbers nearly."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(_alike, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return abs(one - other) <= _SAME
-    return bool(one == other)
+    return None in names or names[0] == names[1]
 
 
 def _is_wall(part: _Part, world_from_part: Array) -> bool:
