@@ -28,7 +28,7 @@ _PIXEL_CENTRE = (0.0, 1.0)
 _GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """PyBullet wants a view with y up, that looks along -z."""
 
-_SHADES = 32.0
+_SHADES = 16.0
 _MAX_TRIANGLES = 40_000
 """Of a shape: PyBullet takes no more than 131,072 vertices."""
 

@@ -18,7 +18,22 @@ import pytest
 from numpy.typing import NDArray
 
 from services.common.config import ROOT, ConfigError
-from services.common.documents import Entity, Material, Planar, Rgba, Wall, World
+from services.common.documents import (
+    Body,
+    Box,
+    Ceiling,
+    Entity,
+    Geometry,
+    Material,
+    Mesh,
+    Planar,
+    PointLight,
+    Rgba,
+    Shape,
+    Sphere,
+    Wall,
+    World,
+)
 from services.common.frames import (
     LINK_FROM_OPTICAL,
     SE2,
@@ -28,6 +43,7 @@ from services.common.frames import (
     rotation_from_rpy,
     transform_matrix,
 )
+from services.common.geometry import mesh_to_bytes, triangles_of
 from services.physics.assets import decode_png
 from services.physics.camera import Intrinsics, Renderer, make_renderer
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
@@ -315,6 +331,150 @@ def test_faces_in_one_plane_show_the_first_wall_only(renderer: Renderer) -> None
     assert (second[:, 1] > 100).all()
     assert (first[:, 0] > 100).all()
     assert (first[:, 1] == 0).all()
+
+
+def thing(geometry: Geometry, material: str = "plain", **changes: Any) -> Body:
+    """A body a metre and a half ahead."""
+    shape = Shape(name="shape", geometry=geometry, material=material)
+    values = {"name": "thing", "position_m": (1.5, 0.0, 0.2), "shapes": (shape,)}
+    return Body.model_validate({**values, **changes})
+
+
+GREY = Material(name="plain", ambient=(0.5, 0.5, 0.5, 1), diffuse=(0.5, 0.5, 0.5, 1))
+RED = Material(name="red", ambient=(0.9, 0, 0, 1), diffuse=(0.9, 0, 0, 1))
+
+
+@pytest.mark.parametrize("mass_kg", [0.0, 1.0], ids=["static", "moving"])
+def test_bodies_show_where_opencv_projects_them(renderer: Renderer, mass_kg: float) -> None:
+    turn = rotation_from_rpy(0.4, 0.3, 0.7)
+    box = thing(
+        Box(size_m=(0.3, 0.4, 0.5)), "red", mass_kg=mass_kg,
+        orientation_xyzw=quaternion_from_rotation(turn), position_m=(1.5, 0.1, 0.4),
+    )  # fmt: skip
+    renderer.set_scene(build_scene(world(materials=(RED,), bodies=(box,)), {}))
+    places = [(1.5, 0.1, 0.4), (2.0, -0.3, 0.6)] if mass_kg else [(1.5, 0.1, 0.4)]
+    for place in places:
+        poses = np.array([transform_matrix(turn, place)]) if mass_kg else None
+        picture = renderer.render(view(), poses).astype(int)
+        corners = triangles_of(Box(size_m=(0.3, 0.4, 0.5)), {}).vertices_m @ turn.T + place
+        red = (picture[:, :, 0] > 40) & (picture[:, :, 1] == 0)
+        assert_fills(red, projected(corners, view()), tolerance_px=0.05)
+
+
+def test_a_body_that_has_turned_is_lit_where_it_stands() -> None:
+    renderer = new_renderer("gl")
+    turn = rotation_from_rpy(0.5, -0.4, 2.0)
+    still = thing(Sphere(radius_m=0.3), orientation_xyzw=quaternion_from_rotation(turn))
+    pictures = []
+    for body, poses in (
+        (still, None),
+        (
+            thing(Sphere(radius_m=0.3), mass_kg=1.0, position_m=(9, 9, 9)),
+            np.array([transform_matrix(turn, (1.5, 0.0, 0.2))]),
+        ),
+    ):
+        renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(body,)), {}))
+        pictures.append(renderer.render(view(), poses).astype(int))
+    renderer.close()
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
+def test_what_is_round_is_shaded_evenly_and_lighter_towards_the_sun() -> None:
+    renderer = new_renderer("gl")
+    lit_by: dict[str, Any] = {"light_direction": (0.0, 0.0, -1.0), "light_ambient": 0.4}
+    ball = thing(Sphere(radius_m=0.3))
+    renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(ball,), **lit_by), {}))
+    picture = renderer.render(view(z_m=0.2)).astype(int)
+    renderer.close()
+    middle = picture[80:160, 160, 0]
+    assert middle[5] > middle[40] + 40
+    # Flat facets would make steps.
+    assert np.abs(np.diff(picture[85:120, 160, 0])).max() < 12
+
+
+def test_poses_of_movers_must_be_finite_and_as_many(renderer: Renderer) -> None:
+    ball = thing(Sphere(radius_m=0.3), mass_kg=1.0)
+    renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(ball,)), {}))
+    for poses in (np.full((1, 4, 4), math.nan), np.eye(4)[None].repeat(2, 0)):
+        with pytest.raises(ValueError, match="map_from_movers: must be finite"):
+            renderer.render(view(), poses)
+
+
+def lamps(*places_m: tuple[float, float, float], **changes: Any) -> dict[str, Any]:
+    lights = tuple(
+        PointLight(name=f"lamp{n}", position_m=place, **changes) for n, place in enumerate(places_m)
+    )
+    return {"lights": lights, "light_ambient": 0.1, "light_diffuse": 0.0}
+
+
+def test_a_lamp_lights_what_is_near_after_lambert() -> None:
+    renderer = new_renderer("gl")
+    of = world((wall(length_m=4.0),), (GREY,), **lamps((1.0, 0.5, 0.5), quadratic=1.0))
+    renderer.set_scene(build_scene(of, {}))
+    pose = view(z_m=0.4)
+    picture = renderer.render(pose)
+    renderer.close()
+    for y in (0.5, 0.0, -0.6):
+        distance = math.hypot(1.0, y - 0.5, 0.0)
+        light = 0.1 + (1.0 / distance) / (1.0 + distance**2)
+        seen = float(colour_at(picture, (2.0, y, 0.5), pose)[0])
+        assert seen == pytest.approx(255 * 0.5 * light, abs=1.5)
+
+
+def test_a_lamp_does_not_reach_beyond_its_range_or_behind_a_face(renderer: Renderer) -> None:
+    dark = 255 * 0.5 * 0.1
+    for place, changes in (((0.0, 0.0, 0.4), {"range_m": 1.5}), ((3.0, 0.0, 0.4), {})):
+        of = world((wall(),), (GREY,), **lamps(place, **changes))
+        renderer.set_scene(build_scene(of, {}))
+        seen = colour_at(renderer.render(view()), (2.0, 0.1, 0.3), view())
+        assert float(seen[0]) == pytest.approx(dark, abs=9.0)
+
+
+def test_lamps_do_not_light_markers() -> None:
+    renderer = new_renderer("gl")
+    sha256, data = png(flat((0, 100, 200)))
+    of = world((wall(),), (GREY,), **lamps((0.5, 0.0, 0.3)))
+    renderer.set_scene(build_scene(of, {sha256: data}, [panel(sha256, facing_back(1.9))]))
+    seen = colour_at(renderer.render(view()), (1.9, 0.05, 0.25), view())
+    renderer.close()
+    assert seen.tolist() == [0, 100, 200]
+
+
+def test_floor_and_ceiling_have_their_textures(renderer: Renderer) -> None:
+    quarters = flat((200, 0, 0), 64)
+    quarters[:32, :32] = 0, 200, 0
+    sha256, data = png(quarters)
+    of = world(
+        (wall("a", x_m=3.0, length_m=6.0), wall("b", x_m=-3.0, length_m=6.0)),
+        (Material(name="plain"), Material(name="tiles", texture_sha256=sha256)),
+        floor_material="tiles",
+        ceiling=Ceiling(height_m=0.8, material="tiles"),
+        light_diffuse=0.0,
+    )
+    renderer.set_scene(build_scene(of, {sha256: data}))
+    pose = view(x_m=-1.0, z_m=0.4)
+    picture = renderer.render(pose)
+    # A tile lies from the map's origin on, its first quarter towards -x and +y as seen from above;
+    # the ceiling's towards -x and -y.
+    for x, y in ((0.25, 0.25), (0.75, 0.25), (0.25, -0.25), (0.75, -0.25)):
+        below = colour_at(picture, (x, y, 0.0), pose).tolist()
+        above = colour_at(picture, (x, y, 0.8), pose).tolist()
+        green, red = [0, 200, 0], [200, 0, 0]
+        assert below == (green if (x, y) == (0.25, -0.25) else red)
+        assert above == (green if (x, y) == (0.25, 0.25) else red)
+
+
+def test_a_mesh_is_shown_and_one_that_is_missing_is_named() -> None:
+    data = mesh_to_bytes(triangles_of(Box(size_m=(0.4, 0.4, 0.4)), {}))
+    sha256 = hashlib.sha256(data).hexdigest()
+    of = world(materials=(RED,), bodies=(thing(Mesh(sha256=sha256), "red"),))
+    renderer = new_renderer("gl")
+    renderer.set_scene(build_scene(of, {sha256: data}))
+    assert (renderer.render(view())[:, :, 0] > 100).sum() > 1000
+    renderer.close()
+    assert build_scene(of, {}).problems == (
+        f"body thing: mesh {sha256[:12]} is not there; not shown",
+    )
 
 
 def textured_room() -> Scene:
