@@ -32,6 +32,13 @@ ROOM: dict[str, Any] = {
 }
 
 
+class _Plain(yaml.SafeDumper):
+    """Writes out what is the same object twice, where YAML would point back."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
 def room() -> dict[str, Any]:
     """A recipe with everything in it, to change."""
     return copy.deepcopy(ROOM)
@@ -43,7 +50,7 @@ def png(width: int = 16, height: int = 8) -> bytes:
 
 
 def write(folder: Path, name: str, recipe: Any) -> None:
-    text = recipe if isinstance(recipe, str) else yaml.safe_dump(recipe, sort_keys=False)
+    text = recipe if isinstance(recipe, str) else yaml.dump(recipe, Dumper=_Plain, sort_keys=False)
     (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 

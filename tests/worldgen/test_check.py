@@ -1,0 +1,179 @@
+"""Every problem at once, each with its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from services.worldgen.check import problems_of
+from services.worldgen.loader import load_world
+from tests.worldgen import folder
+
+
+def said(worlds_dir: Path, recipe: dict[str, Any], *overrides: str) -> list[str]:
+    """What is wrong, after the file's name and the line."""
+    folder.make(worlds_dir, recipe)
+    found = problems_of("room", worlds_dir=worlds_dir, overrides=overrides)
+    return [str(problem).partition(": ")[2] for problem in found]
+
+
+def box(name: str, **changes: Any) -> dict[str, Any]:
+    return {"name": name, "size_m": [0.2, 0.2, 0.2], "x_m": 1.5, "y_m": -0.5} | changes
+
+
+def body(**changes: Any) -> dict[str, Any]:
+    shape = {"name": "s", "geometry": {"kind": "sphere", "radius_m": 0.1}}
+    return {"name": "b", "position_m": [1.5, -0.5, 0.1], "shapes": [shape]} | changes
+
+
+SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+
+
+def test_a_good_world_has_no_problem(tmp_path: Path) -> None:
+    assert said(tmp_path, folder.room()) == []
+
+
+def test_every_problem_is_told_at_once_with_its_line(tmp_path: Path) -> None:
+    recipe = folder.room()
+    recipe["walls"][1]["length_m"] = -1
+    recipe["walls"][2]["material"] = "gold"
+    recipe["locations"]["corner"]["y_m"] = 1.0
+    recipe["locations"]["den"] = {"x_m": "far", "y_m": 0.0}
+    recipe["markers"] += [
+        {"id": 3, "wall": "north", "side": "left", "height_m": 0.3},
+        {"id": 4, "wall": "south", "side": "left", "height_m": 3.0},
+        {"id": 5, "wall": "east", "side": "left", "height_m": 0.3},
+    ]
+    folder.make(tmp_path, recipe)
+    found = problems_of("room", worlds_dir=tmp_path)
+    by_field = {problem.field: problem for problem in found}
+    assert set(by_field) == {
+        "walls[1].length_m", "walls[2].material", "locations.corner", "locations.den.x_m",
+        "markers[1].id", "markers[2]",
+    }  # fmt: skip
+    assert by_field["markers[1].id"].must == "must be unique: it hangs on south"
+    assert "above the top of south" in by_field["markers[2]"].must
+    lines = (tmp_path / "room.yaml").read_text().splitlines()
+    assert lines[by_field["walls[2].material"].line - 1] == "  material: gold"
+    assert lines[by_field["locations.den.x_m"].line - 1] == "    x_m: far"
+    fatal = {field for field, problem in by_field.items() if problem.fatal}
+    assert fatal == {
+        "walls[1].length_m", "walls[2].material", "locations.corner", "locations.den.x_m"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"boxes": [box("south")]}, "boxes[0].name: 'south': must be unique: walls[0] has it"),
+        (
+            {"maze": {"rows": 2, "columns": 2}, "boxes": [box("maze_0", x_m=1.5)], "markers": []},
+            "boxes[0].name: 'maze_0': must be unique: maze has it",
+        ),
+        ({"boxes": [box("a", material="gold")]}, "boxes[0].material: 'gold': must be one of brick"),
+        ({"boxes": [box("a", x_m=0.0, y_m=0.0)]}, "start: (0.0, 0.0): must not lie in a wall or"),
+        (
+            {"bodies": [body(orientation_xyzw=[0.0, 0.0, 0.0, 2.0])]},
+            "bodies[0].orientation_xyzw: (0.0, 0.0, 0.0, 2.0): must have length 1, not 2",
+        ),
+        ({"bodies": [body(name="base_link", mass_kg=1.0)]}, "bodies[0].name: 'base_link': must no"),
+        ({"bodies": [body(name="a\nb")]}, "bodies[0].name: 'a\\nb': must be printable"),
+        (
+            {"bodies": [body(shapes=[{"name": "s", "geometry": {"kind": "cube"}}])]},
+            "bodies[0].shapes[0].geometry: {'kind': 'cube'}: must be of a kind among 'box'",
+        ),
+        (
+            {
+                "bodies": [
+                    body(shapes=[{"name": "s", "geometry": {"kind": "sphere", "radius_m": 1e308}}])
+                ]
+            },
+            "bodies[0].shapes[0].geometry.radius_m: 1e+308: must be <= 1000",
+        ),
+        (
+            {"meshes": [{"name": "m", "file": "m.obj", "x_m": 0, "y_m": 0, "scale": [1, 0, 1]}]},
+            "meshes[0].scale: (1.0, 0.0, 1.0): must not be zero along any axis",
+        ),
+        (
+            {"meshes": [{"name": "m", "file": "m.obj", "x_m": 0, "y_m": 0}]},
+            "meshes[0].file: 'm.obj': ",
+        ),
+        ({"ceiling": {"material": "plain", "height_m": 0.5}}, "ceiling.height_m: 0.5: must be at"),
+        (
+            {"rooms": {"a": {"polygon_m": [[0, 0], [1, 1], [1, 0], [0, 1]]}}},
+            "rooms.a.polygon_m: ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)): must not cross",
+        ),
+        (
+            {"rooms": {"a": {"polygon_m": SQUARE}, "b": {"polygon_m": [*SQUARE]}}},
+            "rooms.b.polygon_m: ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)): must not overlap",
+        ),
+        (
+            {"lights": [{"name": "l", "position_m": [0.0, 0.0, 1.0], "constant": 0.0}]},
+            "lights[0].constant: 0.0: must be > 0, or linear",
+        ),
+        ({"map": "none.yaml"}, "map: 'none.yaml': "),
+        ({"start": {"x_m": 0.0, "y_m": 0.8}}, "start: (0.0, 0.8): must have 0.24 m clear around"),
+        ({"maze": {"cell_m": 0.6}, "wall_thickness_m": 0.3}, "maze.cell_m: 0.6: must be at least"),
+        ({"wall_height_m": 0.2}, "markers[0]: 'aruco_3': reaches"),
+        (
+            {"materials": folder.room()["materials"] | {"spare": {"texture": "gone.png"}}},
+            "materials.spare.texture: 'gone.png': ",
+        ),
+    ],
+)
+def test_a_mistake_of_geometry_is_named(
+    tmp_path: Path, changes: dict[str, Any], expected: str
+) -> None:
+    found = said(tmp_path, folder.room() | changes)
+    assert any(line.startswith(expected) for line in found), found
+
+
+@pytest.mark.parametrize(
+    ("covering", "expected"),
+    [
+        ({"from_m": 1.0, "to_m": 1.0}, "to_m: 1.0: must be greater than from_m, 1"),
+        ({"from_m": -3.0, "to_m": 1.0}, "from_m: -3.0: must lie on the wall: at least -2"),
+        ({"from_m": 0.0, "to_m": 2.1}, "to_m: 2.1: must lie on the wall: at most 2"),
+    ],
+)
+def test_a_covering_lies_on_its_wall(
+    tmp_path: Path, covering: dict[str, float], expected: str
+) -> None:
+    recipe = folder.room()
+    recipe["walls"][0]["coverings"] = [{"side": "left", "material": "plain", **covering}]
+    assert said(tmp_path, recipe) == [f"walls[0].coverings[0].{expected}"]
+
+
+def test_a_narrow_way_is_told(tmp_path: Path) -> None:
+    recipe = folder.room()
+    recipe["walls"].append(
+        {"name": "across", "length_m": 1.6, "x_m": 0.5, "y_m": -0.2, "yaw_rad": 1.5708}
+    )
+    (found,) = said(tmp_path, recipe | {"map_resolution_m": 0.02, "markers": []})
+    assert found.startswith("locations.corner: (1.0, 0.5): must be reached from the start by a way")
+
+
+def test_what_can_run_all_the_same_is_loaded(tmp_path: Path) -> None:
+    recipe = folder.room()
+    recipe["markers"][0]["offset_m"] = 5.0
+    (found,) = said(tmp_path, recipe)
+    assert found.startswith("markers[0]: 'aruco_3': reaches 3.")
+    assert len(load_world("room", worlds_dir=tmp_path).world.markers) == 1
+
+
+def test_a_file_is_checked_where_it_lies(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    assert problems_of(tmp_path / "room.yaml") == ()
+    (found,) = problems_of(tmp_path / "none.yaml")
+    assert str(found) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
+    (tmp_path / "junk.sdf").write_bytes(b"\x00\xff")
+    assert problems_of(tmp_path / "junk.sdf")
+    (found,) = problems_of("../room", worlds_dir=tmp_path)
+    assert found.field == "world_name"
+
+
+@pytest.mark.parametrize("name", ["sim_house", "sim_house_enhanced"])
+def test_the_house_has_no_problem(name: str) -> None:
+    assert problems_of(name) == ()
