@@ -155,16 +155,17 @@ def _completed(
         gain = sees @ left
         gain[overlapping[np.isin(overlapping, chosen).any(1)].ravel()] = -1.0
         gain[chosen] = -1.0
-        best, best_gain, best_seen = -1, 0, covered
+        best, best_gain = -1, 0
         for number in np.argsort(-gain, kind="stable")[:_TRIED].tolist():
             if gain[number] > 0.0:
-                seen = _covered_cells(sight, covered, [places[number][1]])
-                if seen.sum() - covered.sum() > best_gain:
-                    best, best_gain, best_seen = number, int(seen.sum() - covered.sum()), seen
+                rows, columns, seen = sight.window(places[number][1])
+                more = int((seen & ~covered[rows, columns]).sum())
+                if more > best_gain:
+                    best, best_gain = number, more
         if best < 0:
             break
         chosen.append(best)
-        covered = best_seen
+        covered = _covered_cells(sight, covered, [places[best][1]])
     return chosen, covered
 
 
