@@ -8,6 +8,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from services.cli import markers, world
 from services.common.config import ConfigError
 
 app = typer.Typer(
@@ -21,6 +22,8 @@ topics_app = typer.Typer(help="Look at the topics of a running stack.", invoke_w
 recordings_app = typer.Typer(help="Look at what runs have left.", invoke_without_command=True)
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
+app.add_typer(world.app, name="world")
+app.add_typer(markers.app, name="markers")
 
 Connect = Annotated[
     str,

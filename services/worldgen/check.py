@@ -183,8 +183,8 @@ def _of_sdf(
     from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
-    imported = to_recipe(read_sdf(path, roots, arguments), "world")
-    for error in imported.report.errors:
+    sdf = read_sdf(path, roots, arguments)
+    for error in sdf.report.errors:
         place = re.match(r"(?s)(.*?):(\d+)(?::\s*|\s+|$)(.*)", error.where)
         yield Problem(
             file=place[1] if place else error.where or shown_path(path),
@@ -192,6 +192,10 @@ def _of_sdf(
             field=place[3] if place else "",
             must=f"{error.kind}: {error.message}",
         )
+    if sdf.report.errors:
+        # What is left of the world would only give rise to more.
+        return
+    imported = to_recipe(sdf, "world")
     with tempfile.TemporaryDirectory(prefix="mazebot-check-") as folder:
         recipe = Path(folder) / "world.yaml"
         write_recipe(imported, recipe)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from urllib.parse import unquote
 
 MAX_PARENTS = 4
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
+_FUEL_MODEL = re.compile(r"/models/(?P<name>[^/]+)(?:/(?:\d+|tip))?(?:/files/(?P<inner>.+))?/?$")
 _PACKAGE_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
@@ -97,10 +99,14 @@ class Locator:
         name = scheme.group(1).lower()
         rest = uri[scheme.end() :]
         if name in ("http", "https", "fuel", "ign", "gz"):
-            raise LocateError(
-                "URI_INVALID",
-                f"`{uri[:100]}` is remote and nothing is fetched: get it, and {_HINT}",
-            )
+            fetched = list(self._fetched(rest))
+            if not fetched:
+                raise LocateError(
+                    "URI_INVALID",
+                    f"`{uri[:100]}` is remote and nothing is fetched: get it, and {_HINT}",
+                )
+            yield from fetched
+            return
         if name not in ("model", "package", "file") or not rest.startswith("//"):
             raise LocateError(
                 "URI_INVALID", f"`{uri[:100]}` must begin with model://, package:// or file://"
@@ -122,6 +128,14 @@ class Locator:
         for root in (folder, *folder.parents[:MAX_PARENTS], *self._roots):
             if root.name == first:
                 yield root / inner if inner else root
+
+    def _fetched(self, uri: str) -> Iterator[Path]:
+        """Where a person has put a model of Fuel: in a folder of its very name, on the path."""
+        model = _FUEL_MODEL.search(unquote(uri))
+        if model:
+            for root in self._roots:
+                if (root / model["name"]).is_dir():
+                    yield root / model["name"] / (model["inner"] or "")
 
     def _plain(self, path: str, folder: Path) -> Iterator[Path]:
         if path.startswith("/"):

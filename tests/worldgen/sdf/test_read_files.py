@@ -174,6 +174,17 @@ def test_includes_that_cannot_be_had(tmp_path: Path) -> None:
     ]
 
 
+def test_a_model_of_fuel_is_taken_from_the_path(tmp_path: Path) -> None:
+    uri = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground%20Plane/2"
+    world = read_sdf(world_file(tmp_path / "w.sdf", include(uri)))
+    assert kinds(world) == ["URI_INVALID"]
+    assert "--path" in world.report.errors[0].message
+    model_folder(tmp_path / "mine" / "Ground Plane")
+    found = read_sdf(world_file(tmp_path / "w.sdf", include(uri)), [tmp_path / "mine"])
+    assert kinds(found) == []
+    assert found.report.models == 1
+
+
 def test_errors_of_included_files_name_those_files(tmp_path: Path) -> None:
     model_folder(tmp_path / "bad", "\n<link/>")
     file = world_file(tmp_path / "w.sdf", include("model://bad"))

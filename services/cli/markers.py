@@ -1,0 +1,53 @@
+"""`mazebot markers make`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from services.common.config import ROOT, ConfigError
+
+KINDS = ("panel", "cube")
+DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
+
+app = typer.Typer(help="Make models of ArUco markers.", invoke_without_command=True)
+
+
+@app.callback()
+def _overview(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        sys.stdout.write(context.get_help() + "\n")
+
+
+@app.command()
+def make(
+    marker_id: Annotated[int, typer.Argument(metavar="ID", min=0, help="of the marker")],
+    dictionary: Annotated[
+        str, typer.Option(help="OpenCV's name of one, or a file as OpenCV writes it")
+    ] = "DICT_4X4_100",
+    size_m: Annotated[float, typer.Option("--size", help="side of the black square, metres")] = 0.3,
+    kind: Annotated[str, typer.Option(help="panel or cube")] = "panel",
+    quiet_zone: Annotated[
+        int, typer.Option(min=1, max=16, help="white modules around the black square")
+    ] = 1,
+    out: Annotated[Path, typer.Option(help="folder of models")] = ROOT / "models",
+) -> None:
+    """Write models/aruco_id_ID: model.config, model.sdf, meshes and textures, for Gazebo."""
+    from services.worldgen.marker_model import write_marker_model  # noqa: PLC0415
+
+    if kind not in KINDS:
+        raise ConfigError(f"--kind: {kind!r}: must be one of {', '.join(KINDS)}")
+    file = Path(dictionary) if dictionary.endswith(DICTIONARY_FILES) else None
+    folder = write_marker_model(
+        out,
+        marker_id,
+        file.stem if file else dictionary,
+        size_m,
+        "cube" if kind == "cube" else "panel",
+        quiet_zone,
+        dictionary_file=file,
+    )
+    sys.stdout.write(f"{folder}\n")

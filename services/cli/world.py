@@ -1,0 +1,475 @@
+"""`mazebot world list|show|check|build|import|export|preview`."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from services.common.config import ROOT, ConfigError, load
+from services.worldgen.config import WorldgenConfig
+
+if TYPE_CHECKING:
+    from services.common.frames import Array
+    from services.worldgen.loader import LoadedWorld
+    from services.worldgen.sdf.model import ImportReport, SdfWorld
+
+app = typer.Typer(
+    help="Make worlds: recipes, mazes, SDF in and out, maps, previews.",
+    invoke_without_command=True,
+)
+
+SDF_SUFFIXES = (".sdf", ".world", ".xacro")
+RESOURCE_PATHS = ("MAZEBOT_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH")
+FOUND_SOMETHING = 1
+"""Exit code where a world was read and something is wrong in it."""
+
+World = Annotated[str, typer.Argument(help="a world's name, or a recipe's file")]
+Anything = Annotated[str, typer.Argument(help="a world's name, or a file: recipe, SDF or xacro")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="field=value over the recipe's, e.g. wall_height_m=2.5"),
+]
+Arguments = Annotated[
+    list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
+]
+Roots = Annotated[
+    list[Path] | None,
+    typer.Option("--path", help="folder of models, before those of GZ_SIM_RESOURCE_PATH"),
+]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+WorldsDir = Annotated[
+    Path | None, typer.Option("--worlds-dir", help="folder of recipes [default: worlds]")
+]
+
+
+@app.callback()
+def _overview(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        sys.stdout.write(context.get_help() + "\n")
+
+
+@app.command("list")
+def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
+    """Name the worlds that there are."""
+    from services.worldgen.loader import SHORT_NAMES, known_worlds, load_world  # noqa: PLC0415
+
+    folder = _worlds_dir(worlds_dir)
+    short_of = {name: short for short, name in SHORT_NAMES.items()}
+    rows, wrong = [], []
+    for name in known_worlds(folder):
+        try:
+            world = load_world(name, worlds_dir=folder).world
+        except ConfigError as error:
+            wrong.append(str(error))
+            continue
+        rows.append(
+            {
+                "name": name,
+                "short": short_of.get(name, ""),
+                "walls": len(world.walls),
+                "bodies": len(world.bodies),
+                "markers": len(world.markers),
+                "rooms": len(world.rooms),
+                "locations": len(world.locations),
+                "hash": world.hash,
+            }
+        )
+    if as_json:
+        _print_json(rows)
+    else:
+        _print_table(rows)
+    for line in wrong:
+        sys.stderr.write(f"error: {line}\n")
+    if wrong:
+        raise typer.Exit(FOUND_SOMETHING)
+
+
+@app.command()
+def show(
+    world: Anything,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="where every model, link, joint and frame is (SDF)")
+    ] = False,
+    overrides: Set = None,
+    arguments: Arguments = None,
+    path: Roots = None,
+    worlds_dir: WorldsDir = None,
+    as_json: Json = False,
+) -> None:
+    """Say what is in a world."""
+    if frames:
+        if not _is_sdf(world):
+            raise ConfigError(f"--frames: {world!r}: must be an SDF or xacro file")
+        sdf = _read_sdf(Path(world), arguments, path)
+        if as_json:
+            _print_json({"world": sdf.name, "frames": [_frame(frame) for frame in sdf.frames]})
+        else:
+            rows = [_frame(frame) for frame in sdf.frames]
+            _print_table([{**row, **{k: _short(v) for k, v in row.items()}} for row in rows])
+        _tell_errors(sdf.report)
+        return
+    with _loaded(world, overrides, arguments, path, worlds_dir) as loaded:
+        if as_json:
+            _print_json(loaded.world.model_dump(mode="json"))
+            return
+        _print_table([{"": key, "value": value} for key, value in _summary(loaded).items()])
+
+
+@app.command()
+def check(
+    worlds: Annotated[list[str], typer.Argument(help="names of worlds, or files")],
+    overrides: Set = None,
+    arguments: Arguments = None,
+    path: Roots = None,
+    worlds_dir: WorldsDir = None,
+    as_json: Json = False,
+) -> None:
+    """List every problem of worlds, each with file, line and field; exit code 1 if there is one."""
+    from services.worldgen.check import problems_of  # noqa: PLC0415
+
+    found: dict[str, list[dict[str, Any]]] = {}
+    for world in worlds:
+        problems = problems_of(
+            Path(world) if _is_file(world) else world,
+            worlds_dir=_worlds_dir(worlds_dir),
+            overrides=tuple(overrides or ()),
+            arguments=_xacro_arguments(arguments),
+            roots=_roots(path),
+        )
+        found[world] = [problem.model_dump(mode="json") for problem in problems]
+        if not as_json:
+            for problem in problems:
+                sys.stderr.write(f"{problem}\n")
+            count = len(problems)
+            sys.stdout.write(f"{world}: {f'{count} problems' if count else 'all well'}\n")
+    if as_json:
+        _print_json(found)
+    if any(found.values()):
+        raise typer.Exit(FOUND_SOMETHING)
+
+
+@app.command()
+def build(
+    world: World,
+    out: Annotated[Path, typer.Option(help="new folder for everything that is made")],
+    overrides: Set = None,
+    count: Annotated[
+        int, typer.Option(min=1, max=100_000, help="that many mazes, counting up maze.seed")
+    ] = 1,
+    worlds_dir: WorldsDir = None,
+) -> None:
+    """Write all of a world: description, map, plan, GLB, SDF and figures."""
+    from services.worldgen.build import build_world  # noqa: PLC0415
+
+    variants = [tuple(overrides or ())]
+    if count > 1:
+        with _loaded(world, overrides, None, None, worlds_dir) as loaded:
+            if loaded.recipe is None or loaded.recipe.maze is None:
+                raise ConfigError(f"--count: {count}: {world} has no maze, whose seed could count")
+            first = loaded.recipe.maze.seed
+        variants = [(*variants[0], f"maze.seed={seed}") for seed in range(first, first + count)]
+    console = Console(stderr=True)
+    with _new_folder(out) as folder:
+        for variant in track(
+            variants, "building", console=console, transient=True, disable=not console.is_terminal
+        ):
+            with _loaded(world, variant, None, None, worlds_dir) as loaded:
+                inside = folder
+                if count > 1:
+                    inside = folder / f"{loaded.world.name}_{variant[-1].partition('=')[2]}"
+                    inside.mkdir()
+                build_world(loaded, inside)
+    sys.stdout.write(f"{out}: {count} world{'s' if count > 1 else ''}\n")
+
+
+@app.command("import")
+def import_world(
+    file: Annotated[Path, typer.Argument(help="an SDF or xacro file, or a model's folder")],
+    arguments: Arguments = None,
+    path: Roots = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="recipe to write, e.g. worlds/house.yaml; pictures and meshes beside it"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Read a Gazebo world and report what is in it; with --out, make a recipe of it.
+
+    Exit code 0 only without errors.
+    """
+    from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
+
+    sdf = _read_sdf(file, arguments, path)
+    report = sdf.report
+    imported = None
+    if not report.errors:
+        imported = to_recipe(sdf, out.stem if out else _world_name(file))
+        report = imported.report
+    if as_json:
+        _print_json(report.model_dump(mode="json"))
+    else:
+        _print_report(report)
+    _tell_errors(report)
+    if out is not None and imported is not None:
+        write_recipe(imported, out)
+        sys.stdout.write(f"{out}: made of {file}\n")
+
+
+@app.command("export")
+def export(
+    world: World,
+    out: Annotated[Path, typer.Option(help="folder for the SDF file, textures and models")],
+    overrides: Set = None,
+    worlds_dir: WorldsDir = None,
+) -> None:
+    """Write a world as SDF for Gazebo."""
+    from services.worldgen.sdf.export import export_world  # noqa: PLC0415
+
+    with _loaded(world, overrides, None, None, worlds_dir) as loaded:
+        file = export_world(loaded, out)
+    sys.stdout.write(f"{file}: GZ_SIM_RESOURCE_PATH={out} gz sim {file.name}\n")
+
+
+@app.command()
+def preview(
+    world: Anything,
+    out: Annotated[Path | None, typer.Option(help="the plan [default: <name>.png]")] = None,
+    glb: Annotated[Path | None, typer.Option(help="the model [default: <name>.glb]")] = None,
+    overrides: Set = None,
+    arguments: Arguments = None,
+    path: Roots = None,
+    worlds_dir: WorldsDir = None,
+) -> None:
+    """Draw a plan of a world (PNG), and its model (GLB)."""
+    from services.worldgen.preview import plan_png, world_glb  # noqa: PLC0415
+
+    with _loaded(world, overrides, arguments, path, worlds_dir) as loaded:
+        out = out or Path(f"{loaded.world.name}.png")
+        glb = glb or out.with_suffix(".glb")
+        pictures = {out: plan_png(loaded), glb: world_glb(loaded)}
+    for file, data in pictures.items():
+        _write(file, data)
+        sys.stdout.write(f"{file}\n")
+
+
+@contextmanager
+def _loaded(
+    world: str,
+    overrides: Iterable[str] | None,
+    arguments: list[str] | None,
+    path: list[Path] | None,
+    worlds_dir: Path | None,
+) -> Iterator[LoadedWorld]:
+    """A world by name, or of a recipe's or an SDF file."""
+    from services.worldgen.loader import load_file, load_world  # noqa: PLC0415
+    from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
+
+    changes = tuple(overrides or ())
+    if _is_sdf(world):
+        sdf = _read_sdf(Path(world), arguments, path)
+        _tell_errors(sdf.report)
+        with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
+            recipe = Path(folder) / f"{_world_name(Path(world))}.yaml"
+            write_recipe(to_recipe(sdf, recipe.stem), recipe)
+            yield load_file(recipe, overrides=changes)
+    elif _is_file(world):
+        yield load_file(Path(world), overrides=changes)
+    else:
+        yield load_world(world, worlds_dir=_worlds_dir(worlds_dir), overrides=changes)
+
+
+def _read_sdf(file: Path, arguments: list[str] | None, path: list[Path] | None) -> SdfWorld:
+    from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
+
+    return read_sdf(file, _roots(path), _xacro_arguments(arguments))
+
+
+def _worlds_dir(worlds_dir: Path | None) -> Path:
+    return worlds_dir or load(WorldgenConfig, "worldgen", []).worlds_dir
+
+
+def _is_sdf(world: str) -> bool:
+    file = Path(world)
+    return file.suffix in SDF_SUFFIXES or (file / "model.config").is_file()
+
+
+def _is_file(world: str) -> bool:
+    return os.sep in world or Path(world).suffix in (*SDF_SUFFIXES, ".yaml", ".yml")
+
+
+def _world_name(file: Path) -> str:
+    """`tb3 house` for `a/tb3 house.sdf.xacro`, as a recipe may be called."""
+    stem = file.name.split(".")[0]
+    name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in stem)
+    return name.lstrip("_-") or "world"
+
+
+def _roots(path: list[Path] | None) -> tuple[Path, ...]:
+    """Folders of models: those given, then those of the environment."""
+    named = [
+        Path(part)
+        for variable in RESOURCE_PATHS
+        for part in os.environ.get(variable, "").split(os.pathsep)
+        if part
+    ]
+    for root in path or []:
+        if not root.is_dir():
+            raise ConfigError(f"--path: {root}: must be a folder")
+    # Last, so that worlds find the sun and the ground plane where nobody brings his own.
+    return (*(path or []), *named, ROOT / "models")
+
+
+def _xacro_arguments(arguments: list[str] | None) -> dict[str, str]:
+    pairs = {}
+    for argument in arguments or []:
+        name, given, value = argument.partition(":=")
+        if not given or not name:
+            raise ConfigError(f"--arg: {argument!r}: must be name:=value")
+        pairs[name] = value
+    return pairs
+
+
+def _tell_errors(report: ImportReport) -> None:
+    """Write the errors of an import, one a line, and leave if there are any."""
+    for error in report.errors:
+        sys.stderr.write(f"error: {error.where}: {error.kind}: {error.message}\n")
+    if report.errors:
+        raise typer.Exit(FOUND_SOMETHING)
+
+
+def _print_report(report: ImportReport) -> None:
+    def by_type(counts: dict[str, int]) -> str:
+        return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
+
+    lines = [
+        f"world {report.world}: {report.models} models, {report.links} links",
+        f"collisions: {by_type(report.collisions)}",
+        f"visuals:    {by_type(report.visuals)}",
+        f"materials:  {', '.join(report.materials) or 'none'}",
+        f"includes:   {', '.join(include.uri for include in report.includes) or 'none'}",
+        *(f"ignored:    {ignored.what} ({ignored.where})" for ignored in report.ignored),
+    ]
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+def _frame(frame: Any) -> dict[str, Any]:
+    return {
+        "kind": frame.kind,
+        "name": frame.name,
+        "pose_in_model": _pose(frame.model_from_frame),
+        "pose_in_world": _pose(frame.world_from_frame),
+    }
+
+
+def _pose(matrix: Array) -> dict[str, list[float]]:
+    """Position and orientation, the latter also as SDF writes it."""
+    from services.common.frames import quaternion_from_rotation  # noqa: PLC0415
+
+    r = matrix[:3, :3]
+    pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
+    if abs(math.cos(pitch)) > 1e-9:
+        roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
+    else:
+        # Looking straight up or down only the sum or difference of the two counts.
+        roll, yaw = 0.0, math.atan2(-r[0, 1], r[1, 1])
+    return {
+        "position_m": [float(value) for value in matrix[:3, 3]],
+        "rpy_rad": [roll, pitch, yaw],
+        "orientation_xyzw": list(quaternion_from_rotation(r)),
+    }
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        numbers = (*value["position_m"], *value["rpy_rad"])
+        return " ".join(f"{number:.4g}" for number in numbers)
+    return str(value)
+
+
+def _summary(loaded: LoadedWorld) -> dict[str, object]:
+    from services.worldgen.build import figures  # noqa: PLC0415
+
+    world = loaded.world
+    rows, columns = loaded.map_cells.shape
+    return {
+        "name": world.name,
+        "hash": world.hash,
+        "walls": len(world.walls),
+        "bodies": len(world.bodies),
+        "materials": ", ".join(material.name for material in world.materials),
+        "rooms": ", ".join(room.name for room in world.rooms) or "none",
+        "markers": ", ".join(f"{m.id} on {m.wall}" for m in world.markers) or "none",
+        "locations": ", ".join(
+            f"{at.name} ({at.x_m:g}, {at.y_m:g}, {at.yaw_rad:g})" for at in world.locations
+        )
+        or "none",
+        "start": f"({world.start.x_m:g}, {world.start.y_m:g}, {world.start.yaw_rad:g})",
+        "map": f"{columns} x {rows} cells of {world.map_resolution_m:g} m",
+        **{
+            name: f"{value:g}" if isinstance(value, float) else str(value)
+            for name, value in figures(loaded).items()
+        },
+    }
+
+
+def _print_table(rows: list[dict[str, Any]]) -> None:
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in rows[0] if rows else ():
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(*(str(value) for value in row.values()))
+    console = Console()
+    if not console.is_terminal:
+        console.width = 200
+    console.print(table)
+
+
+def _print_json(value: object) -> None:
+    sys.stdout.write(json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """A folder that is there when all of it is.
+
+    Raises ConfigError where it holds something already.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigError(f"--out: {folder}: must be a new or an empty folder")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        making = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise ConfigError(f"--out: {folder}: cannot be made: {error.strerror}") from error
+    try:
+        yield making
+        making.chmod(0o755)
+        making.replace(folder)
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+
+
+def _write(file: Path, data: bytes) -> None:
+    """Raises ConfigError where the file cannot be written."""
+    making = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        making.write_bytes(data)
+        making.replace(file)
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be written: {error.strerror}") from error
+    finally:
+        making.unlink(missing_ok=True)

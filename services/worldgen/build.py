@@ -1,0 +1,38 @@
+"""All that can be made of a world, as files: description, map, plan, model, SDF and figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from services.common.furnish import furnish
+from services.worldgen.difficulty import difficulty
+from services.worldgen.loader import LoadedWorld
+from services.worldgen.map_files import write_map
+from services.worldgen.preview import plan_png, world_glb
+from services.worldgen.sdf.export import export_world
+
+
+def build_world(loaded: LoadedWorld, folder: Path) -> None:
+    """Fill an empty folder: world.json, map.yaml and .pgm, plan.png, world.glb, sdf/, figures.json.
+
+    Raises ConfigError where something cannot be written.
+    """
+    world = loaded.world
+    (folder / "world.json").write_text(world.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    write_map(folder, "map", loaded.map_cells, world.map_resolution_m, loaded.map_origin)
+    (folder / "plan.png").write_bytes(plan_png(loaded))
+    (folder / "world.glb").write_bytes(world_glb(loaded))
+    export_world(loaded, folder / "sdf")
+    figures_json = json.dumps(figures(loaded), indent=2) + "\n"
+    (folder / "figures.json").write_text(figures_json, encoding="utf-8")
+
+
+def figures(loaded: LoadedWorld) -> dict[str, object]:
+    """How hard a world is, and what hangs in it."""
+    entities, _ = furnish(loaded.world)
+    return {
+        **difficulty(loaded).model_dump(),
+        "markers_hanging": len(entities.entities),
+        "markers_refused": len(entities.refused),
+    }
