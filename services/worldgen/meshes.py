@@ -37,6 +37,7 @@ MAX_TEXTURE_PX = 2048
 """Side of a texture; larger ones are made smaller."""
 MAX_IMAGE_PIXELS = 64 * 1024 * 1024
 MAX_NODES = 20_000
+MAX_DEPTH = 50
 MAX_OBJECTS = 2_000
 MAX_COORDINATE_M = 1e5
 
@@ -258,7 +259,8 @@ class _Files(Resolver):
 
 
 def _without_comments(text: bytes) -> bytes:
-    return re.sub(rb"(?m)(^|[ \t])#.*$", b"", text)
+    # Readers take a time that grows with the square of a run of blanks.
+    return re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)(^|[ \t])#.*$", b"", text))
 
 
 def _png(image: Image.Image) -> bytes:
@@ -291,18 +293,32 @@ def _read_stl(data: bytes, _: _Files) -> Iterator[_Piece]:
 
 def _read_obj(data: bytes, files: _Files) -> Iterator[_Piece]:
     data = _without_comments(data)
-    # trimesh joins the names of object, group and material.
-    found = re.findall(rb"(?m)^[ \t]*[og][ \t]+(\S.*?)[ \t\r]*$", data)
-    known = dict.fromkeys(name.decode(errors="replace") for name in found)
-    if len(known) > MAX_OBJECTS:
-        raise _MeshError(f"must have at most {MAX_OBJECTS} objects and groups")
+    known = _obj_names(data)
     scene = trimesh.load_scene(
         io.BytesIO(data), file_type="obj", resolver=files, process=False,
         split_objects=True, split_groups=True, group_material=True,
     )  # fmt: skip
+    # trimesh joins the names of object, group and material.
     for joined, geometry in sorted(scene.geometry.items()):
         of = tuple(name for name in known if f"_{name}_" in f"_{joined}_")
         yield _of_trimesh((joined, *of), geometry, _IDENTITY, files)
+
+
+def _obj_names(data: bytes) -> list[str]:
+    """Of the objects and groups in an OBJ. Raises _MeshError where there are too many of them."""
+    current = {b"o": b"", b"g": b"", b"usemtl": b""}
+    parts: set[tuple[bytes, ...]] = set()
+    names: dict[str, None] = {}
+    for count, (kind, name) in enumerate(
+        found.groups() for found in re.finditer(rb"(?m)^[ \t]*(o|g|usemtl)[ \t]+(\S.*)$", data)
+    ):
+        current[kind] = name.strip()
+        parts.add(tuple(current.values()))
+        if len(parts) > MAX_OBJECTS or count > 10 * MAX_OBJECTS:
+            raise _MeshError(f"must have at most {MAX_OBJECTS} objects, groups and materials")
+        if kind != b"usemtl":
+            names[current[kind].decode(errors="replace")] = None
+    return list(names)
 
 
 def _read_gltf(data: bytes, files: _Files) -> Iterator[_Piece]:
@@ -338,6 +354,15 @@ def _check_header(data: bytes, is_binary: bool) -> None:
         raise _MeshError(f"must have at most {MAX_NODES} nodes")
     if len(set(children)) != len(children):
         raise _MeshError("has a node with two parents")
+    parent = {
+        child: index for index, node in enumerate(nodes) for child in node.get("children", [])
+    }
+    for index in range(len(nodes)):
+        here: int | None = index
+        for _ in range(MAX_DEPTH):
+            here = None if here is None else parent.get(here)
+        if here is not None:
+            raise _MeshError(f"must have nodes at most {MAX_DEPTH} deep, none above itself")
     for accessor in header.get("accessors", []):
         if not 0 <= accessor.get("count", 0) <= 3 * MAX_TRIANGLES:
             raise _MeshError(f"must have at most {MAX_TRIANGLES} triangles")

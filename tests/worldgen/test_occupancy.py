@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from services.common.documents import Body, Box, Cylinder, Location, Planar, Shape, Wall, World
 from services.common.frames import SE2, quaternion_from_yaw
 from services.worldgen.footprint import wall_corners
+from services.worldgen.loader import load_world
 from services.worldgen.occupancy import (
     Grid,
     fill,
@@ -132,8 +133,6 @@ def test_a_turned_grid_has_its_rows_along_its_own_axis() -> None:
 
 @pytest.mark.parametrize("name", ["sim_house", "sim_house_enhanced"])
 def test_no_wall_is_far_from_an_occupied_cell_nor_the_other_way(name: str) -> None:
-    from services.worldgen.loader import load_world
-
     loaded = load_world(name)
     grid = grid_of(loaded.world, {})
     assert grid.origin == loaded.map_origin
