@@ -98,7 +98,7 @@ ENTITIES = Topic(
 )  # fmt: skip
 TF = Topic(
     "/tf", msg.TFMessage, ("physics", "navigation"), ("perception", "recorder"), _LATEST,
-    "odom from base_footprint, map from odom", rate_hz=30, depth=100,
+    "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
 )  # fmt: skip
 TF_STATIC = Topic(
     "/tf_static", msg.TFMessage, ("physics",), ("perception", "navigation", "recorder"), _LATCHED,
