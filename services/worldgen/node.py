@@ -13,7 +13,8 @@ from services.common.messages import CompressedImage, header, occupancy_grid
 from services.common.node import Inbox, Node, Outbox
 from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import LoadedWorld, WorldError, load_world
+from services.worldgen.loader import LoadedWorld, load_world
+from services.worldgen.problems import WorldError
 
 Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 

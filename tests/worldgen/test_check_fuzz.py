@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,7 @@ LARGE: dict[str, Any] = folder.room() | {
     "lights": [{"name": "lamp", "position_m": [0.0, 0.0, 0.9]}],
     "sky": [0.5, 0.5, 0.5, 1.0],
 }
-JUNK = [
+JUNK: list[Any] = [
     None, True, -1, 0, 3, 10**30, float("nan"), float("inf"), -1e308, 1e308, 1e-308, 1e-12, 999.0,
     "", "south", "plain", "../x", "\x85\u202e", "x" * 300, [], {}, [[]], [1, 2, 3], {"a": [1]},
     {"kind": "cone", "radius_m": 1, "length_m": 2}, {"kind": "mesh", "file": "no.obj"},
@@ -68,7 +69,11 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 PLACES = places(LARGE)
-TEXT = yaml.safe_dump(LARGE, sort_keys=False)
+
+
+def written(recipe: Any) -> bytes:
+    text: str = yaml.dump(recipe, Dumper=yaml.CSafeDumper, allow_unicode=True, sort_keys=False)
+    return text.encode()
 
 
 def at(recipe: Any, path: tuple[Any, ...]) -> Any:
@@ -79,7 +84,7 @@ def at(recipe: Any, path: tuple[Any, ...]) -> Any:
 
 def mutated(rng: np.random.Generator) -> bytes:
     """A recipe with a few values changed, or with its text spoilt."""
-    recipe = yaml.safe_load(TEXT)
+    recipe = copy.deepcopy(LARGE)
     for _ in range(rng.integers(1, 4)):
         path, other = (PLACES[rng.integers(len(PLACES))] for _ in range(2))
         try:
@@ -88,15 +93,15 @@ def mutated(rng: np.random.Generator) -> bytes:
                 case 0:
                     del outer[path[-1]]
                 case 1:
-                    outer[path[-1]] = at(recipe, other)
+                    outer[path[-1]] = copy.deepcopy(at(recipe, other))
                 case _:
-                    outer[path[-1]] = JUNK[rng.integers(len(JUNK))]
+                    outer[path[-1]] = copy.deepcopy(JUNK[rng.integers(len(JUNK))])
         except (LookupError, TypeError):
             continue
     try:
-        data = yaml.safe_dump(recipe, allow_unicode=True, sort_keys=False).encode()
+        data = written(recipe)
     except (RecursionError, yaml.YAMLError):
-        data = TEXT.encode()
+        data = written(LARGE)
     match rng.integers(12):
         case 0:
             return data[: rng.integers(len(data))]

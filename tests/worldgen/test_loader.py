@@ -16,7 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from services.worldgen import yaml_source
-from services.worldgen.loader import WorldError, load_world
+from services.worldgen.loader import load_world
+from services.worldgen.problems import WorldError
 from tests.worldgen import folder
 
 LINE = re.compile(r"(?<=\.yaml):\d+")

@@ -12,8 +12,9 @@ from services.common.messages import cells_from_grid
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import WorldError, load_world
+from services.worldgen.loader import load_world
 from services.worldgen.node import WorldgenNode
+from services.worldgen.problems import WorldError
 from tests.worldgen import folder
 
 

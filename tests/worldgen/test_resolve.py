@@ -13,7 +13,8 @@ import pytest
 from services.common.documents import Body, World
 from services.common.frames import rotation_from_quaternion
 from services.common.geometry import mesh_from_bytes
-from services.worldgen.loader import LoadedWorld, WorldError, load_file, load_world
+from services.worldgen.loader import LoadedWorld, load_file, load_world
+from services.worldgen.problems import WorldError
 from tests.worldgen import folder
 
 CUBE_OBJ = """\
