@@ -375,8 +375,9 @@ def test_a_marker_moved_to_another_wall_hangs_there(
         "0 0 0.25 1.5707963267948966 0 0",
         "-1.798 0.427 0.25 0 0 0",
         "-1.798 0.427 9 1.5708 0 1.5708",
+        "-1.8 1.6 0.25 1.5707963267948966 0 1.5707963267948966",
     ],
-    ids=["in mid-room", "lying", "above the wall"],
+    ids=["in mid-room", "lying", "above the wall", "past its end"],
 )
 def test_a_marker_moved_off_its_wall_is_listed(
     house: LoadedWorld, tmp_path: Path, pose: str
