@@ -298,11 +298,12 @@ class Loading:
         if recipe.name != name:
             self.add(Mistake(("name",), recipe.name, f"must be {name!r}, as the file is called"))
         maze = self._maze(recipe)
-        wrong_bodies = set()
+        wrong_bodies: set[str | int] = set()
         for mistake in mistakes(recipe, maze_wall_names(maze)):
             self.add(mistake)
-            if mistake.location[0] == "bodies" and len(mistake.location) > 1:
-                wrong_bodies.add(mistake.location[1])
+            if mistake.location[0] == "bodies":
+                number = mistake.location[1:2] or range(len(recipe.bodies))
+                wrong_bodies.update(number)
         meshes = self._meshes(recipe)
         # Nothing is asked of a shape that may have no triangles.
         bodies = tuple(b for i, b in enumerate(recipe.bodies) if i not in wrong_bodies)
