@@ -32,6 +32,9 @@ MAX_TRIANGLES = 2_000_000
 MIN_SIDES, MAX_SIDES = 32, 128
 """Of what is round."""
 
+MAX_CROSSING_CORNERS = 100
+"""Of a polygon that crosses itself: its crossings may be as many as the square of them."""
+
 _SAGITTA_M = 0.002
 """How far a round body's sides may lie within it, where MAX_SIDES allow it."""
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -123,14 +126,25 @@ def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
 def polygons_of(rings_m: Iterable[Sequence[Point2]]) -> shapely.MultiPolygon:
     """The area within an odd number of closed polygons: one within another is a hole.
 
-    What crosses itself is taken apart; what has no area gives none.
+    What crosses itself is taken apart; what has no area gives none. Raises ValueError, in a phrase,
+    for a polygon that crosses itself with more than MAX_CROSSING_CORNERS.
     """
-    area: Any = shapely.MultiPolygon()
+    areas: list[Any] = []
     for ring in rings_m:
-        if len(ring) >= 3:
-            area = area.symmetric_difference(shapely.make_valid(shapely.Polygon(ring)))
+        polygon = shapely.Polygon(ring) if len(ring) >= 3 else shapely.Polygon()
+        if not polygon.is_valid:
+            if len(ring) > MAX_CROSSING_CORNERS:
+                raise ValueError(f"a polygon of {len(ring)} corners crosses itself")
+            polygon = shapely.make_valid(polygon)
+        areas.append(polygon)
+    # In pairs, and pairs of pairs: one after the other would take their number squared.
+    while len(areas) > 1:
+        rest = areas[len(areas) // 2 * 2 :]
+        pairs = zip(areas[::2], areas[1::2], strict=False)
+        areas = [first.symmetric_difference(second) for first, second in pairs] + rest
+    parts = [part for area in areas for part in shapely.get_parts(area)]
     return shapely.MultiPolygon(
-        [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > 0]
+        [part for part in parts if part.geom_type == "Polygon" and part.area > 0.0]
     )
 
 

@@ -189,6 +189,12 @@ class PhysicsNode(ClockNode):
         try:
             meshes = meshes_of(world, self._assets.files)
             simulation = Simulation(world, self._model, self._config, meshes)
+            try:
+                seen = surfaces(world, meshes) if self._renderer is not None else ()
+                placement = Placement(world, self._config.clear_view_m, meshes)
+            except ValueError:
+                simulation.close()
+                raise
         except ValueError as error:
             inbox.reject(WORLD, "cannot be built")
             _log.error("world '%s' refused: %s", world.name, error)
@@ -196,8 +202,8 @@ class PhysicsNode(ClockNode):
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = simulation
-        self._placement = Placement(world, self._config.clear_view_m, meshes)
-        self._surfaces = surfaces(world, meshes) if self._renderer is not None else ()
+        self._placement = placement
+        self._surfaces = seen
         self._entities = None
         self.world_hash = world.hash
         walls, things, start = len(world.walls), len(world.bodies), world.start

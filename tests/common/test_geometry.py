@@ -156,6 +156,15 @@ def test_polylines_know_islands_in_holes_and_ignore_what_has_no_area() -> None:
     assert nothing.triangles.shape == (0, 3)
 
 
+def test_a_polygon_that_crosses_itself_without_end_is_refused() -> None:
+    bow = ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0))
+    assert volume(triangles_of(Polyline(polygons_m=(bow,), height_m=1.0), {})) == pytest.approx(0.5)
+    places = np.random.default_rng(1).uniform(0.0, 1.0, (5000, 2)).tolist()
+    wild = tuple((x, y) for x, y in places)
+    with pytest.raises(ValueError, match="a polygon of 5000 corners crosses itself"):
+        triangles_of(Polyline(polygons_m=(wild,), height_m=1.0), {})
+
+
 def test_meshes_are_scaled_and_mirrored() -> None:
     box = triangles_of(Box(size_m=(1.0, 1.0, 1.0)), {})
     scaled = triangles_of(Mesh(sha256="a", scale=(-2.0, 1.0, 3.0)), {"a": box})
