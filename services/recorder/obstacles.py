@@ -10,16 +10,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import World
+from services.common.documents import Body, World
+from services.common.footprint import footprints
 from services.common.frames import Array
-from services.common.geometry import TriangleMesh, clipped, mesh_from_bytes, triangles_of
-from services.common.surfaces import pose_matrix, wall_corners
-
-FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which a TurtleBot3 waffle meets things."""
+from services.common.geometry import TriangleMesh, mesh_from_bytes
 
 _FEW = 5_000
-"""Triangles of one mesh that are each taken as they are."""
+"""Polygons of one thing that are each taken as they are."""
 _CELL_M = 0.05
 """What has more is taken in squares of this side."""
 
@@ -40,35 +37,26 @@ def read_meshes(world: World, assets: Mapping[str, bytes]) -> dict[str, Triangle
 def obstacles(world: World, meshes: Mapping[str, TriangleMesh]) -> NDArray[np.object_]:
     """Polygons and lines of all that is solid and never moves; what moves may be out of the way.
 
-    `meshes` are by sha256; one that is not there is left out.
+    `meshes` are by sha256; a body of which one is not there is left out.
     """
-    walls = [*shapely.polygons(wall_corners(world.walls))] if world.walls else []
-    return np.array([*walls, *_of_bodies(world, meshes)], object)
+    still = [body for body in world.bodies if body.mass_kg == 0.0 and _is_whole(body, meshes)]
+    found: list[Any] = []
+    for footprint in footprints(world.model_copy(update={"bodies": tuple(still)}), meshes):
+        for stack in footprint.polygons_m:
+            found += _covered(stack)
+        if footprint.outline_m is not None:
+            # What it winds around cannot be driven into.
+            found += shapely.linestrings(footprint.outline_m).tolist()
+    return np.array(found, object)
 
 
-def _of_bodies(world: World, meshes: Mapping[str, TriangleMesh]) -> Iterator[Any]:
-    for body in world.bodies:
-        for shape in body.shapes:
-            kind = shape.geometry.kind
-            if body.mass_kg > 0.0 or not shape.solid:
-                continue
-            try:
-                mesh = triangles_of(shape.geometry, meshes)
-            except KeyError:
-                continue
-            mesh = mesh.moved(pose_matrix(body) @ pose_matrix(shape))
-            cut = clipped(mesh, FOOT_M, TOP_M)
-            corners = cut.vertices_m[cut.triangles][..., :2]
-            if not len(corners):
-                continue
-            if kind in ("mesh", "polyline"):
-                yield from _covered(corners)
-            else:
-                yield shapely.convex_hull(shapely.multipoints(corners.reshape(-1, 2)))
+def _is_whole(body: Body, meshes: Mapping[str, TriangleMesh]) -> bool:
+    shapes = [shape.geometry for shape in body.shapes]
+    return all(shape.kind != "mesh" or shape.sha256 in meshes for shape in shapes)
 
 
 def _covered(corners: Array) -> Iterator[Any]:
-    """The floor under (n, 3, 2) triangles; an upright one covers a line."""
+    """The floor under (n, k, 2) convex polygons; one as thin as a line covers a line."""
     if len(corners) > _FEW:
         low, high = corners.min(axis=1), corners.max(axis=1)
         large = (high - low).max(axis=1) > _CELL_M

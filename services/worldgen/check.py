@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from services.common.documents import Entities, Marker
+from services.common.footprint import footprints
 from services.common.frames import rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
 from services.common.placement import Panel
 from services.worldgen.clearance import ROBOT_RADIUS_M, cannot_be_reached, clear_m
-from services.worldgen.footprint import footprints
 from services.worldgen.loader import (
     DEFAULT_WORLDS_DIR,
     Draft,

@@ -9,9 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from services.common.documents import Planar, World
+from services.common.footprint import Footprint, footprints
 from services.common.frames import Array
 from services.common.geometry import TriangleMesh
-from services.worldgen.footprint import Footprint, footprints
 from services.worldgen.occupancy import grid_of, occupied_cells
 
 ROBOT_RADIUS_M = 0.24

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from services.common.documents import World
+from services.common.footprint import Footprint, footprints
 from services.common.frames import SE2, Array
 from services.common.geometry import TriangleMesh
-from services.worldgen.footprint import Footprint, footprints
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MARGIN_M = 1.0

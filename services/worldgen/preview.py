@@ -18,12 +18,12 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
 from services.common.documents import Body, Entity, Material, Planar, Rgba, Shape, Wall, World
+from services.common.footprint import Footprint, footprint, wall_corners
 from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from services.common.furnish import furnish
 from services.common.geometry import TriangleMesh, triangles_of
 from services.common.placement import panel_of
 from services.common.surfaces import Surface, surfaces
-from services.worldgen.footprint import Footprint, footprint, wall_corners
 from services.worldgen.loader import LoadedWorld
 from services.worldgen.occupancy import FREE, UNKNOWN
 from services.worldgen.visibility import reachable, seen_from

@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common.footprint import wall_corners
 from services.common.frames import SE2, Array, wrap_angle
-from services.worldgen.footprint import wall_corners
 from services.worldgen.loader import LoadedWorld, load_world
 
 ODOMETRY_NS = 33_333_333

@@ -9,6 +9,7 @@ import pytest
 from services.common import messages as msg
 from services.common import wire
 from services.common.documents import Entities, Entity, NavigationResult
+from services.common.footprint import wall_corners
 from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
 from services.common.node import Envelope
 from services.common.topics import (
@@ -31,7 +32,6 @@ from services.common.topics import (
 from services.navigation.config import NavigationConfig
 from services.navigation.error_codes import ErrorCode
 from services.navigation.node import NavigationNode
-from services.worldgen.footprint import wall_corners
 from services.worldgen.occupancy import Grid, rasterise
 from tests.navigation.driving import (
     IDENTITY,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from services.common.documents import Body, Box, Cylinder, Location, Planar, Shape, Wall, World
+from services.common.footprint import wall_corners
 from services.common.frames import SE2, quaternion_from_yaw
-from services.worldgen.footprint import wall_corners
 from services.worldgen.loader import load_world
 from services.worldgen.occupancy import (
     Grid,

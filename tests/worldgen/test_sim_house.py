@@ -9,8 +9,8 @@ import pytest
 import shapely
 
 from services.common.documents import World
+from services.common.footprint import wall_corners
 from services.common.frames import SE2
-from services.worldgen.footprint import wall_corners
 from services.worldgen.loader import LoadedWorld, known_worlds, load_world
 
 WORLDS = ("sim_house", "sim_house_enhanced")

@@ -8,9 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from services.common import documents as doc
+from services.common.footprint import FOOT_M, TOP_M, Footprint, footprint, footprints
 from services.common.frames import Array, rotation_from_rpy, transform_matrix
 from services.common.geometry import TriangleMesh, triangles_of
-from services.worldgen.footprint import FOOT_M, TOP_M, Footprint, footprint, footprints
 from services.worldgen.occupancy import Grid, grid_around, occupied_cells
 
 MIDDLE_M = (FOOT_M + TOP_M) / 2.0
