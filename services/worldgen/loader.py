@@ -23,6 +23,7 @@ from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from services.worldgen import maze as mazes
 from services.worldgen import png
+from services.worldgen.clearance import nearest_place
 from services.worldgen.map_files import MapFile, disagreement, read_map
 from services.worldgen.mistakes import mistakes
 from services.worldgen.occupancy import FREE, OCCUPIED, Grid, grid_of, occupancy
@@ -321,6 +322,8 @@ class Loading:
         except ValueError as error:
             self.add(Mistake(("map_resolution_m",), recipe.map_resolution_m, str(error)))
             return
+        if recipe.start is None and recipe.maze is None:
+            world = world.model_copy(update={"start": nearest_place(world, self._mesh_of)})
         draft = Draft(recipe, world, self._mesh_of, grid, occupancy(world, self._mesh_of, grid))
         self._judge_places(draft)
         cells, origin = draft.cells, grid.origin

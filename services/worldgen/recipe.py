@@ -309,7 +309,9 @@ class Recipe(Part):
         default_factory=dict, max_length=1000, description="named places to drive to"
     )
     start: PoseRecipe | None = Field(
-        None, description="where the robot stands at the start; none: the maze's, or (0, 0)"
+        None,
+        description="where the robot stands at the start; none: the maze's, or the place nearest "
+        "to (0, 0) where it has room",
     )
     map: FileName | None = Field(
         None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import struct
 import zlib
@@ -360,3 +361,22 @@ def test_whatever_a_recipe_holds_there_is_a_world_or_one_line(
         return
     assert said.startswith(f"{tmp_path}/")
     assert len(said.splitlines()) == 1
+
+
+def test_without_a_start_the_robot_stands_where_it_has_room(tmp_path: Path) -> None:
+    recipe = folder.room()
+    del recipe["start"]
+
+    def start(**changes: Any) -> tuple[float, float]:
+        worlds = folder.make(tmp_path, recipe | changes)
+        at = load_world("room", worlds_dir=worlds).world.start
+        return at.x_m, at.y_m
+
+    assert start() == (0.0, 0.0)
+    pillar = {"name": "pillar", "x_m": 0.0, "y_m": 0.0, "radius_m": 0.3, "height_m": 1.0}
+    assert 0.54 < math.hypot(*start(cylinders=[pillar])) < 0.6
+    # Beyond the wall there would be room much nearer.
+    wide = pillar | {"radius_m": 1.2, "x_m": -0.9}
+    x_m, y_m = start(cylinders=[wide], locations={})
+    assert x_m > 0.5
+    assert abs(y_m) < 1.0
