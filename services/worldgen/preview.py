@@ -23,7 +23,7 @@ from services.common.frames import SE2, Array, rotation_from_quaternion, transfo
 from services.common.furnish import furnish
 from services.common.geometry import TriangleMesh, triangles_of
 from services.common.placement import panel_of
-from services.common.surfaces import Surface, surfaces
+from services.common.surfaces import PLAIN, Surface, surfaces
 from services.worldgen.loader import LoadedWorld
 from services.worldgen.occupancy import FREE, UNKNOWN
 from services.worldgen.visibility import reachable, seen_from
@@ -599,7 +599,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     world = loaded.world
     entities, pictures = furnish(world)
     bodies = {body.name: body for body in world.bodies}
-    looks = {m.name: _look(m, loaded.assets) for m in world.materials}
+    looks = {m.name: _look(m, loaded.assets) for m in (PLAIN, *world.materials)}
     scene: Any = trimesh.Scene()
     # One mesh for each kind and material: a maze has thousands of faces.
     groups: dict[tuple[str, str, bool], list[TriangleMesh]] = {}
