@@ -302,6 +302,7 @@ class _Conversion:
             if link.model not in markers:
                 members.setdefault(link.fixed_to, []).append(link)
         links_of_model = Counter(link.model for link in self._sdf.links)
+        links_of_outermost = Counter(link.model.partition("::")[0] for link in self._sdf.links)
         for root_name, links in members.items():
             root = next((link for link in links if link.name == root_name), links[0])
             body_from_world = inverse_matrix(root.world_from_link)
@@ -316,7 +317,10 @@ class _Conversion:
                         coverings.append((body_from_link @ shape.link_from_shape, shape))
                 parts += self._parts(link, body_from_link)
             short, model = root.name.rpartition("::")[2], root.model.rpartition("::")[2]
-            if links_of_model[root.model] == 1:
+            outermost = root.model.partition("::")[0]
+            if links_of_outermost[outermost] == 1:
+                short = outermost or short
+            elif links_of_model[root.model] == 1:
                 short = model or short
             noted = _json(root.attributes.get("name"), _TEXT)
             yield _Group(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -12,11 +13,7 @@ from services.worldgen.sdf.xml_text import UnreadableError
 
 MAX_SECONDS = 30.0
 """Of waiting; the process itself is given MAX_CPU_SECONDS of work."""
-_MARKS = (
-    b"http://www.ros.org/wiki/xacro",
-    b"http://ros.org/wiki/xacro",
-    b"http://wiki.ros.org/xacro",
-)
+_MARK = re.compile(rb"xmlns:xacro\s*=")
 
 
 class StoppedError(UnreadableError):
@@ -25,7 +22,7 @@ class StoppedError(UnreadableError):
 
 def needs_expansion(file: Path, data: bytes) -> bool:
     """Whether a file is xacro: by its name, or by the namespace it declares."""
-    return file.suffix == ".xacro" or any(mark in data for mark in _MARKS)
+    return file.suffix.lower() == ".xacro" or bool(_MARK.search(data.replace(b"\0", b"")))
 
 
 def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[str, str]) -> bytes:

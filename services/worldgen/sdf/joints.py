@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from services.worldgen.sdf import values
 from services.worldgen.sdf.findings import Findings
 from services.worldgen.sdf.frame_graph import FrameGraph, Item, lookup
 
@@ -47,6 +48,7 @@ def joined(
     result = Joined(links)
     for joint in joints:
         ends = _ends(joint, graph, findings)
+        _check_axes(joint, findings)
         if joint.joint_type != "fixed":
             findings.ignore(
                 f"joint {joint.full_name()} ({joint.joint_type or 'no type'}): its model stands "
@@ -75,7 +77,8 @@ def _ends(joint: Item, graph: FrameGraph, findings: Findings) -> tuple[Item, Ite
         end: Item | None = None
         if name == "world":
             end = outermost if role == "parent" else None
-        elif name != joint.name:
+        elif name != joint.name or role == "child":
+            # Of a joint that is its own child the graph reports a cycle.
             target = lookup(scope, name)
             end = None if target is None else graph.attached(target)
         if end is None:
@@ -95,3 +98,27 @@ def _ends(joint: Item, graph: FrameGraph, findings: Findings) -> tuple[Item, Ite
         )
         return None
     return None if parent is None or child is None else (parent, child)
+
+
+def _check_axes(joint: Item, findings: Findings) -> None:
+    """Report axes without a direction, or with one in a frame that is none."""
+    for element in joint.place.element:
+        if str(element.tag) not in ("axis", "axis2"):
+            continue
+        xyz = element.find("xyz")
+        if xyz is None:
+            continue
+        at = joint.place.at(xyz)
+        try:
+            if (xyz.text or "").strip() and not any(values.vector(xyz.text)):
+                raise ValueError("must not be zero")
+        except ValueError as error:
+            findings.error("ELEMENT_INVALID", at, f"<xyz> {error}")
+        frame = xyz.get("expressed_in") or ""
+        if frame and (joint.scope is None or lookup(joint.scope, frame) is None):
+            findings.error(
+                "JOINT_AXIS_EXPRESSED_IN_INVALID",
+                at,
+                f"expressed_in `{frame}` of joint `{joint.name}` must be the name of a frame, "
+                "link, joint or model in the same model or world",
+            )

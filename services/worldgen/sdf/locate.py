@@ -14,7 +14,10 @@ from urllib.parse import unquote
 MAX_PARENTS = 4
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
-_FUEL_MODEL = re.compile(r"/models/(?P<name>[^/]+)(?:/(?:\d+|tip))?(?:/files/(?P<inner>.+))?/?$")
+_FUEL_MODEL = re.compile(
+    r"//(?P<host>[^/]+)/(?:\d+\.\d+/)?(?P<owner>[^/]+)/models/(?P<name>[^/]+)"
+    r"(?:/(?P<version>\d+|tip))?(?:/files/(?P<inner>.+?))?/?$"
+)
 _PACKAGE_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
@@ -115,7 +118,12 @@ class Locator:
         if not rest:
             raise LocateError("URI_INVALID", f"`{uri[:100]}` must name a file")
         if name == "file":
-            yield from self._plain(rest, folder)
+            # Some worlds write `file://model://...`, which Gazebo takes.
+            inner_scheme = _SCHEME.match(rest)
+            if inner_scheme is not None and inner_scheme.group(1).lower() in ("model", "package"):
+                yield from self._candidates(rest, folder)
+            else:
+                yield from self._plain(rest, folder)
             return
         first, _, inner = rest.lstrip("/").partition("/")
         if name == "package":
@@ -130,12 +138,21 @@ class Locator:
                 yield root / inner if inner else root
 
     def _fetched(self, uri: str) -> Iterator[Path]:
-        """Where a person has put a model of Fuel: in a folder of its very name, on the path."""
+        """Where a model of Fuel is on the path: in a folder of its name, as it is written on Fuel
+        or in the manner of files (`ground_plane`), or where Gazebo keeps what it has fetched
+        (`HOST/OWNER/models/NAME/VERSION`, in small letters).
+        """
         model = _FUEL_MODEL.search(unquote(uri))
-        if model:
-            for root in self._roots:
-                if (root / model["name"]).is_dir():
-                    yield root / model["name"] / (model["inner"] or "")
+        if model is None or ".." in model.groups():
+            return
+        small = model["name"].lower()
+        for root in self._roots:
+            for name in dict.fromkeys((model["name"], small, small.replace(" ", "_"))):
+                if (root / name).is_dir():
+                    yield root / name / (model["inner"] or "")
+            kept = root / model["host"] / model["owner"].lower() / "models" / small
+            for version in _versions(kept, model["version"]):
+                yield version / (model["inner"] or "")
 
     def _plain(self, path: str, folder: Path) -> Iterator[Path]:
         if path.startswith("/"):
@@ -152,6 +169,17 @@ class Locator:
         for root in self._roots:
             if (root / name).is_dir():
                 yield root / name
+
+
+def _versions(folder: Path, wanted: str | None) -> list[Path]:
+    """Folders of a fetched model's versions: the wanted one, else all, the newest first."""
+    try:
+        numbered = [one for one in folder.iterdir() if re.fullmatch(r"\d{1,9}", one.name, re.ASCII)]
+    except (OSError, ValueError):
+        return []
+    if wanted is not None and wanted != "tip":
+        return [one for one in numbered if one.name == wanted]
+    return sorted(numbered, key=lambda one: int(one.name), reverse=True)
 
 
 def _package_name(folder: Path) -> str:

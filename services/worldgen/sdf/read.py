@@ -20,7 +20,7 @@ from services.worldgen.sdf.model import (
     SdfShape,
     SdfWorld,
 )
-from services.worldgen.sdf.scope_tree import ScopeTree, allowed_name, pose_of
+from services.worldgen.sdf.scope_tree import ScopeTree, allowed_name, light_name, pose_of
 from services.worldgen.sdf.shapes import ShapeReader, volume_m3
 from services.worldgen.sdf.sources import SourceError, Sources
 from services.worldgen.sdf.vocabulary import list_unread, own_attributes, own_texts
@@ -164,7 +164,7 @@ class _Resolver:
             model=link.scope.full_name() if link.scope is not None else "",
             world_from_link=self._graph.world_from(link),
             static=static,
-            mass_kg=self._mass(place, density),
+            mass_kg=self._mass(place, density, static),
             fixed_to=first.full_name(),
             shapes=tuple(shapes),
             attributes=own_attributes(place),
@@ -205,7 +205,7 @@ class _Resolver:
             attributes=own_attributes(at),
         )
 
-    def _mass(self, place: Place, collisions: list[tuple[SdfShape, float]]) -> float:
+    def _mass(self, place: Place, collisions: list[tuple[SdfShape, float]], static: bool) -> float:
         """Mass of a link: as given, or of its collisions' volumes where it says `auto`."""
         element = place.element.find("inertial")
         if element is None:
@@ -220,10 +220,17 @@ class _Resolver:
                 self._findings.error("ATTRIBUTE_INVALID", at, f"auto {error}")
         mass_element = element.find("mass")
         if mass_element is not None:
+            at = at.at(mass_element)
             try:
-                return values.positive(mass_element.text)
+                mass_kg = values.not_negative(mass_element.text)
+                if mass_kg > 0.0:
+                    return mass_kg
+                if not static:
+                    raise ValueError("must be > 0")
+                self._findings.ignore("mass of zero of what stands still", at)
+                return DEFAULT_MASS_KG
             except ValueError as error:
-                self._findings.error("LINK_INERTIA_INVALID", at.at(mass_element), f"<mass> {error}")
+                self._findings.error("LINK_INERTIA_INVALID", at, f"<mass> {error}")
                 return DEFAULT_MASS_KG
         if not automatic:
             return DEFAULT_MASS_KG
@@ -243,11 +250,10 @@ class _Resolver:
 
     def _light(self, holder: Item, at: Place, include: Place | None) -> SdfLight | None:
         list_unread(at, self._findings)
-        name = at.element.get("name") or ""
+        name = light_name(at, include)
         posed = at
-        if include is not None:
-            name = (include.element.findtext("name") or "").strip() or name
-            posed = include if include.element.find("pose") is not None else at
+        if include is not None and include.element.find("pose") is not None:
+            posed = include
         if not name.strip():
             self._findings.error("ATTRIBUTE_MISSING", at, "<light> must have a name")
         else:

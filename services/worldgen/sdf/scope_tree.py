@@ -8,7 +8,7 @@ import numpy as np
 from lxml import etree
 
 from services.worldgen.sdf import values
-from services.worldgen.sdf.findings import Findings, Place, Source
+from services.worldgen.sdf.findings import Findings, Place, Source, local_name
 from services.worldgen.sdf.frame_graph import Item, Kind, Pose
 from services.worldgen.sdf.sources import SourceError, Sources
 from services.worldgen.sdf.vocabulary import described, list_unread
@@ -34,6 +34,7 @@ class ScopeTree:
         self._findings = findings
         self._stack: list[Source] = []
         self.lights: list[tuple[Item, Place, Place | None]] = []
+        self._light_names: dict[Item, dict[str, Place]] = {}
 
     def world(self, source: Source) -> Item | None:
         """The world of a file, or one made for its model; None where there is neither."""
@@ -48,6 +49,14 @@ class ScopeTree:
             self._findings.error("ELEMENT_MISSING", root, "<sdf> must have a <world> or a <model>")
             return None
         place = root.at(first)
+        names = {world.get("name"): world for world in reversed(source.root.findall("world"))}
+        for world in source.root.findall("world"):
+            if names[world.get("name")] is not world:
+                self._findings.error(
+                    "DUPLICATE_NAME",
+                    root.at(world),
+                    f"world `{world.get('name')}` must have a name of its own in the file",
+                )
         for other in source.root:
             if str(other.tag) in ("model", "light") and str(other.tag) != str(first.tag):
                 self._findings.ignore(f"{described(root.at(other))} beside <{first.tag}>", root)
@@ -118,10 +127,19 @@ class ScopeTree:
         list_unread(place, self._findings)
         item = self._named("frame", place, scope)
         if item is not None:
-            item.attached_to = place.element.get("attached_to") or ""
+            item.attached_to = self._reference(place, "attached_to")
 
     def _light(self, place: Place, holder: Item, include: Place | None = None) -> None:
         self.lights.append((holder, place, include))
+        name = light_name(place, include)
+        lights = self._light_names.setdefault(holder, {})
+        taken = lights.get(name)
+        if taken is None and holder.kind != "link" and place.source.version >= (1, 7):
+            other = holder.items.get(name)
+            taken = None if other is None else other.place
+        if name and taken is not None:
+            self._duplicate("light", name, include or place, holder, taken)
+        lights.setdefault(name, include or place)
 
     def _model(self, place: Place, scope: Item, depth: int, include: Place | None = None) -> None:
         self._findings.models += 1
@@ -140,14 +158,20 @@ class ScopeTree:
 
     def _fill_model(self, item: Item, place: Place, include: Place | None, depth: int) -> None:
         element = place.element
-        item.canonical_link = element.get("canonical_link") or ""
-        item.placement_frame = element.get("placement_frame") or ""
+        item.canonical_link = self._reference(place, "canonical_link")
+        item.placement_frame = self._reference(place, "placement_frame")
         item.static = self._truth(place, "static") or False
         if include is not None:
             static = self._truth(include, "static")
             item.static = item.static if static is None else static
             placement = (include.element.findtext("placement_frame") or "").strip()
-            if placement:
+            if placement == "__root__":
+                self._findings.error(
+                    "ELEMENT_INVALID",
+                    include,
+                    "<placement_frame> must not be `__root__`, which is reserved",
+                )
+            elif placement:
                 item.placement_frame = placement
                 if include.element.find("pose") is None:
                     self._findings.error(
@@ -281,15 +305,21 @@ class ScopeTree:
         assert scope is not None
         taken = scope.items.get(item.name)
         if taken is None:
+            light = self._light_names.get(scope, {}).get(item.name)
+            if light is not None and item.place.source.version >= (1, 7):
+                self._duplicate(item.kind, item.name, item.place, scope, light)
             scope.items[item.name] = item
             return True
+        self._duplicate(item.kind, item.name, item.place, scope, taken.place)
+        return False
+
+    def _duplicate(self, kind: str, name: str, place: Place, scope: Item, taken: Place) -> None:
         self._findings.error(
             "DUPLICATE_NAME",
-            item.place,
-            f"{item.kind} `{item.name}` must have a name of its own in {scope.kind} "
-            f"`{scope.name}`: a {taken.kind} has it, at {taken.place}",
+            place,
+            f"{kind} `{name}` must have a name of its own in {scope.kind} `{scope.name}`: "
+            f"a {local_name(taken.element.tag)} has it, at {taken}",
         )
-        return False
 
     def _name(self, place: Place, kind: str) -> str:
         name: str | None = place.element.get("name")
@@ -302,9 +332,12 @@ class ScopeTree:
     def _allowed(self, name: str, kind: str, place: Place) -> bool:
         return allowed_name(name, kind, place, self._findings)
 
+    def _reference(self, place: Place, attribute: str) -> str:
+        return reference_in(place, attribute, self._findings)
+
     def _truth(self, place: Place, tag: str) -> bool | None:
         element = place.element.find(tag)
-        if element is None:
+        if element is None or not (element.text or "").strip():
             return None
         try:
             return values.truth(element.text)
@@ -338,6 +371,23 @@ def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool
     return True
 
 
+def light_name(place: Place, include: Place | None) -> str:
+    """The name of a light: the <include>'s, where one that has a name brought it."""
+    name = "" if include is None else (include.element.findtext("name") or "").strip()
+    return name or place.element.get("name") or ""
+
+
+def reference_in(place: Place, attribute: str, findings: Findings) -> str:
+    """The name of a frame in an attribute; empty where there is none, or where none may be."""
+    name = place.element.get(attribute) or ""
+    if name != "__root__":
+        return name
+    findings.error(
+        "ATTRIBUTE_INVALID", place, f"{attribute} must not be `__root__`, which is reserved"
+    )
+    return ""
+
+
 def pose_of(place: Place, findings: Findings) -> Pose:
     """The <pose> of an element; the identity where there is none, or where it is wrong."""
     element: etree._Element | None = place.element.find("pose")
@@ -345,7 +395,7 @@ def pose_of(place: Place, findings: Findings) -> Pose:
         return _still(place)
     at = place.at(element)
     list_unread(at, findings)
-    reference = element.get("relative_to") or ""
+    reference = reference_in(at, "relative_to", findings)
     if element.get("frame") is not None:
         if place.source.version < (1, 7):
             reference = reference or element.get("frame") or ""

@@ -294,9 +294,9 @@ class ShapeReader:
         return self.optional(at, tag, values.colour, None)
 
     def optional(self, at: Place, tag: str, parse: Callable[[str | None], T], default: T) -> T:
-        """The value of a child; the default where it is not there, or is wrong."""
+        """The value of a child; the default where it is not there, is empty, or is wrong."""
         element = at.element.find(tag)
-        if element is None:
+        if element is None or not (element.text or "").strip():
             return default
         try:
             return self._value(at.at(element), tag, parse)

@@ -167,6 +167,12 @@ class Sources:
 
 
 def _version(root: etree._Element, shown: str) -> tuple[int, int]:
+    if local_name(root.tag) == "robot":
+        raise SourceError(
+            "ELEMENT_MISSING",
+            f"{shown} is URDF, must be SDF: `gz sdf -p {shown}` converts it",
+            root.sourceline or 0,
+        )
     if local_name(root.tag) != "sdf":
         raise SourceError(
             "ELEMENT_MISSING",

@@ -143,6 +143,11 @@ def list_unread(place: Place, findings: Findings) -> None:
     once, repeated = _ONCE.get(tag, frozenset()), _REPEATED.get(tag, frozenset())
     not_simulated = _NOT_SIMULATED.get(tag, frozenset())
     seen = set()
+    if tag in _ONCE and len(element):
+        texts = [element.text, *(child.tail for child in element)]
+        for text in texts[tag == "script" :]:
+            if text and text.strip():
+                findings.ignore(f"text `{text.strip()[:40]}` in {tag}", place)
     for child in element:
         name = str(child.tag)
         if name in repeated:

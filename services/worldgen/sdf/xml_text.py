@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from lxml import etree
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 
+_LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
 _FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
 
 
@@ -33,18 +35,26 @@ def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 def tree_of(data: bytes) -> etree._Element:
     """The root element, without comments and processing instructions.
 
-    A prefix that no one declared stays a part of the name, as in SDFormat's own parser. Raises
+    As in SDFormat's own parser a prefix that no one declared stays a part of the name, a namespace
+    without a prefix means nothing, and there may be space before the declaration. Raises
     UnreadableError.
     """
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
     if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
         raise UnreadableError("has a document type or entities of its own, which are refused")
+    # Space goes behind the declaration, so that lines keep their numbers.
+    data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
     root, problem = _parsed(data, recover=False)
     if root is None and _only_prefixes(data):
         root, problem = _parsed(data, recover=True)
     if root is None:
         raise UnreadableError(f"is not well-formed XML: {problem}")
+    default = root.nsmap.get(None)
+    if default is not None:
+        for element in root.iter(f"{{{default}}}*"):
+            if element.prefix is None:
+                element.tag = etree.QName(element).localname
     return root
 
 
