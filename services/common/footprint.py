@@ -44,13 +44,14 @@ class Footprint:
     """(n, 2, 2): closed loops of segments, from and to. All that they wind around is taken."""
 
 
-def wall_corners(wall: doc.Wall) -> list[tuple[float, float]]:
+@functools.lru_cache(maxsize=20_000)
+def wall_corners(wall: doc.Wall) -> tuple[tuple[float, float], ...]:
     """The four corners of a wall's footprint, counter-clockwise."""
     x, y = wall.length_m / 2.0, wall.thickness_m / 2.0
     corners = (
         wall.map_from_wall() @ SE2(a, b, 0.0) for a, b in ((x, y), (-x, y), (-x, -y), (x, -y))
     )
-    return [(corner.x_m, corner.y_m) for corner in corners]
+    return tuple((corner.x_m, corner.y_m) for corner in corners)
 
 
 def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Footprint, ...]:

@@ -300,8 +300,10 @@ class Loading:
             self.add(Mistake(("name",), recipe.name, f"must be {name!r}, as the file is called"))
         maze = self._maze(recipe)
         wrong_bodies: set[str | int] = set()
+        too_much = False
         for mistake in mistakes(recipe, maze_wall_names(maze)):
             self.add(mistake)
+            too_much = too_much or mistake.location == ("walls",)
             if mistake.location[0] == "bodies":
                 number = mistake.location[1:2] or range(len(recipe.bodies))
                 wrong_bodies.update(number)
@@ -312,7 +314,7 @@ class Loading:
             recipe.model_copy(update={"bodies": bodies}), file_name, maze, meshes, use_aruco
         )
         world = self._with_textures(recipe, world)
-        if not (self._thorough or self._may_run()):
+        if too_much or not (self._thorough or self._may_run()):
             return
         # Without a start nothing can be said about what is reached from it.
         if self._sound is not None and not self._sound.dropped.isdisjoint(("start", "maze")):

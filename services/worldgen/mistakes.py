@@ -28,6 +28,8 @@ MIN_SIZE_M = 1e-4
 """Of what is solid: the physics loses what is thinner."""
 ROBOT_HEIGHT_M = 0.25
 MAX_SHAPES = 5000
+MAX_LENGTH_M = 200_000.0
+"""Of walls: what they take on the map is looked at in time that grows with it."""
 MAX_POLYGONS, MAX_CORNERS = 100, 2000
 """Of one polyline."""
 MAX_TURN = 1e-3
@@ -86,6 +88,10 @@ def _names(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
     shapes = sum(len(body.shapes) for body in recipe.bodies)
     if shapes > MAX_SHAPES:
         yield Mistake(("bodies",), f"{shapes} shapes", f"must have at most {MAX_SHAPES}")
+    length_m = sum(wall.length_m for wall in recipe.walls)
+    if length_m > MAX_LENGTH_M:
+        must = f"must be at most {MAX_LENGTH_M:g} m long, all together"
+        yield Mistake(("walls",), f"{length_m:g} m", must)
     for location, thing in things:
         if thing.name in first:
             must = "must be unique: {other} has it"

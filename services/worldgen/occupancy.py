@@ -96,7 +96,10 @@ def rasterise(polygons_m: Iterable[Array], grid: Grid) -> NDArray[np.bool_]:
     """
     # +1 at the first column of each run of cells in a row, -1 after its last.
     runs = np.zeros((grid.rows, grid.columns + 1), np.int32)
-    for stack in polygons_m:
+    alike: dict[int, list[Array]] = {}
+    for one in polygons_m:
+        alike.setdefault(one.shape[1], []).append(one)
+    for stack in map(np.concatenate, alike.values()):
         corners = _in_cells(stack, grid)
         touch = _TOUCH_M / grid.resolution_m
         low = np.floor(corners[..., 1].min(1) + touch).clip(0, grid.rows).astype(np.int64)
