@@ -198,7 +198,9 @@ class RoomRecipe(Part):
         min_length=3, max_length=1000, description="its corners in turn, metres"
     )
     wall_material: Name | None = Field(
-        None, description="of the faces of walls that look into it; none: the walls' own"
+        None,
+        description="of the faces of walls that look into it, but of walls that have a material "
+        "of their own; none: as wall_materials has it",
     )
     floor_material: Name | None = Field(None, description="none: the world's")
 

@@ -84,7 +84,14 @@ def resolve(
         start = maze.start
         locations.setdefault("goal", maze.goal)
     start = recipe.start or start
-    walls = with_room_faces(resolve_walls(recipe, maze), recipe.rooms)
+    # A room looks as it says, but for walls that have a look of their own.
+    own = {wall.name for wall in recipe.walls if wall.material}
+    resolved = resolve_walls(recipe, maze)
+    in_rooms = with_room_faces(resolved, recipe.rooms)
+    walls = tuple(
+        wall if wall.name in own else in_room
+        for wall, in_room in zip(resolved, in_rooms, strict=True)
+    )
     first = next(iter(recipe.materials), "")
     bodies = tuple(
         body for _, thing in placed(recipe) if (body := _body(thing, meshes, first)) is not None

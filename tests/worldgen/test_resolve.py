@@ -119,6 +119,9 @@ def test_rooms_dress_the_faces_that_look_into_them(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert {material.name for material in world.materials} == {"brick", "plain", "other", "own"}
     assert [room.name for room in world.rooms] == ["west", "east"]
+    walls[2]["material"] = "own"
+    north = load(tmp_path, rooms=rooms, materials=materials, walls=walls).world.walls[2]
+    assert (north.material, north.coverings) == ("own", ())
 
 
 def test_meshes_come_with_their_own_materials(tmp_path: Path) -> None:
