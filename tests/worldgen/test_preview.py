@@ -172,3 +172,12 @@ def test_a_large_maze_has_a_legible_plan_of_bounded_size() -> None:
     wall = maze.world.walls[0]
     column, row = view_of(maze).one(wall.x_m, wall.y_m)
     assert picture[TOP_PX + int(row), LEFT_PX + int(column)].max() < 140
+
+
+def test_a_floor_without_a_material_is_grey_in_the_model(enhanced: LoadedWorld) -> None:
+    world = enhanced.world.model_copy(update={"floor_material": ""})
+    scene: Any = trimesh.load(
+        io.BytesIO(world_glb(replace(enhanced, world=world))), file_type="glb"
+    )
+    material = scene.geometry["floor_"].visual.material
+    assert list(material.baseColorFactor[:3]) == [128, 128, 128]

@@ -102,8 +102,11 @@ def write_recipe(imported: ImportedWorld, file: Path) -> None:
     """Write a recipe, and what it needs in the folders beside it.
 
     A picture or mesh gets another name where one that differs has its name already. The recipe is
-    written last, and replaces none but an earlier import's. Raises ConfigError.
+    written last, and replaces none but an earlier import's. Raises ConfigError, also where there is
+    nothing that a recipe could hold.
     """
+    if not (imported.recipe.get("walls") or imported.recipe.get("bodies")):
+        raise ConfigError(f"{file}: is not written: the world has nothing but a floor")
     try:
         if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
             raise ConfigError(f"{file}: is there already, and was not made by an import")

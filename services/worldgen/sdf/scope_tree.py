@@ -17,6 +17,8 @@ MAX_DEPTH = 24
 """Of models in models."""
 MAX_NAME = 256
 
+_TOPS = ("world", "model", "include", "light")
+"""What a file may hold, by rank where it holds several."""
 _JOINT_TYPES = (
     *("ball", "continuous", "fixed", "gearbox", "prismatic", "revolute", "revolute2"),
     *("screw", "universal"),
@@ -41,36 +43,36 @@ class ScopeTree:
         root = Place(source, source.root)
         list_unread(root, self._findings)
         self._stack.append(source)
-        worlds = source.root.find("world")
-        first = worlds if worlds is not None else source.root.find("model")
-        if first is None:
-            first = source.root.find("light")
+        found = (source.root.find(tag) for tag in _TOPS)
+        first = next((element for element in found if element is not None), None)
         if first is None:
             self._findings.error("ELEMENT_MISSING", root, "<sdf> must have a <world> or a <model>")
             return None
-        place = root.at(first)
-        names = {world.get("name"): world for world in reversed(source.root.findall("world"))}
-        for world in source.root.findall("world"):
-            if names[world.get("name")] is not world:
-                self._findings.error(
-                    "DUPLICATE_NAME",
-                    root.at(world),
-                    f"world `{world.get('name')}` must have a name of its own in the file",
-                )
+        names: dict[str | None, None] = {}
         for other in source.root:
-            if str(other.tag) in ("model", "light") and str(other.tag) != str(first.tag):
+            if str(other.tag) in _TOPS and str(other.tag) != str(first.tag):
                 self._findings.ignore(f"{described(root.at(other))} beside <{first.tag}>", root)
-        if str(first.tag) != "world":
-            name = first.get("name") or "world"
-            world = Item("world", name, _still(place), place)
-            if str(first.tag) == "model":
-                self._model(place, world, 0)
-            else:
-                self._light(place, world)
-            return world
-        name = self._name(place, "world") or "world"
-        world = Item("world", name, _still(place), place)
-        self._contents(place, world, 0)
+            elif str(other.tag) == "world":
+                if other.get("name") in names:
+                    self._findings.error(
+                        "DUPLICATE_NAME",
+                        root.at(other),
+                        f"world `{other.get('name')}` must have a name of its own in the file",
+                    )
+                names[other.get("name")] = None
+        place = root.at(first)
+        tag = str(first.tag)
+        name = self._name(place, "world") if tag == "world" else first.get("name")
+        world = Item("world", name or "world", _still(place), place)
+        if tag == "world":
+            self._contents(place, world, 0)
+        elif tag == "model":
+            self._model(place, world, 0)
+        elif tag == "include":
+            self._include(place, world, 0)
+            world.name = next(iter(world.items), world.name)
+        else:
+            self._light(place, world)
         return world
 
     def _contents(self, place: Place, scope: Item, depth: int) -> None:
@@ -222,6 +224,10 @@ class ScopeTree:
                 self._merge(top, place, scope, depth)
             else:
                 self._model(top, scope, depth, place)
+        elif self._merges(place):
+            self._findings.error(
+                "MERGE_INCLUDE_UNSUPPORTED", place, f"a <{tops[0].tag}> cannot be merged"
+            )
         elif tops[0].tag == "light":
             self._light(top, scope, place)
         self._stack.pop()

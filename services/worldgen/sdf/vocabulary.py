@@ -11,7 +11,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _ONCE: dict[str, frozenset[str]] = {
-    "sdf": _words("world model light"),
+    "sdf": _words("world model include light"),
     "world": _words("scene"),
     "model": _words("pose static"),
     "include": _words("uri name pose static placement_frame"),

@@ -497,6 +497,18 @@ def test_a_recipe_is_written_with_what_it_needs(tmp_path: Path) -> None:
         write_recipe(world, target / "own.yaml/below.yaml")
 
 
+def test_a_world_of_nothing_but_a_floor_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nothing but a floor"):
+        write_recipe(imported(tmp_path / "sdf", GROUND), tmp_path / "hall.yaml")
+    assert not (tmp_path / "hall.yaml").exists()
+
+
+def test_an_included_model_has_the_name_of_the_outermost(tmp_path: Path) -> None:
+    chair = model("chair", link("l", both(box("1 1 1"), pose="0 0 3 0 0 0")))
+    world = imported(tmp_path, "".join(model(f"seat_{i}", chair) for i in range(3)))
+    assert [body["name"] for body in world.recipe["bodies"]] == ["seat_0", "seat_1", "seat_2"]
+
+
 def test_a_wood_of_300_cylinders_is_quick(tmp_path: Path) -> None:
     trunk = "<geometry><cylinder><radius>0.1</radius><length>1</length></cylinder></geometry>"
     inside = "".join(

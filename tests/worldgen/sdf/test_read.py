@@ -255,10 +255,15 @@ def fixed(parent: str, child: str) -> str:
     return linked(f'<joint name="j" type="fixed">{ends}</joint>')
 
 
+def turning(axis: str) -> str:
+    return linked(f'<joint name="j" type="revolute">{ENDS}<axis>{axis}</axis></joint>')
+
+
 def visual(more: str) -> str:
     return model(f'<link name="l"><visual name="v">{BOX}{more}</visual></link>')
 
 
+LAMP = '<light name="lamp" type="point"/>'
 ENDS = "<parent>a</parent><child>b</child>"
 POINTS = "<point>0 0</point><point>1 0</point><height>1</height>"
 TWO_VISUALS = (
@@ -274,6 +279,10 @@ TWO_VISUALS = (
         ("DUPLICATE_NAME", model(LINK + '<frame name="link"/>')),
         ("DUPLICATE_NAME", model(LINK) + '<frame name="m"/>'),
         ("DUPLICATE_NAME", model(TWO_VISUALS)),
+        ("DUPLICATE_NAME", LAMP + LAMP),
+        ("DUPLICATE_NAME", model(LINK) + LAMP.replace("lamp", "m")),
+        ("DUPLICATE_NAME", LAMP.replace("lamp", "m") + model(LINK)),
+        ("DUPLICATE_NAME", model(f'<link name="l">{LAMP}{LAMP}</link>')),
         ("RESERVED_NAME", '<model name="world">' + LINK + "</model>"),
         ("RESERVED_NAME", model('<link name="__model__"/>')),
         ("RESERVED_NAME", model('<link name="a"/><frame name="__x__"/>')),
@@ -286,6 +295,10 @@ TWO_VISUALS = (
         ("ATTRIBUTE_INVALID", linked('<joint name="j" type="magic">' + ENDS + "</joint>")),
         ("ATTRIBUTE_INVALID", model('<pose rotation_format="matrix">0 0 0 0 0 0</pose>' + LINK)),
         ("ATTRIBUTE_INVALID", model('<pose degrees="yes">0 0 0 0 0 0</pose>' + LINK)),
+        ("ATTRIBUTE_INVALID", model('<pose relative_to="__root__"/>' + LINK)),
+        ("ATTRIBUTE_INVALID", model(LINK + '<frame name="f" attached_to="__root__"/>')),
+        ("ATTRIBUTE_INVALID", model(LINK, 'placement_frame="__root__"')),
+        ("ATTRIBUTE_INVALID", model(LINK, 'canonical_link="__root__"')),
         ("ELEMENT_MISSING", linked('<joint name="j" type="fixed"><parent>a</parent></joint>')),
         ("ELEMENT_MISSING", model('<link name="l"><collision name="c"/></link>')),
         ("ELEMENT_MISSING", collision("<box/>")),
@@ -312,6 +325,10 @@ TWO_VISUALS = (
         (
             "LINK_INERTIA_INVALID",
             model('<link name="l"><inertial><mass>-1</mass></inertial></link>'),
+        ),
+        (
+            "LINK_INERTIA_INVALID",
+            model('<link name="l"><inertial><mass>0</mass></inertial></link>'),
         ),
         ("MODEL_WITHOUT_LINK", model("")),
         ("FRAME_ATTACHED_TO_INVALID", model(LINK + '<frame name="f" attached_to="no"/>')),
@@ -342,6 +359,9 @@ TWO_VISUALS = (
         ("JOINT_PARENT_LINK_INVALID", fixed("j", "b")),
         ("JOINT_CHILD_LINK_INVALID", fixed("a", "no")),
         ("JOINT_CHILD_LINK_INVALID", fixed("a", "world")),
+        ("JOINT_AXIS_EXPRESSED_IN_INVALID", turning('<xyz expressed_in="no">0 0 1</xyz>')),
+        ("ELEMENT_INVALID", turning("<xyz>0 0 0</xyz>")),
+        ("ELEMENT_INVALID", turning("<xyz>0 1</xyz>")),
         ("JOINT_PARENT_SAME_AS_CHILD", fixed("b", "b")),
         ("JOINT_PARENT_SAME_AS_CHILD", fixed("b", "f")),
         ("URI_LOOKUP", collision("<mesh><uri>model://no/mesh.dae</uri></mesh>")),
@@ -438,6 +458,44 @@ def test_the_same_thing_left_out_is_listed_once_with_its_number(tmp_path: Path) 
     (specular,) = world.report.ignored
     assert specular.what == "specular"
     assert specular.where.endswith("visual v0/material/specular (and 2 more)")
+
+
+def test_a_joint_that_is_its_own_child_is_a_cycle(tmp_path: Path) -> None:
+    world = read(tmp_path, fixed("a", "j"))
+    assert kinds(world) == ["FRAME_ATTACHED_TO_CYCLE", "JOINT_CHILD_LINK_INVALID"]
+
+
+def test_an_axis_may_point_along_the_axes_of_any_frame_beside_it(tmp_path: Path) -> None:
+    for name in ("__model__", "a", "f", "j"):
+        clean(read(tmp_path, turning(f'<xyz expressed_in="{name}">0 0 1</xyz>')))
+
+
+def test_text_that_means_nothing_is_listed(tmp_path: Path) -> None:
+    world = clean(read(tmp_path, model(LINK) + " --> "))
+    assert ignored(world) == ["text `-->` in world"]
+
+
+def test_elements_without_a_value_have_the_default(tmp_path: Path) -> None:
+    world = clean(
+        read(
+            tmp_path,
+            model("<static/><pose/>" + LINK)
+            + '<light name="lamp" type="point"><pose></pose><diffuse> </diffuse></light>',
+        )
+    )
+    assert not world.links[0].static
+    assert world.lights[0].diffuse == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_what_stands_still_needs_no_mass(tmp_path: Path) -> None:
+    massless = '<link name="l"><inertial><mass>0</mass></inertial></link>'
+    world = clean(read(tmp_path, model("<static>1</static>" + massless)))
+    assert ignored(world) == ["mass of zero of what stands still"]
+
+
+def test_a_name_may_be_a_lights_and_a_models_before_1_7(tmp_path: Path) -> None:
+    clean(read(tmp_path, model(LINK) + LAMP.replace("lamp", "m"), version="1.6"))
+    assert kinds(read(tmp_path, LAMP + LAMP, version="1.6")) == ["DUPLICATE_NAME"]
 
 
 def test_a_joint_to_the_world_holds_its_link(tmp_path: Path) -> None:

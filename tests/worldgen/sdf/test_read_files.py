@@ -185,6 +185,120 @@ def test_a_model_of_fuel_is_taken_from_the_path(tmp_path: Path) -> None:
     assert found.report.models == 1
 
 
+@pytest.mark.parametrize(
+    ("folder", "uri"),
+    [
+        ("ground_plane", "Ground Plane"),
+        ("ground plane", "Ground%20Plane/tip"),
+        ("fuel.gazebosim.org/openrobotics/models/ground plane/10", "Ground Plane"),
+        ("fuel.gazebosim.org/openrobotics/models/ground plane/9", "Ground Plane/9"),
+    ],
+)
+def test_a_model_of_fuel_may_be_in_a_folder_of_gazebos_manner(
+    tmp_path: Path, folder: str, uri: str
+) -> None:
+    roots = [tmp_path / "mine"]
+    for version in ("9", "10"):
+        if folder.endswith(version):
+            model_folder(roots[0] / folder)
+            model_folder((roots[0] / folder).with_name("8"), "")
+    if not folder[-1].isdigit():
+        model_folder(roots[0] / folder)
+    uri = f"https://fuel.gazebosim.org/1.0/OpenRobotics/models/{uri}"
+    world = clean(read_sdf(world_file(tmp_path / "w.sdf", include(uri)), roots))
+    assert world.report.links == 1
+
+
+def test_a_uri_may_have_two_schemes(tmp_path: Path) -> None:
+    model_folder(tmp_path / "models" / "box", LINK)
+    (tmp_path / "models" / "box" / "face.png").write_bytes(b"picture")
+    look = (
+        "<material><pbr><metal><albedo_map>file://model://box/face.png</albedo_map></metal></pbr>"
+        "</material>"
+    )
+    link = f'<link name="l"><visual name="v">{BOX}{look}</visual></link>'
+    inside = f'<model name="m">{link}</model>'
+    world = clean(read_sdf(world_file(tmp_path / "w.sdf", inside)))
+    material = world.links[0].shapes[0].material
+    assert material is not None
+    assert material.albedo_map == (tmp_path / "models" / "box" / "face.png").resolve()
+
+
+def test_a_file_may_hold_an_include_alone(tmp_path: Path) -> None:
+    model_folder(tmp_path / "models" / "box")
+    file = tmp_path / "w.sdf"
+    file.write_text(f'<sdf version="1.9">{include("model://box", "<name>crate</name>")}</sdf>')
+    world = clean(read_sdf(file))
+    assert (world.name, [link.name for link in world.links]) == ("crate", ["crate::link"])
+    assert world.report.ignored == ()
+
+
+def test_only_models_are_merged(tmp_path: Path) -> None:
+    (tmp_path / "lamp.sdf").write_text('<sdf version="1.9"><light name="lamp" type="point"/></sdf>')
+    inside = '<include merge="true"><uri>lamp.sdf</uri></include>'
+    world = read_sdf(world_file(tmp_path / "w.sdf", inside))
+    assert kinds(world) == ["MERGE_INCLUDE_UNSUPPORTED"]
+
+
+PLAIN = f'<sdf version="1.9"><world name="w"><model name="m">{LINK}</model></world></sdf>'
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        PLAIN.encode("utf-8-sig"),
+        PLAIN.encode("utf-16"),
+        ('<?xml version="1.0" encoding="ISO-8859-1"?>' + PLAIN.replace('m"', 'Möbel"')).encode(
+            "latin-1"
+        ),
+        ("\n \n<?xml version='1.0'?>\n" + PLAIN).encode(),
+        PLAIN.replace(">", ">\r\n").encode(),
+        PLAIN.replace("<sdf", '<sdf xmlns="http://sdformat.org/root"').encode(),
+        PLAIN.replace("<link", "<!-- a --><link").replace("1 1 1", "1 <!-- b -->1\n\t1").encode(),
+        PLAIN.replace("1 1 1", "<![CDATA[1e0 +1.0 1.]]>").encode(),
+    ],
+    ids=["mark", "utf-16", "latin-1", "late", "crlf", "namespace", "comments", "cdata"],
+)
+def test_xml_may_be_written_in_many_ways(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "w.SDF").write_bytes(data)
+    world = clean(read_sdf(tmp_path / "w.SDF"))
+    assert world.report.collisions == {"box": 1}
+    assert world.report.ignored == ()
+
+
+def test_lines_are_those_of_the_file_behind_a_late_declaration(tmp_path: Path) -> None:
+    (tmp_path / "w.sdf").write_text("\n\n<?xml version='1.0'?>\n" + PLAIN.replace("1 1 1", "1"))
+    (error,) = read_sdf(tmp_path / "w.sdf").report.errors
+    assert error.where.startswith("w.sdf:4: ")
+
+
+def test_urdf_is_called_by_its_name(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text('<robot name="r"><link name="a"/></robot>')
+    (error,) = read_sdf(tmp_path / "r.urdf").report.errors
+    assert error.kind == "ELEMENT_MISSING"
+    assert "is URDF, must be SDF" in error.message
+
+
+def test_xacro_is_known_by_any_address_and_in_any_encoding(tmp_path: Path) -> None:
+    text = PLAIN.replace('name="m"', 'name="m${1 + 1}"')
+    text = text.replace("<sdf", '<sdf xmlns:xacro="http://ros.org/xacro"')
+    (tmp_path / "a.sdf").write_text(text)
+    (tmp_path / "b.sdf").write_text(
+        '<?xml version="1.0" encoding="utf-16"?>' + text, encoding="utf-16"
+    )
+    for name in ("a.sdf", "b.sdf"):
+        assert clean(read_sdf(tmp_path / name)).links[0].name == "m2::link"
+
+
+def test_two_worlds_of_a_file_have_two_names(tmp_path: Path) -> None:
+    for other, expected in (("v", []), ("w", ["DUPLICATE_NAME"])):
+        second = f'</world><world name="{other}"><model name="n">{LINK}</model>'
+        world = read_sdf(world_file(tmp_path / "w.sdf", f'<model name="m">{LINK}</model>{second}'))
+        assert kinds(world) == expected
+        assert [one.what for one in world.report.ignored] == ["second <world>"]
+        assert world.report.models == 1
+
+
 def test_errors_of_included_files_name_those_files(tmp_path: Path) -> None:
     model_folder(tmp_path / "bad", "\n<link/>")
     file = world_file(tmp_path / "w.sdf", include("model://bad"))
