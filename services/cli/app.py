@@ -191,7 +191,7 @@ def main() -> NoReturn:
         sys.stderr.write(f"error: {' '.join(error.format_message().split())}\n")  # type: ignore[attr-defined]
         code = 2
     except ConfigError as error:
-        sys.stderr.write(f"error: {error}\n")
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         code = 2
     except (KeyboardInterrupt, typer.Abort):
         code = 130

@@ -8,7 +8,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -32,7 +32,7 @@ app = typer.Typer(
     invoke_without_command=True,
 )
 
-SDF_SUFFIXES = (".sdf", ".world", ".xacro")
+FILE_SUFFIXES = (".sdf", ".world", ".xacro", ".yaml", ".yml")
 RESOURCE_PATHS = ("MAZEBOT_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH")
 FOUND_SOMETHING = 1
 """Exit code where a world was read and something is wrong in it."""
@@ -70,7 +70,10 @@ def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
     folder = _worlds_dir(worlds_dir)
     short_of = {name: short for short, name in SHORT_NAMES.items()}
     rows, wrong = [], []
-    for name in known_worlds(folder):
+    known = known_worlds(folder)
+    if not known:
+        raise ConfigError(f"--worlds-dir: {folder}: holds no *.yaml")
+    for name in known:
         try:
             world = load_world(name, worlds_dir=folder).world
         except ConfigError as error:
@@ -213,6 +216,8 @@ def import_world(
     """
     from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
 
+    if out is not None:
+        _refuse_no_recipe(out)
     sdf = _read_sdf(file, arguments, path)
     report = sdf.report
     imported = None
@@ -259,11 +264,14 @@ def preview(
 
     with _loaded(world, overrides, arguments, path, worlds_dir) as loaded:
         out = out or Path(f"{loaded.world.name}.png")
+        plan = _writable("--out", out)
+        # `with_suffix` has no answer for a name that is none, which is refused above.
         glb = glb or out.with_suffix(".glb")
-        pictures = {out: plan_png(loaded), glb: world_glb(loaded)}
-    for file, data in pictures.items():
-        _write(file, data)
-        sys.stdout.write(f"{file}\n")
+        model = _writable("--glb", glb)
+        if plan == model:
+            raise ConfigError(f"--glb: {glb}: must be another file than the plan")
+        _write({plan: plan_png(loaded), model: world_glb(loaded)})
+    sys.stdout.write(f"{out}\n{glb}\n")
 
 
 @contextmanager
@@ -279,6 +287,7 @@ def _loaded(
     from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
 
     changes = tuple(overrides or ())
+    _refuse_unused(world, arguments, path)
     if _is_sdf(world):
         sdf = _read_sdf(Path(world), arguments, path)
         _tell_errors(sdf.report)
@@ -292,6 +301,13 @@ def _loaded(
         yield load_world(world, worlds_dir=_worlds_dir(worlds_dir), overrides=changes)
 
 
+def _refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | None) -> None:
+    """Raises ConfigError for options that say nothing about a recipe."""
+    for option, given in (("--arg", arguments), ("--path", path)):
+        if given and not _is_sdf(world):
+            raise ConfigError(f"{option}: {given[0]}: {world} is no SDF or xacro file")
+
+
 def _read_sdf(file: Path, arguments: list[str] | None, path: list[Path] | None) -> SdfWorld:
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
@@ -303,12 +319,30 @@ def _worlds_dir(worlds_dir: Path | None) -> Path:
 
 
 def _is_sdf(world: str) -> bool:
-    file = Path(world)
-    return file.suffix in SDF_SUFFIXES or (file / "model.config").is_file()
+    from services.worldgen.check import is_sdf  # noqa: PLC0415
+
+    return is_sdf(Path(world))
 
 
 def _is_file(world: str) -> bool:
-    return os.sep in world or Path(world).suffix in (*SDF_SUFFIXES, ".yaml", ".yml")
+    return os.sep in world or Path(world).suffix in FILE_SUFFIXES
+
+
+def _refuse_no_recipe(file: Path) -> None:
+    """Raises ConfigError where no world could be loaded from what is written to a file."""
+    from pydantic import TypeAdapter, ValidationError  # noqa: PLC0415
+
+    from services.worldgen.recipe import Name  # noqa: PLC0415
+
+    try:
+        TypeAdapter(Name).validate_python(file.stem)
+        named = file.suffix == ".yaml"
+    except ValidationError:
+        named = False
+    if not named:
+        must = "must be called NAME.yaml, NAME of letters, digits, _, - and points"
+        raise ConfigError(f"--out: {file}: {must}")
+    _writable("--out", file, new_folder=True)
 
 
 def _world_name(file: Path) -> str:
@@ -346,7 +380,8 @@ def _xacro_arguments(arguments: list[str] | None) -> dict[str, str]:
 def _tell_errors(report: ImportReport) -> None:
     """Write the errors of an import, one a line, and leave if there are any."""
     for error in report.errors:
-        sys.stderr.write(f"error: {error.where}: {error.kind}: {error.message}\n")
+        said = f"{error.where}: {error.kind}: {error.message}"
+        sys.stderr.write(f"error: {' '.join(said.split())}\n")
     if report.errors:
         raise typer.Exit(FOUND_SOMETHING)
 
@@ -446,11 +481,13 @@ def _print_json(value: object) -> None:
 def _new_folder(folder: Path) -> Iterator[Path]:
     """A folder that is there when all of it is.
 
-    Raises ConfigError where it holds something already.
+    Raises ConfigError where it holds something already, or cannot be made.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigError(f"--out: {folder}: must be a new or an empty folder")
     try:
+        if folder.is_symlink() or (
+            folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        ):
+            raise ConfigError(f"--out: {folder}: must be a new or an empty folder")
         folder.parent.mkdir(parents=True, exist_ok=True)
         making = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     except OSError as error:
@@ -459,17 +496,48 @@ def _new_folder(folder: Path) -> Iterator[Path]:
         yield making
         making.chmod(0o755)
         making.replace(folder)
+    except OSError as error:
+        raise ConfigError(f"--out: {folder}: cannot be made: {error.strerror}") from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
 
 
-def _write(file: Path, data: bytes) -> None:
-    """Raises ConfigError where the file cannot be written."""
-    making = file.with_name(f".{file.name}.{os.getpid()}")
+def _writable(option: str, file: Path, new_folder: bool = False) -> Path:
+    """Where a file will be written: what a link points to, so that the link stays.
+
+    Its folder must be there, unless a new one is made.
+
+    Raises ConfigError where there is something that is no file, or no folder to write into.
+    """
     try:
-        making.write_bytes(data)
-        making.replace(file)
+        target = file.resolve()
+        if not target.name or (target.exists() and not target.is_file()):
+            raise ConfigError(f"{option}: {file}: must be a file, or not there yet")
+        if not (new_folder or target.parent.is_dir()):
+            raise ConfigError(f"{option}: {file}: there is no folder {file.parent}")
+    # Links that lead in a circle.
+    except (OSError, RuntimeError) as error:
+        said = getattr(error, "strerror", None) or "the links lead in a circle"
+        raise ConfigError(f"{option}: {file}: cannot be written: {said}") from error
+    return target
+
+
+def _write(files: Mapping[Path, bytes]) -> None:
+    """Write files, all of them or none. Raises ConfigError where one cannot be written."""
+    making: dict[Path, Path] = {}
+    file = None
+    try:
+        for file, data in files.items():
+            descriptor, name = tempfile.mkstemp(prefix=".mazebot-", dir=file.parent)
+            making[file] = Path(name)
+            with os.fdopen(descriptor, "wb") as opened:
+                opened.write(data)
+            # A temporary file is for its owner alone.
+            making[file].chmod(0o644)
+        for file, made in making.items():
+            made.replace(file)
     except OSError as error:
         raise ConfigError(f"{file}: cannot be written: {error.strerror}") from error
     finally:
-        making.unlink(missing_ok=True)
+        for made in making.values():
+            made.unlink(missing_ok=True)

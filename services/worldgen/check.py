@@ -57,7 +57,11 @@ def problems_of(
 
 def is_sdf(path: Path) -> bool:
     """Whether a path is one of Gazebo's files, by its name, or a folder of a model."""
-    return path.suffix in SDF_SUFFIXES or (path / "model.config").is_file()
+    try:
+        return path.suffix in SDF_SUFFIXES or (path / "model.config").is_file()
+    except OSError:
+        # A name that is too long, which reading will tell.
+        return False
 
 
 def _judged(
@@ -113,6 +117,8 @@ def _room_to_stand(draft: Draft) -> Iterator[Mistake]:
 def _markers(draft: Draft) -> Iterator[Mistake]:
     """Markers must hang where one can see them."""
     markers = draft.world.markers
+    if not markers:
+        return
     walls = {wall.name for wall in draft.world.walls}
     entities, _ = furnish(draft.world, meshes=draft.meshes)
     hung = {entity.name for entity in entities.entities}

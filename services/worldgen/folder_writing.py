@@ -43,13 +43,17 @@ def write_folder(
 def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise ConfigError(f"{folder}: must be a folder, or not there yet")
-    for file in sorted(folder.rglob("*")) if folder.is_dir() else ():
-        name = file.relative_to(folder).as_posix()
-        if (file.is_symlink() or not file.is_dir()) and not is_ours(name):
-            raise ConfigError(
-                f"{folder}: holds {name}, which was not written by this command: must be a new or "
-                "an empty folder"
-            )
+    # One level after the other: the first that is foreign ends it, however much there is.
+    for inside, folders, files in os.walk(folder):
+        folders.sort()
+        links = [name for name in folders if (Path(inside) / name).is_symlink()]
+        for file in sorted([*files, *links]):
+            name = (Path(inside) / file).relative_to(folder).as_posix()
+            if not is_ours(name):
+                raise ConfigError(
+                    f"{folder}: holds {name}, which was not written by this command: must be a "
+                    "new or an empty folder"
+                )
 
 
 def _swap(making: Path, folder: Path) -> None:

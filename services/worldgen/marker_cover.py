@@ -18,17 +18,20 @@ from services.common.furnish import MAX_MARKERS, PanelStyle, furnish
 from services.common.geometry import TriangleMesh
 from services.common.placement import Panel, Placement, hang, panel_of
 from services.worldgen.recipe import MarkerCoverRecipe
-from services.worldgen.visibility import Bits, Sight
+from services.worldgen.visibility import FARTHEST_M, WIDEST_RAD, Bits, Sight
 
 SPACING_M = 0.25
 """Between the places on a wall's face that are tried, where there are not too many."""
-MAX_PLACES = 3000
+MAX_PLACES = 1500
 
 _SAMPLE_M = 0.2
 """Between the places of the floor that are counted, where there are not too many."""
 _MAX_SAMPLES = 20_000
 _MAX_ENTRIES = 60_000
-"""Of the integer program's matrix: beyond, places are chosen greedily."""
+_MAX_VARIABLES = 1200
+"""Of the integer program: beyond either, places are chosen greedily. Its time grows with the cube
+of the variables and more: two seconds with these many, minutes with three times as many.
+"""
 _MAX_NODES = 60
 """Of the search: a count, not a clock, so that the same world gets the same markers."""
 _ROUNDS = 2
@@ -84,6 +87,10 @@ def best_cover(
     if covered.sum() >= recipe.share * floor:
         return Cover((), float(covered.sum() / floor), True)
     most = min(recipe.max_markers, MAX_MARKERS - len(hanging))
+    seen_by_one = WIDEST_RAD * FARTHEST_M**2 / world.map_resolution_m**2
+    if covered.sum() + most * seen_by_one < recipe.share * floor:
+        # Told before anything is tried: a large maze would take minutes.
+        raise _too_few(covered.sum() / floor + most * seen_by_one / floor, hanging, most, recipe)
     identities = _identities(world, recipe, most)
     places = _places(world, identities[0], hanging, meshes)
     every = max(
@@ -112,10 +119,7 @@ def best_cover(
         if len(best) == least or _covered(sees, chosen) < wanted:
             break
     if not best:
-        raise ValueError(
-            f"must be at most {math.floor(share * 100.0) / 100.0:.2f}: {len(hanging) + most} "
-            f"markers reach no more (max_markers: {recipe.max_markers})"
-        )
+        raise _too_few(share, hanging, most, recipe)
     markers = [places[number][0] for number in sorted(best)]
     seen = _covered_cells(sight, covered, [places[number][1] for number in best])
     return Cover(
@@ -125,6 +129,15 @@ def best_cover(
         ),
         float(seen.sum() / floor),
         len(best) == least,
+    )
+
+
+def _too_few(
+    share: float, hanging: Sequence[Panel], most: int, recipe: MarkerCoverRecipe
+) -> ValueError:
+    return ValueError(
+        f"must be at most {math.floor(share * 100.0) / 100.0:.2f}: {len(hanging) + most} "
+        f"markers reach no more (max_markers: {recipe.max_markers})"
     )
 
 
@@ -300,12 +313,15 @@ def _fewest(
     sees: sparse.csr_array, overlapping: NDArray[np.int64], wanted: int, enough: int
 ) -> tuple[list[int], bool]:
     """The fewest places that cover as many samples as wanted, and whether it is proven; none where
-    the search ends before it finds any. `enough` of them are known to do.
+    there is too much to search, or the search ends before it finds any. `enough` of them are known
+    to do.
 
     Samples that are seen from the same places count as one, with a weight; places that see nothing
     that another one does not see too are left out.
     """
     places = _worth_trying(sees)
+    if len(places) + _kinds(sees[places]) > _MAX_VARIABLES:
+        return [], False
     matrix = sees[places].toarray().astype(np.bool_)
     columns, weight = np.unique(np.packbits(matrix, axis=0), axis=1, return_counts=True)
     kinds = np.unpackbits(columns, axis=0, count=len(places)).astype(np.float64)
@@ -346,6 +362,15 @@ def _fewest(
     if result.x is None:
         return [], False
     return places[result.x[:count] > 0.5].tolist(), result.status == 0
+
+
+def _kinds(sees: sparse.csr_array) -> int:
+    """How many kinds of samples there are by the places that see them, those of none left out: by
+    a sum of a number of each place, which two kinds share as good as never.
+    """
+    of_place = np.random.default_rng(0).integers(1, 2**62, size=sees.shape[0])
+    seen = sparse.csr_array((sees.data.astype(np.int64), sees.indices, sees.indptr), sees.shape)
+    return len(np.setdiff1d(seen.T @ of_place, [0]))
 
 
 def _worth_trying(sees: sparse.csr_array) -> NDArray[np.int64]:

@@ -31,9 +31,14 @@ def read_dictionary(file: Path) -> cv2.aruco.Dictionary:
     Raises ConfigError in one line for anything else.
     """
     try:
-        if file.stat().st_size > MAX_BYTES:
+        if file.exists() and not file.is_file():
+            # Opening a pipe would wait for ever.
+            raise ConfigError(f"{file}: must be a file")
+        with file.open("rb") as opened:
+            data = opened.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
             raise ConfigError(f"{file}: must have at most {MAX_BYTES} bytes")
-        text = file.read_text(encoding="utf-8")
+        text = data.decode()
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -60,15 +65,37 @@ def _content(file: Path, text: str) -> Mapping[str, Any]:
         else:
             # OpenCV begins its files with a directive that YAML does not know: %YAML:1.0
             head, _, rest = text.partition("\n")
-            content = yaml.load(rest if head.startswith("%YAML") else text, yaml.BaseLoader)
+            content = _flat(rest if head.startswith("%YAML") else text)
     except (
         yaml.YAMLError, etree.XMLSyntaxError, ValueError, RecursionError,
     ) as error:  # fmt: skip
         words = " ".join(str(error).split())
         raise ConfigError(f"{file}: neither YAML nor JSON nor XML: {words:.120}") from error
     if not isinstance(content, dict):
-        raise ConfigError(f"{file}: must be a mapping with nmarkers, markersize, marker_0, ...")
+        raise ConfigError(
+            f"{file}: must be a flat mapping with nmarkers, markersize, marker_0, ..."
+        )
     return content
+
+
+def _flat(text: str) -> dict[str, str] | None:
+    """Keys and values of a YAML mapping of texts, None for anything else.
+
+    By the events of the parser, which ends at the first that does not belong: what a loader makes
+    of four megabytes of lists and aliases takes minutes.
+    """
+    inside: list[str] = []
+    kinds = ("StreamStart", "DocumentStart", "MappingStart")
+    for number, event in enumerate(yaml.parse(text, yaml.CSafeLoader)):
+        name = type(event).__name__.removesuffix("Event")
+        if number < len(kinds):
+            if name != kinds[number]:
+                return None
+        elif isinstance(event, yaml.ScalarEvent):
+            inside.append(event.value)
+        else:
+            break
+    return dict(zip(inside[::2], inside[1::2], strict=True)) if name == "MappingEnd" else None
 
 
 def _number(file: Path, content: Mapping[str, Any], key: str, low: int, high: int) -> int:

@@ -25,7 +25,7 @@ Kind = Literal["panel", "cube"]
 
 PANEL_THICKNESS_M = 0.001
 """Behind the face, which is at z = 0: less than the gap in which panels hang before their wall."""
-MAX_SIZE_M = 100.0
+MIN_SIZE_M, MAX_SIZE_M = 1e-3, 100.0
 
 
 def write_marker_model(
@@ -49,6 +49,8 @@ def write_marker_model(
     written or holds something else already.
     """
     own = read_dictionary(dictionary_file) if dictionary_file else None
+    if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
+        raise ConfigError(f"size_m: {size_m!r}: must be from {MIN_SIZE_M:g} to {MAX_SIZE_M:g}")
     try:
         marker = Marker(
             id=marker_id, dictionary=dictionary, size_m=size_m, wall="", side="left",
@@ -61,8 +63,6 @@ def write_marker_model(
     problem = marker_picture.identity_problem(marker, own)
     if problem:
         raise ConfigError(problem)
-    if marker.size_m > MAX_SIZE_M:
-        raise ConfigError(f"size_m: {size_m!r}: must be at most {MAX_SIZE_M:g}")
     files = marker_model_files(marker, kind, own)
     return write_folder(folder / model_name(marker.id), files, files.__contains__)
 

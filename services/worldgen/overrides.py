@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,7 +28,8 @@ def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location,
     """The place that an override names in what a recipe holds, and the value to put there.
 
     Steps are joined by points. A field may go without its unit, and the parts of a list are found
-    by number or by name: `walls.Wall_3.length=2`. Values are YAML.
+    by number or by name: `walls.3.length=2`, `walls[3].length=2`, `walls.Wall_3.length=2`. Values
+    are YAML.
 
     Raises WorldError.
     """
@@ -37,7 +39,7 @@ def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location,
     field, given, text = override.partition("=")
     if not given or not field.strip():
         raise _wrong(shown, "must be field=value")
-    steps = field.strip().split(".")
+    steps = re.sub(r"\[(\d+)\]", r".\1", field.strip(), flags=re.ASCII).split(".")
     kinds: list[Any] = types_of(Recipe)
     here: Any = content
     place: list[str | int] = []

@@ -1,6 +1,7 @@
 """`mazebot world ...` and `mazebot markers ...`: what a person sees, and what is on the disk."""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,7 @@ def test_import_reports_and_makes_a_recipe(yard: Path, tmp_path: Path) -> None:
 
 
 def test_import_refuses_what_is_wrong_and_writes_nothing(yard: Path, tmp_path: Path) -> None:
-    yard.write_text(GAZEBO.replace("model://sun", "https://fuel.gazebosim.org/1.0/x/models/Sun"))
+    yard.write_text(GAZEBO.replace("model://sun", "https://fuel.gazebosim.org/1.0/x/models/Elm"))
     out = tmp_path / "worlds" / "yard.yaml"
     done = mazebot("world", "import", str(yard), "--out", str(out))
     assert done.returncode == 1
@@ -205,3 +206,69 @@ def test_names_that_are_none(tmp_path: Path) -> None:
     assert missing.returncode == 1
     assert len(missing.stderr.splitlines()) == 1
     assert_one_line(mazebot("world", "show", "maze", "--set", "maze.rws=3"), "maze.rws", "rows")
+
+
+def test_a_link_or_a_thing_that_is_no_file_is_never_replaced(room: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    plan = tmp_path / "shown.png"
+    (tmp_path / "link.png").symlink_to(plan)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "to_empty").symlink_to(tmp_path / "empty")
+    before = sorted(tmp_path.rglob("*"))
+    for option, out, words in (
+        ("--out", "pipe", "must be a file"),
+        ("--out", "empty", "must be a file"),
+        ("--glb", "pipe", "must be a file"),
+        ("--out", "no/plan.png", "there is no folder"),
+        ("--glb", "no/plan.glb", "there is no folder"),
+        ("--out", "x" * 300, "cannot be"),
+        ("--out", "room.yaml/x.png", "there is no folder"),
+    ):
+        done = mazebot("world", "preview", str(room), option, str(tmp_path / out))
+        assert_one_line(done, option, words)
+    same = str(tmp_path / "same.png")
+    done = mazebot("world", "preview", str(room), "--out", same, "--glb", same)
+    assert_one_line(done, "--glb", "another file")
+    for out in ("to_empty", "x" * 300, "room.yaml/x"):
+        assert_one_line(mazebot("world", "build", str(room), "--out", str(tmp_path / out)), "--out")
+    assert sorted(tmp_path.rglob("*")) == before
+    link = str(tmp_path / "link.png")
+    assert mazebot("world", "preview", str(room), "--out", link).returncode == 0
+    assert (tmp_path / "link.png").is_symlink()
+    assert plan.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_an_import_makes_only_what_can_be_loaded(yard: Path, tmp_path: Path) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    for name in ("yard.txt", "my yard.yaml", ".yaml", "-yard.yaml", "h\u00f6f.yaml"):
+        done = mazebot("world", "import", str(yard), "--out", str(tmp_path / "worlds" / name))
+        assert_one_line(done, "--out", "NAME.yaml")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_names_of_files_are_told_in_one_line(tmp_path: Path, room: Path) -> None:
+    for name in ("a\nb.yaml", "x" * 300 + ".yaml", "x" * 300):
+        assert_one_line(mazebot("world", "show", str(tmp_path / name)), "cannot be read")
+    assert_one_line(mazebot("world", "import", str(tmp_path / "a\nb.sdf")), "FILE_READ")
+    assert_one_line(mazebot("world", "show", str(room), "--arg", "x:=1"), "--arg", "no SDF")
+    assert_one_line(mazebot("world", "show", str(room), "--path", "x"), "--path", "no SDF")
+    (tmp_path / "none").mkdir()
+    empty = mazebot("world", "list", "--worlds-dir", str(tmp_path / "none"))
+    assert_one_line(empty, "--worlds-dir", "holds no *.yaml")
+
+
+def test_files_lie_where_names_have_spaces_and_letters_of_all_kinds(tmp_path: Path) -> None:
+    folder = tmp_path / "h\u00e4user neu"
+    folder.mkdir()
+    (folder / "room.yaml").write_text(ROOM)
+    (folder / "my yard.sdf").write_text(GAZEBO)
+    room, yard = str(folder / "room.yaml"), str(folder / "my yard.sdf")
+    for arguments in (
+        ("check", room, yard),
+        ("preview", yard, "--out", str(folder / "a plan.png")),
+        ("export", room, "--out", str(folder / "sdf out")),
+        ("import", str(folder / "sdf out" / "room.sdf"), "--out", str(folder / "again" / "r.yaml")),
+    ):
+        done = mazebot("world", *arguments)
+        assert done.returncode == 0, done.stderr
+    assert mazebot("world", "check", str(folder / "again" / "r.yaml")).returncode == 0

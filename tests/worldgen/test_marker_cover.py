@@ -4,10 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from services.common.frames import SE2
 from services.common.furnish import furnish
 from services.common.placement import panel_of
+from services.worldgen import marker_cover
 from services.worldgen.loader import LoadedWorld, load_world
 from services.worldgen.marker_cover import best_cover, cover
 from services.worldgen.recipe import MarkerCoverRecipe
@@ -94,3 +96,28 @@ def test_no_choice_of_fewer_covers_a_small_room() -> None:
         panels = [panel_of(entity) for entity in entities.entities]
         shares.append(covered_share(one, panels, cells, origin))
     assert 0.3 < max(shares) < 0.9
+
+
+def test_what_takes_too_long_to_solve_is_chosen_greedily(monkeypatch: pytest.MonkeyPatch) -> None:
+    def solved(*_: object, **__: object) -> None:
+        pytest.fail("the integer program of a large maze takes minutes")
+
+    monkeypatch.setattr(optimize, "milp", solved)
+    maze = load_world("maze", overrides=("maze.rows=10", "maze.columns=10"))
+    found = best_cover(maze.world, maze.map_cells, maze.map_origin, wanted(share=0.6))
+    assert found.share >= 0.6
+    # The program finds 13 in some seconds.
+    assert len(found.markers) <= 16
+    assert not found.proven_fewest
+
+
+def test_more_floor_than_all_markers_show_is_refused_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def tried(*_: object) -> None:
+        pytest.fail("no place need be tried")
+
+    monkeypatch.setattr(marker_cover, "_places", tried)
+    maze = load_world("maze", overrides=("maze.rows=20", "maze.columns=20"))
+    with pytest.raises(ValueError, match=r"must be at most 0\.\d\d: 2 markers reach no more"):
+        cover(maze.world, maze.map_cells, maze.map_origin, wanted(max_markers=2))

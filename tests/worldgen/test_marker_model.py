@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -200,9 +201,11 @@ def test_a_dictionary_of_ones_own_as_opencv_writes_it(tmp_path: Path, suffix: st
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("", "must be a mapping with nmarkers"),
-        ("- 1\n- 2\n", "must be a mapping with nmarkers"),
-        ("a: [1, 2\n", "neither YAML nor JSON nor XML"),
+        ("", "must be a flat mapping with nmarkers"),
+        ("- 1\n- 2\n", "must be a flat mapping with nmarkers"),
+        ("a: [" + "{a: 1}," * 500_000 + "]", "must be a flat mapping with nmarkers"),
+        ("a: &a [1]\nnmarkers: *a\n", "must be a flat mapping with nmarkers"),
+        ("a: 1\nb", "neither YAML nor JSON nor XML"),
         ("{" * 5000, "neither YAML nor JSON nor XML"),
         ("<a><b></a>", "neither YAML nor JSON nor XML"),
         (json.dumps({**OWN, "nmarkers": -1}), "nmarkers: -1: must be a whole number"),
@@ -226,6 +229,15 @@ def test_a_bad_dictionary_is_one_line(tmp_path: Path, content: str, said: str) -
     assert not (tmp_path / "models").exists()
 
 
+def test_a_dictionary_is_read_from_a_file_alone(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yml")
+    (tmp_path / "zero.yml").symlink_to("/dev/zero")
+    (tmp_path / "folder.yml").mkdir()
+    for name in ("pipe.yml", "zero.yml", "folder.yml"):
+        with pytest.raises(ConfigError, match=f"{name}: must be a file"):
+            write_marker_model(tmp_path, 0, "own", dictionary_file=tmp_path / name)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -234,7 +246,8 @@ def test_a_bad_dictionary_is_one_line(tmp_path: Path, content: str, said: str) -
         ({"dictionary": "DICT_5"}, "dictionary: 'DICT_5': must be one of DICT_4X4_100"),
         ({"size_m": 0.0}, "size_m: 0.0: "),
         ({"size_m": float("nan")}, "size_m: nan: "),
-        ({"size_m": 1e9}, "size_m: 1000000000.0: must be at most 100"),
+        ({"size_m": 1e-300}, "size_m: 1e-300: must be from 0.001 to 100"),
+        ({"size_m": 1e9}, "size_m: 1000000000.0: must be from 0.001 to 100"),
         ({"quiet_zone_modules": 0}, "quiet_zone_modules: 0: "),
         ({"dictionary_file": Path("/no/such")}, "/no/such: cannot be read"),
     ],

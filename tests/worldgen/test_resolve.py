@@ -176,7 +176,7 @@ def test_a_quaternion_of_a_hand_is_made_a_unit_one(tmp_path: Path) -> None:
     ("override", "value"),
     [
         ("wall_height_m=2.5", 2.5), ("wall_height=2.5", 2.5), ("walls.0.height=2", 2.0),
-        ("walls.south.height_m=2e0", 2.0),
+        ("walls.south.height_m=2e0", 2.0), ("walls[0].height_m=2", 2.0),
     ],
 )  # fmt: skip
 def test_an_override_is_put_over_the_recipe(tmp_path: Path, override: str, value: float) -> None:
