@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from services.common.documents import (
     Body,
@@ -26,6 +25,9 @@ from services.common.documents import (
 from services.common.frames import Array, transform_matrix
 from services.common.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
 from services.common.surfaces import is_floor, pose_matrix
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 MAX_HULL_POINTS = 256
 """Of a convex body; of more, those farthest out in so many directions are kept."""
@@ -174,6 +176,9 @@ def _hull(pose: Array, points: Array) -> Solid:
 
 
 def _convex(points: Array) -> ConvexHull:
+    # It takes a second to import, and most worlds have no hulls.
+    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
+
     try:
         return ConvexHull(points)
     except (QhullError, ValueError) as error:

@@ -8,7 +8,7 @@ from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
 from services.recorder.obstacles import obstacles, read_meshes
-from services.recorder.shortest_path import ShortestPath
+
+if TYPE_CHECKING:
+    from services.recorder.shortest_path import ShortestPath
 
 GOAL_TOLERANCE_M = 0.25
 """A goal counts as reached within this distance, Nav2's `xy_goal_tolerance`."""
@@ -196,6 +198,9 @@ class RunEvaluation:
 
     @cached_property
     def _shortest_path(self) -> ShortestPath:
+        # It takes a second to import, and is first needed when a goal has been reached.
+        from services.recorder.shortest_path import ShortestPath  # noqa: PLC0415
+
         return ShortestPath(obstacles(self._world, read_meshes(self._world, self._assets)))
 
     def _settle(self) -> None:

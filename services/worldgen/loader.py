@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from services.common.config import ROOT, ConfigError
 from services.common.documents import Planar, World
 from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
-from services.worldgen import maze as mazes
 from services.worldgen import png
 from services.worldgen.clearance import nearest_place
 from services.worldgen.map_files import MapFile, disagreement, read_map
@@ -55,6 +54,9 @@ from services.worldgen.resolve import (
 )
 from services.worldgen.sound_parts import SoundParts, sound_parts
 from services.worldgen.yaml_source import Source, read_source
+
+if TYPE_CHECKING:
+    from services.worldgen.maze import Maze
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
 SHORT_NAMES = {
@@ -344,11 +346,14 @@ class Loading:
     def _may_run(self) -> bool:
         return not any(problem.fatal for problem in self.problems)
 
-    def _maze(self, recipe: Recipe) -> mazes.Maze | None:
+    def _maze(self, recipe: Recipe) -> Maze | None:
         if recipe.maze is None:
             return None
+        # It brings Numba, for which most worlds need not wait.
+        from services.worldgen.maze import generate  # noqa: PLC0415
+
         try:
-            return mazes.generate(recipe.maze, recipe.wall_thickness_m)
+            return generate(recipe.maze, recipe.wall_thickness_m)
         except ValueError as error:
             self.add(Mistake(("maze", "cell_m"), recipe.maze.cell_m, str(error)))
             return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from services.common.frames import (
     rotation_from_rpy,
 )
 from services.common.geometry import TriangleMesh
-from services.worldgen.maze import Maze
 from services.worldgen.mistakes import Placed, placed
 from services.worldgen.recipe import (
     BodyRecipe,
@@ -29,6 +29,9 @@ from services.worldgen.recipe import (
     ShapeRecipe,
 )
 from services.worldgen.room_faces import with_room_faces
+
+if TYPE_CHECKING:
+    from services.worldgen.maze import Maze
 
 MeshKey = tuple[str, str | None, bool]
 """File, submesh, and whether the submesh's middle is put at the origin."""
