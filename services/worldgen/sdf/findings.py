@@ -82,8 +82,8 @@ class Findings:
     def ignore(self, what: str, where: Place) -> None:
         """Something is not simulated. The same thing in one file is told once, with its number."""
         key = (" ".join(what.split())[:200], where.source.shown)
-        first, count = self._ignored.get(key, ("", 0))
-        self._ignored[key] = (first or str(where), count + 1)
+        first, count = self._ignored.get(key) or (str(where), 0)
+        self._ignored[key] = first, count + 1
 
     def include(self, uri: str, name: str, file: str) -> None:
         """A file was included."""

@@ -14,8 +14,10 @@ from services.worldgen.sdf.locate import LocateError, Locator
 from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of, tree_of
 
 FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
-MAX_ELEMENTS = 120_000
-"""In all files together, each as often as it is included."""
+MAX_ELEMENTS = 150_000
+"""Elements and attributes in all files together, each as often as it is included."""
+MAX_ATTRIBUTES = 256
+"""Of one element: each is looked up among all of them."""
 MAX_INCLUDES = 3000
 MAX_EXPANSIONS = 16
 """Of xacro files: each has a process of its own."""
@@ -94,7 +96,7 @@ class Sources:
         if path not in self._opened:
             try:
                 source = self._read(path)
-                self._opened[path] = source, sum(1 for _ in source.root.iter())
+                self._opened[path] = source, _size(source)
             except SourceError as error:
                 self._opened[path] = error
         found = self._opened[path]
@@ -103,7 +105,9 @@ class Sources:
         source, elements = found
         self._elements += elements
         if self._elements > MAX_ELEMENTS:
-            raise SourceError("FILE_READ", f"more than {MAX_ELEMENTS} elements in all files")
+            raise SourceError(
+                "FILE_READ", f"more than {MAX_ELEMENTS} elements and attributes in all files"
+            )
         return source
 
     def _read(self, path: Path) -> Source:
@@ -164,6 +168,22 @@ class Sources:
         if not self.locator.may_read(best[1]):
             raise SourceError("URI_INVALID", f"{shown}: the model's file lies outside of the path")
         return best[1].resolve()
+
+
+def _size(source: Source) -> int:
+    """Number of elements and attributes. Raises SourceError."""
+    count = 0
+    for element in source.root.iter():
+        attributes = len(element.attrib)
+        if attributes > MAX_ATTRIBUTES:
+            raise SourceError(
+                "FILE_READ",
+                f"{source.shown}: <{local_name(element.tag)[:60]}> has {attributes} attributes, "
+                f"must have at most {MAX_ATTRIBUTES}",
+                element.sourceline or 0,
+            )
+        count += 1 + attributes
+    return count
 
 
 def _version(root: etree._Element, shown: str) -> tuple[int, int]:

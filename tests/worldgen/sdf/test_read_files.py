@@ -467,8 +467,11 @@ def test_includes_that_never_end_end(tmp_path: Path) -> None:
         '<sdf version="1.9">' + "<model>" * 100_000,
         '<sdf version="1.9"><world name="w">' + "<a/>" * 400_000 + "</world></sdf>",
         '<sdf version="1.9"><world name="w"><b>' + "x" * 11_000_000 + "</b></world></sdf>",
+        '<sdf version="1.9"><world name="w" '
+        + "".join(f'a{i}="" ' for i in range(50_000))
+        + "/></sdf>",
     ],
-    ids=["external", "entities", "undefined", "deep", "many", "long"],
+    ids=["external", "entities", "undefined", "deep", "many", "long", "attributes"],
 )
 def test_hostile_xml_is_refused_at_once(tmp_path: Path, text: str) -> None:
     file = tmp_path / "w.sdf"
