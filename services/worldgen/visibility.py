@@ -1,6 +1,6 @@
 """From where on the floor the robot can read a marker.
 
-The whole panel must be in sight of the camera, near enough and not too much from the side, with
+The whole panel must be in the camera's picture, near enough and not too much from the side, with
 the robot at a place that it can reach. The camera counts as standing above the robot's middle.
 """
 
@@ -27,6 +27,8 @@ Window = tuple[slice, slice, Bits]
 """Rows and columns of a map, and which of the cells there."""
 
 CAMERA_HEIGHT_M = 0.21
+TAN_HALF_VERTICAL_FOV = 480.0 / 640.0 * math.tan(1.047 / 2.0)
+"""Of the waffle's camera, 640 x 480 pixels and 1.047 rad wide, which looks level."""
 NEAREST_M, FARTHEST_M = 0.6, 5.0
 WIDEST_RAD = math.radians(60.0)
 """Angle between a panel's normal and the look at it."""
@@ -118,6 +120,9 @@ class Sight:
         ahead_m = dx * panel.normal[0] + dy * panel.normal[1]
         seen &= (distance_m >= NEAREST_M) & (distance_m <= FARTHEST_M)
         seen &= ahead_m >= math.cos(WIDEST_RAD) * distance_m
+        # What is high above the camera leaves its picture when near.
+        off_axis_m = abs(float(panel.centre_m[2]) - CAMERA_HEIGHT_M) + panel.side_m / 2.0
+        seen &= distance_m >= off_axis_m / TAN_HALF_VERTICAL_FOV
         if seen.any():
             seen &= self._in_sight(panel, x, y, seen, block)
         return rows, columns, seen

@@ -126,3 +126,16 @@ def test_a_finer_map_tells_the_same() -> None:
     cells = np.full((960, 960), FREE, np.int8)
     found = seen(fine, cells)
     assert found.sum() / 16.0 == pytest.approx(seen(place()).sum(), rel=0.01)
+
+
+def test_what_hangs_high_is_read_from_afar_alone() -> None:
+    """The upper edge leaves the picture of a camera that looks level."""
+
+    def at_height(height_m: float) -> Bits:
+        one = world([wall(height_m=4.0)], [marker(height_m=height_m)])
+        return seen(one)
+
+    # 1.5 m + 0.2 m - 0.21 m above the axis, which must be at most 0.433 of the distance.
+    assert not at(at_height(1.5), 0.0, 3.3)
+    assert at(at_height(1.5), 0.0, 3.8)
+    assert not at_height(3.0).any()
