@@ -293,7 +293,9 @@ def _loaded(
         _tell_errors(sdf.report)
         with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
             recipe = Path(folder) / f"{_world_name(Path(world))}.yaml"
-            write_recipe(to_recipe(sdf, recipe.stem), recipe)
+            imported = to_recipe(sdf, recipe.stem)
+            _tell_errors(imported.report)
+            write_recipe(imported, recipe)
             yield load_file(recipe, overrides=changes)
     elif _is_file(world):
         yield load_file(Path(world), overrides=changes)
@@ -325,7 +327,7 @@ def _is_sdf(world: str) -> bool:
 
 
 def _is_file(world: str) -> bool:
-    return os.sep in world or Path(world).suffix in FILE_SUFFIXES
+    return os.sep in world or Path(world).suffix.lower() in FILE_SUFFIXES
 
 
 def _refuse_no_recipe(file: Path) -> None:

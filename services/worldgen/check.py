@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from services.common.config import ConfigError
 from services.common.documents import Entities, Marker
 from services.common.footprint import footprints
 from services.common.frames import rotation_from_quaternion, transform_matrix
@@ -58,7 +59,7 @@ def problems_of(
 def is_sdf(path: Path) -> bool:
     """Whether a path is one of Gazebo's files, by its name, or a folder of a model."""
     try:
-        return path.suffix in SDF_SUFFIXES or (path / "model.config").is_file()
+        return path.suffix.lower() in SDF_SUFFIXES or (path / "model.config").is_file()
     except OSError:
         # A name that is too long, which reading will tell.
         return False
@@ -190,7 +191,11 @@ def _of_sdf(
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
     sdf = read_sdf(path, roots, arguments)
-    for error in sdf.report.errors:
+    report = sdf.report
+    if not report.errors:
+        imported = to_recipe(sdf, "world")
+        report = imported.report
+    for error in report.errors:
         place = re.match(r"(?s)(.*?):(\d+)(?::\s*|\s+|$)(.*)", error.where)
         yield Problem(
             file=place[1] if place else error.where or shown_path(path),
@@ -198,13 +203,16 @@ def _of_sdf(
             field=place[3] if place else "",
             must=f"{error.kind}: {error.message}",
         )
-    if sdf.report.errors:
+    if report.errors:
         # What is left of the world would only give rise to more.
         return
-    imported = to_recipe(sdf, "world")
     with tempfile.TemporaryDirectory(prefix="mazebot-check-") as folder:
         recipe = Path(folder) / "world.yaml"
-        write_recipe(imported, recipe)
+        try:
+            write_recipe(imported, recipe)
+        except ConfigError as error:
+            yield Problem(file=shown_path(path), must=str(error))
+            return
         # The recipe is nobody's: its problems are told as the file's.
         sources = [Source(shown_path(path), sources_of(recipe)[0].content)]
         yield from _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)

@@ -177,3 +177,18 @@ def test_a_file_is_checked_where_it_lies(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["sim_house", "sim_house_enhanced"])
 def test_the_house_has_no_problem(name: str) -> None:
     assert problems_of(name) == ()
+
+
+def test_what_an_import_cannot_bring_in_is_a_problem(tmp_path: Path) -> None:
+    body = '<static>1</static><link name="l"><collision name="c">{}</collision></link>'
+    mesh = body.format("<geometry><mesh><uri>a.dae</uri></mesh></geometry>")
+    (tmp_path / "a.dae").write_text("no mesh")
+    for name, inside, words in (
+        ("mesh.SDF", f'<model name="m">{mesh}</model>', "MESH_INVALID"),
+        ("bare.sdf", "", "nothing but a floor"),
+    ):
+        file = tmp_path / name
+        file.write_text(f'<sdf version="1.9"><world name="w">{inside}</world></sdf>')
+        (problem,) = problems_of(file)
+        assert words in str(problem)
+        assert str(problem).count("\n") == 0

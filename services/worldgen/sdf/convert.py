@@ -106,7 +106,8 @@ def write_recipe(imported: ImportedWorld, file: Path) -> None:
     nothing that a recipe could hold.
     """
     if not (imported.recipe.get("walls") or imported.recipe.get("bodies")):
-        raise ConfigError(f"{file}: is not written: the world has nothing but a floor")
+        world = " ".join(imported.report.world.split())
+        raise ConfigError(f"world {world!r:.100}: has nothing but a floor, must hold something")
     try:
         if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
             raise ConfigError(f"{file}: is there already, and was not made by an import")
