@@ -417,7 +417,7 @@ def _pose(matrix: Array) -> dict[str, list[float]]:
     from services.common.frames import quaternion_from_rotation  # noqa: PLC0415
 
     r = matrix[:3, :3]
-    pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
+    pitch = math.atan2(0.0 - r[2, 0], math.hypot(r[0, 0], r[1, 0]))
     if abs(math.cos(pitch)) > 1e-9:
         roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
     else:
