@@ -48,6 +48,8 @@ def main() -> None:
         error = "macros or includes go too deep"
     except Exception as problem:
         error = " ".join(str(problem).split())[:300] or type(problem).__name__
+        if error.startswith("Undefined substitution argument "):
+            error += ": give it with `--arg NAME:=VALUE`"
     answer.write(json.dumps({"text": text, "error": error}))
 
 

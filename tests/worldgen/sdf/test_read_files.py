@@ -524,6 +524,7 @@ def test_xacro_takes_arguments_macros_and_packages(tmp_path: Path) -> None:
         ("${'x' * 10**10}", ""),
         ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "deep"),
         ('<xacro:include filename="w.sdf.xacro"/>', ""),
+        ('<model name="$(arg size)"/>', "argument size: give it with `--arg NAME:=VALUE`"),
     ],
 )
 def test_what_xacro_may_not_do_is_one_error(tmp_path: Path, inside: str, word: str) -> None:
