@@ -30,7 +30,7 @@ def build_world(loaded: LoadedWorld, folder: Path) -> None:
 
 def figures(loaded: LoadedWorld) -> dict[str, object]:
     """How hard a world is, and what hangs in it."""
-    entities, _ = furnish(loaded.world)
+    entities, _ = furnish(loaded.world, meshes=loaded.meshes)
     return {
         **difficulty(loaded).model_dump(),
         "markers_hanging": len(entities.entities),

@@ -105,8 +105,8 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     be read, in the order of `furnish`. None: it is found out; none at all leaves these areas out.
     """
     world = loaded.world
-    entities = furnish(world)[0].entities
     meshes = loaded.meshes
+    entities = furnish(world, meshes=meshes)[0].entities
     if seen is None:
         panels = [panel_of(entity) for entity in entities]
         seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)
@@ -597,7 +597,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     Bodies that move stand where they stand at the start. The same bytes for the same world.
     """
     world = loaded.world
-    entities, pictures = furnish(world)
+    entities, pictures = furnish(world, meshes=loaded.meshes)
     bodies = {body.name: body for body in world.bodies}
     looks = {m.name: _look(m, loaded.assets) for m in (PLAIN, *world.materials)}
     scene: Any = trimesh.Scene()
