@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from services.common.config import ROOT, ConfigError, load
+from services.common.config import ConfigError, load
 from services.worldgen.config import WorldgenConfig
 
 if TYPE_CHECKING:
@@ -365,8 +365,7 @@ def _roots(path: list[Path] | None) -> tuple[Path, ...]:
     for root in path or []:
         if not root.is_dir():
             raise ConfigError(f"--path: {root}: must be a folder")
-    # Last, so that worlds find the sun and the ground plane where nobody brings his own.
-    return (*(path or []), *named, ROOT / "models")
+    return (*(path or []), *named)
 
 
 def _xacro_arguments(arguments: list[str] | None) -> dict[str, str]:

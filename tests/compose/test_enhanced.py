@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import subprocess
 import time
-import re
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -11,6 +11,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
+from services.common.config import ROOT
+
+SHIPPED = ROOT / "models"
 MAX_PARENTS = 4
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
@@ -40,7 +43,9 @@ class Locator:
         implied += [p / "models" for p in parents if (p / "models").is_dir()]
         if (folder / "model.config").is_file():
             implied.append(folder.parent)
-        self._roots = [*roots, *implied]
+        self._given = [*roots, *implied]
+        # Gazebo brings a sun and a ground plane; a model of a person's own comes first.
+        self._roots = [*self._given, SHIPPED]
         self._areas = [_resolved(p) for p in (*self._roots, *self._packages)]
 
     def model(self, uri: str, folder: Path) -> Path:
@@ -146,7 +151,7 @@ class Locator:
         if model is None or ".." in model.groups():
             return
         small = model["name"].lower()
-        for root in self._roots:
+        for root in self._given:
             for name in dict.fromkeys((model["name"], small, small.replace(" ", "_"))):
                 if (root / name).is_dir():
                     yield root / name / (model["inner"] or "")
