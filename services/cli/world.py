@@ -157,8 +157,8 @@ def check(
         if not as_json:
             for problem in problems:
                 sys.stderr.write(f"{problem}\n")
-            count = len(problems)
-            sys.stdout.write(f"{world}: {f'{count} problems' if count else 'all well'}\n")
+            count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
+            sys.stdout.write(f"{world}: {count if problems else 'all well'}\n")
     if as_json:
         _print_json(found)
     if any(found.values()):
