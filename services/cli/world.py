@@ -231,7 +231,9 @@ def import_world(
     _tell_errors(report)
     if out is not None and imported is not None:
         write_recipe(imported, out)
-        sys.stdout.write(f"{out}: made of {file}\n")
+        # What reads JSON reads all of standard output.
+        told = sys.stderr if as_json else sys.stdout
+        told.write(f"{out}: made of {file}\n")
 
 
 @app.command("export")
