@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
 
 KINDS = ("panel", "cube")
 DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
@@ -33,7 +33,7 @@ def make(
     quiet_zone: Annotated[
         int, typer.Option(min=1, max=16, help="white modules around the black square")
     ] = 1,
-    out: Annotated[Path, typer.Option(help="folder of models")] = ROOT / "models",
+    out: Annotated[Path, typer.Option(help="folder of models")] = Path("models"),
 ) -> None:
     """Write models/aruco_id_ID: model.config, model.sdf, meshes and textures, for Gazebo."""
     from services.worldgen.marker_model import write_marker_model  # noqa: PLC0415
