@@ -16,7 +16,7 @@ ALGORITHMS = ("wilson", "recursive_backtracker", "rooms")
 BRAIDINGS = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 SIDES = tuple(range(5, 41))
 KINDS = list(itertools.islice(itertools.cycle(itertools.product(ALGORITHMS, BRAIDINGS)), 200))
-SHARDS = 10
+SHARDS = 40
 SHARD_OF = [
     pytest.param(shard, marks=[] if shard == 0 else pytest.mark.slow) for shard in range(SHARDS)
 ]
