@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from services.common import documents as doc
-from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
+from services.common.frames import SE2, Array, pose_matrix
 from services.common.geometry import TriangleMesh, triangles_of
 
 FOOT_M, TOP_M = 0.02, 0.22
@@ -62,7 +62,7 @@ def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Fo
     """
     walls = [wall_corners(wall) for wall in world.walls]
     return Footprint((np.array(walls),) if walls else ()), *(
-        footprint(shape.geometry, _pose(body) @ _pose(shape), meshes)
+        footprint(shape.geometry, pose_matrix(body) @ pose_matrix(shape), meshes)
         for body in world.bodies
         for shape in body.shapes
         if shape.solid
@@ -87,11 +87,6 @@ def footprint(
             return _of_sphere(geometry.radius_m, map_from_shape[:3, 3])
         case _:
             return _of_convex(geometry, map_from_shape.tobytes())
-
-
-def _pose(placed: doc.Body | doc.Shape) -> Array:
-    rotation = rotation_from_quaternion(*placed.orientation_xyzw)
-    return transform_matrix(rotation, placed.position_m)
 
 
 def _moved(points: Array, a_from_b: Array) -> Array:

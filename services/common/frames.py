@@ -5,7 +5,7 @@ a.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,23 @@ def transform_matrix(rotation: Array, translation_m: tuple[float, float, float])
     matrix[:3, :3] = rotation
     matrix[:3, 3] = translation_m
     return matrix
+
+
+class Posed(Protocol):
+    """What has a pose: a body, a shape, an entity, the state of something that moves."""
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """Of its origin, in the frame that holds it."""
+
+    @property
+    def orientation_xyzw(self) -> tuple[float, float, float, float]:
+        """A unit quaternion."""
+
+
+def pose_matrix(posed: Posed) -> Array:
+    """(4, 4): the frame that holds it, from its own."""
+    return transform_matrix(rotation_from_quaternion(*posed.orientation_xyzw), posed.position_m)
 
 
 def inverse_matrix(a_from_b: Array) -> Array:

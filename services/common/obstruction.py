@@ -10,7 +10,8 @@ import shapely
 from numpy.typing import NDArray
 
 from services.common.documents import Body, Mesh, Polyline, Shape, Wall, World
-from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
+from services.common.footprint import wall_corners
+from services.common.frames import Array, pose_matrix
 from services.common.geometry import (
     TriangleMesh,
     clipped,
@@ -79,12 +80,7 @@ class Obstruction:
 
 def wall_polygons(walls: tuple[Wall, ...]) -> NDArray[np.object_]:
     """(n,) of shapely.Polygon: the walls' footprints in the map."""
-    corners = np.empty((len(walls), 4, 2))
-    for index, wall in enumerate(walls):
-        x, y = wall.length_m / 2.0, wall.thickness_m / 2.0
-        map_from_wall = wall.map_from_wall()
-        for corner, (a, b) in enumerate(((x, y), (-x, y), (-x, -y), (x, -y))):
-            corners[index, corner] = (map_from_wall @ SE2(a, b, 0.0))[:2]
+    corners = np.array([wall_corners(wall) for wall in walls]).reshape(-1, 4, 2)
     return np.asarray(shapely.polygons(corners), np.object_).reshape(-1)
 
 
@@ -112,7 +108,7 @@ def _obstruction(
         surfaces = _prisms(geometry)
     else:
         surfaces = [triangles_of(geometry, meshes)]
-    map_from_shape = _matrix(body) @ _matrix(shape)
+    map_from_shape = pose_matrix(body) @ pose_matrix(shape)
     parts = tuple(one.moved(map_from_shape) for one in surfaces if len(one.triangles))
     if not parts:
         return None
@@ -126,10 +122,6 @@ def _obstruction(
         parts=parts,
         convex=not isinstance(geometry, Mesh),
     )
-
-
-def _matrix(placed: Body | Shape) -> Array:
-    return transform_matrix(rotation_from_quaternion(*placed.orientation_xyzw), placed.position_m)
 
 
 def _prisms(geometry: Polyline) -> list[TriangleMesh]:

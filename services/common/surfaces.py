@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from services.common.documents import Body, Material, Plane, Shape, Wall, World
-from services.common.frames import Array, rotation_from_quaternion, transform_matrix
+from services.common.frames import Array, pose_matrix
 from services.common.geometry import (
     TriangleMesh,
     flat_triangles,
@@ -102,12 +102,6 @@ def body_surfaces(
             )
     for material, parts in seen.items():
         yield Surface("body", body.name, material, moves, True, joined(parts))
-
-
-def pose_matrix(thing: Body | Shape) -> Array:
-    """(4, 4) pose of a body in the map, or of a shape in its body."""
-    rotation = rotation_from_quaternion(*thing.orientation_xyzw)
-    return transform_matrix(rotation, thing.position_m)
 
 
 def wall_corners(walls: Sequence[Wall]) -> Array:

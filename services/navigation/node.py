@@ -11,7 +11,6 @@ import numpy as np
 from services.common import messages as msg
 from services.common.documents import (
     Entities,
-    Entity,
     NavigationResult,
     NavigationStatus,
     Planar,
@@ -25,8 +24,7 @@ from services.common.frames import (
     SCAN_FRAME,
     SE2,
     Array,
-    rotation_from_quaternion,
-    transform_matrix,
+    pose_matrix,
 )
 from services.common.node import Inbox, Node, Outbox, random_generator
 from services.common.topics import (
@@ -196,7 +194,7 @@ class NavigationNode(Node):
             key = (entity.dictionary, entity.marker_id)
             if key in self._markers:
                 doubled.add(key)
-            self._markers[key] = _map_from_entity(entity)
+            self._markers[key] = pose_matrix(entity)
         for key in sorted(doubled):
             _LOG.warning("marker %d of %s hangs in two places: not used", key[1], key[0])
             del self._markers[key]
@@ -550,10 +548,6 @@ def _same_map(one: msg.OccupancyGrid, other: msg.OccupancyGrid | None) -> bool:
         and msg.se2_from_pose(one.info.origin) == msg.se2_from_pose(other.info.origin)
         and np.array_equal(one.data, other.data)
     )
-
-
-def _map_from_entity(entity: Entity) -> Array:
-    return transform_matrix(rotation_from_quaternion(*entity.orientation_xyzw), entity.position_m)
 
 
 def _planar(matrix: Array) -> SE2:

@@ -30,12 +30,12 @@ from services.common.frames import (
     ODOM_FRAME,
     Array,
     inverse_matrix,
+    pose_matrix,
     quaternion_from_rotation,
     rotation_from_quaternion,
     transform_matrix,
 )
 from services.common.geometry import TriangleMesh
-from services.common.surfaces import pose_matrix
 from services.physics.bullet import pybullet
 from services.physics.collision import Solid, as_obj, inertia_of, solids_of
 from services.physics.config import STEPS_PER_SECOND
@@ -210,8 +210,7 @@ class Bodies:
     def map_from_movers(self) -> Array:
         """(k, 4, 4) true poses of the bodies that move."""
         poses = [
-            transform_matrix(rotation_from_quaternion(*state.orientation_xyzw), state.position_m)
-            @ mover.com_from_body
+            pose_matrix(state) @ mover.com_from_body
             for mover, state in zip(self._movers, self.mover_states, strict=True)
         ]
         return np.array(poses).reshape(-1, 4, 4)
@@ -270,9 +269,7 @@ class Bodies:
         return self._com_from_footprint @ footprint_from_frame
 
     def _map_from_com(self) -> Array:
-        return transform_matrix(
-            rotation_from_quaternion(*self.state.orientation_xyzw), self.state.position_m
-        )
+        return pose_matrix(self.state)
 
     def _read(self) -> BodyState:
         client, robot = self._client, self._robot

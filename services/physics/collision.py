@@ -22,9 +22,9 @@ from services.common.documents import (
     Shape,
     Sphere,
 )
-from services.common.frames import Array, transform_matrix
+from services.common.frames import Array, pose_matrix, transform_matrix
 from services.common.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
-from services.common.surfaces import is_floor, pose_matrix
+from services.common.surfaces import is_floor
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull

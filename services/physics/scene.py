@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.documents import Entity, Material, Mesh, PointLight, Rgba, World
-from services.common.frames import Array, rotation_from_quaternion, transform_matrix
+from services.common.frames import Array, pose_matrix
 from services.common.geometry import TriangleMesh, joined, quad_triangles
 from services.common.surfaces import PLAIN as PLAIN_MATERIAL
-from services.common.surfaces import Surface, pose_matrix, surfaces
+from services.common.surfaces import Surface, surfaces
 from services.physics.assets import decoded_mesh, decoded_png
 
 MAX_LAMPS = 8
@@ -207,9 +207,7 @@ class _Builder:
 
     def add_panel(self, entity: Entity) -> None:
         """A panel's front, not lit, so that its black stays black, and its plain back."""
-        map_from_panel = transform_matrix(
-            rotation_from_quaternion(*entity.orientation_xyzw), entity.position_m
-        )
+        map_from_panel = pose_matrix(entity)
         texture = self._texture(entity.texture_sha256, f"entity {entity.name}")
         half = entity.panel_side_m / 2.0
         for sign, picture in ((1.0, texture), (-1.0, "")):

@@ -21,9 +21,8 @@ from services.common.documents import (
     Sphere,
     World,
 )
-from services.common.frames import Array
+from services.common.frames import Array, pose_matrix
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, triangles_of
-from services.common.surfaces import pose_matrix
 
 MAX_WALLS = 5_000
 MAX_SHAPES = 20_000

@@ -1,4 +1,4 @@
-"""Whole folders of files, written in one stroke."""
+"""Files and whole folders of them, written in one stroke."""
 
 from __future__ import annotations
 
@@ -38,6 +38,23 @@ def write_folder(
     finally:
         shutil.rmtree(making, ignore_errors=True)
     return folder
+
+
+def write_file(file: Path, data: bytes) -> None:
+    """Write a file, so that all of it is there or what was there before.
+
+    Raises OSError where it cannot be written.
+    """
+    descriptor, name = tempfile.mkstemp(prefix=f".{file.name}-", dir=file.parent)
+    making = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as new:
+            new.write(data)
+        # mkstemp's files are for their owner alone.
+        making.chmod(0o666 & ~_umask())
+        making.replace(file)
+    finally:
+        making.unlink(missing_ok=True)
 
 
 def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:

@@ -11,7 +11,6 @@ import contextlib
 import io
 import math
 import re
-import tempfile
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from services.common.config import ConfigError
 from services.common.documents import Document, Finite
 from services.common.frames import SE2, Array
+from services.worldgen.folder_writing import write_file
 from services.worldgen.occupancy import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from services.worldgen.problems import Problem, WorldError
 from services.worldgen.yaml_source import Source, read_source
@@ -161,8 +161,8 @@ def write_map(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # The picture first: a YAML file that is there names one that is.
-        _replace(folder / image, picture.getvalue())
-        _replace(path, ("\n".join(lines) + "\n").encode())
+        write_file(folder / image, picture.getvalue())
+        write_file(path, ("\n".join(lines) + "\n").encode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
     return path
@@ -379,20 +379,6 @@ def _image(cells: Cells, mode: Mode) -> Image.Image:
     occupied = known & (cells >= round(100 * _OCCUPIED_THRESH[mode]))
     grey = np.where(free, _GREY_FREE, np.where(occupied, _GREY_OCCUPIED, _GREY_UNKNOWN))
     return Image.fromarray(grey.astype(np.uint8))
-
-
-def _replace(path: Path, data: bytes) -> None:
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}-", delete=False) as new:
-        making = Path(new.name)
-        try:
-            new.write(data)
-            new.close()
-            # A temporary file is for its owner alone.
-            making.chmod(0o644)
-            making.replace(path)
-        except OSError:
-            making.unlink(missing_ok=True)
-            raise
 
 
 def _occupied_points(chart: MapFile) -> Array:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from services.common.documents import Body, Entity, Material, Planar, Rgba, Shape, Wall, World
+from services.common.documents import Entity, Material, Planar, Rgba, Wall, World
 from services.common.footprint import Footprint, footprint, wall_corners
-from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
+from services.common.frames import SE2, Array, pose_matrix, rotation_from_quaternion
 from services.common.furnish import furnish
 from services.common.geometry import TriangleMesh, triangles_of
 from services.common.placement import panel_of
@@ -182,7 +182,7 @@ def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline
     found = []
     for body in world.bodies:
         for shape in body.shapes:
-            map_from_shape = _pose(body) @ _pose(shape)
+            map_from_shape = pose_matrix(body) @ pose_matrix(shape)
             points = triangles_of(shape.geometry, meshes).moved(map_from_shape).vertices_m
             hull = _hull(points[:, :2])
             floor = Footprint()
@@ -196,11 +196,6 @@ def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline
 def _hull(points_m: Array) -> Array:
     """(n, 2) corners of the convex hull of points."""
     return np.asarray(cv2.convexHull(points_m.astype(np.float32))[:, 0], np.float64)
-
-
-def _pose(placed: Body | Shape | Entity) -> Array:
-    """(4, 4), to the frame in which its pose is given."""
-    return transform_matrix(rotation_from_quaternion(*placed.orientation_xyzw), placed.position_m)
 
 
 def _view(world: World, outlines: Sequence[_Outline]) -> View:
@@ -606,7 +601,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     for surface in surfaces(world, loaded.meshes):
         mesh = surface.mesh
         if surface.moves:
-            mesh = mesh.moved(_pose(bodies[surface.name]))
+            mesh = mesh.moved(pose_matrix(bodies[surface.name]))
         groups.setdefault(_group(surface), []).append(mesh)
     for (kind, material, textured), meshes in groups.items():
         name = f"{kind}_{material}" + ("" if textured else "_plain")

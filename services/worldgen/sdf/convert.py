@@ -23,6 +23,7 @@ from services.common.config import ConfigError
 from services.common.frames import Array, inverse_matrix, quaternion_from_rotation
 from services.common.placement import CONTACT_M
 from services.worldgen import png
+from services.worldgen.folder_writing import write_file
 from services.worldgen.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
 from services.worldgen.sdf.model import (
     Ignored,
@@ -153,12 +154,7 @@ def _write(file: Path, data: bytes) -> None:
     if file.is_file() and file.read_bytes() == data:
         return
     file.parent.mkdir(parents=True, exist_ok=True)
-    making = file.with_name(f".{file.name}.making")
-    try:
-        making.write_bytes(data)
-        making.replace(file)
-    finally:
-        making.unlink(missing_ok=True)
+    write_file(file, data)
 
 
 def _free_path(folder: Path, path: str, data: bytes) -> str:
