@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import platform
 import resource
@@ -25,6 +26,8 @@ from services.embedded.executive import Executive, MemoryTransport
 from services.physics.camera import Intrinsics, RendererKind, make_renderer
 from services.physics.scene import build_scene
 from services.worldgen.loader import load_world
+from services.worldgen.sdf.convert import to_recipe
+from services.worldgen.sdf.read import read_sdf
 
 EPISODE_S = 30.0
 """Simulation time of one episode: the start of the enhanced tour."""
@@ -70,7 +73,7 @@ def main() -> None:
     cameras.add_row(*_camera("gl", FRAMES))
     cameras.add_row(*_camera("tiny", FRAMES // 10))
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    for table in (loops, parts, cameras):
+    for table in (loops, parts, cameras, _worlds()):
         console.print(table)
     console.print(f"peak memory of this process: {memory_mb:.0f} MB")
     console.print(f"{platform.processor() or platform.machine()}, {platform.platform()}")
@@ -125,6 +128,46 @@ def _camera(kind: RendererKind, frames: int) -> tuple[str, str, str]:
         f"{np.median(milliseconds):.1f}",
         f"{np.percentile(milliseconds, 90):.1f}",
     )
+
+
+def _worlds() -> Table:
+    """How long it takes to have a world."""
+    table = Table("world", "median ms", "min", "max", box=box.SIMPLE_HEAD)
+    size = ("maze.rows=50", "maze.columns=50")
+    for kind in ("algorithm=wilson", "algorithm=recursive_backtracker", "algorithm=rooms",
+                 "braiding=0.5"):  # fmt: skip
+        overrides = (*size, f"maze.{kind}")
+        milliseconds = _milliseconds(functools.partial(load_world, "maze", overrides=overrides))
+        table.add_row(f"maze of 50 x 50 cells, {kind}, with its map", *milliseconds)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "wood.sdf"
+        file.write_text(_wood(300), encoding="utf-8")
+        milliseconds = _milliseconds(lambda: to_recipe(read_sdf(file), "wood"))
+    table.add_row("SDF of 300 cylinders to a recipe", *milliseconds)
+    return table
+
+
+def _milliseconds(work: Callable[[], object]) -> tuple[str, str, str]:
+    """Median, least and most of five goes, after one that compiles what is not compiled."""
+    work()
+    taken = []
+    for _ in range(5):
+        start_s = time.perf_counter()
+        work()
+        taken.append((time.perf_counter() - start_s) * 1e3)
+    return f"{statistics.median(taken):.0f}", f"{min(taken):.0f}", f"{max(taken):.0f}"
+
+
+def _wood(count: int) -> str:
+    """SDF of static cylinders, one a model."""
+    shape = "<geometry><cylinder><radius>0.075</radius><length>1</length></cylinder></geometry>"
+    models = "".join(
+        f"<model name='tree_{i}'><static>1</static><pose>{0.15 * (i % 30)} {0.15 * (i // 30)} 0 "
+        f"0 0 0</pose><link name='link'><collision name='c'>{shape}</collision>"
+        f"<visual name='v'>{shape}</visual></link></model>"
+        for i in range(count)
+    )
+    return f"<sdf version='1.6'><world name='wood'>{models}</world></sdf>"
 
 
 if __name__ == "__main__":
