@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 import time
@@ -15,10 +16,22 @@ from pydantic import Field
 from services.common import messages as msg
 from services.common import wire
 from services.common.config import ServiceConfig
+from services.common.documents import Document
 from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import BY_NAME, CMD_VEL, Delivery, Topic, owned_by, read_by
+from services.common.topics import (
+    BY_NAME,
+    CMD_VEL,
+    Delivery,
+    Query,
+    Topic,
+    asked_of,
+    owned_by,
+    read_by,
+)
 
 M = TypeVar("M")
+Q = TypeVar("Q")
+A = TypeVar("A")
 
 ALIVE_PREFIX = "mazebot/alive/"
 WAIT_BEFORE_DROP_US = 10_000
@@ -124,6 +137,13 @@ class Bus:
             )
         for topic in owned_by(node.name):
             self._publishers[topic.name] = publish(session, topic, prefix, lossless)
+        self._queryables = [
+            session.declare_queryable(
+                wire.key_from_topic(query, prefix),
+                cast("Any", zenoh.handlers.Callback(self._asker(query), indirect=False)),
+            )
+            for query in asked_of(node.name)
+        ]
 
     def announce(self) -> None:
         """Tell the others, by a liveliness token, that this node takes messages."""
@@ -164,6 +184,25 @@ class Bus:
             self._inbox.deliver(topic, payload, envelope)
 
         return receive
+
+    def _asker(self, query: Query[Any, Any]) -> Callable[[zenoh.Query], None]:
+        def ask(asked: zenoh.Query) -> None:
+            def respond(answer: Any) -> None:
+                with contextlib.suppress(zenoh.ZError), asked:
+                    asked.reply(asked.key_expr, wire.encode_document(answer))
+
+            try:
+                data = asked.payload.to_bytes() if asked.payload is not None else b""
+                message = wire.decode_document(query.request, data)
+            except wire.WireError as error:
+                with asked:
+                    asked.reply_err(f"{query.name}: {error}")
+                return
+            if not self._inbox.ask(query, message, respond):
+                with asked:
+                    asked.reply_err(f"{query.name}: {self.node_name} has too many requests")
+
+        return ask
 
     def close(self) -> None:
         """Withdraw the token, then close the session with all its declarations."""
@@ -243,6 +282,33 @@ def put_once(
     publisher = publish(session, topic, prefix)
     envelope = Envelope(uuid.uuid4().hex, 0, stamp_ns, "")
     publisher.put(wire.encode(topic, message), attachment=pack_attachment(envelope))
+
+
+class NoAnswerError(ConnectionError):
+    """Nobody answered a query, in one line."""
+
+
+def ask(
+    session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float, prefix: str = ""
+) -> A:
+    """Ask a running stack, and wait for the answer.
+
+    A service that is starting is waited for: an empty answer in no time is Zenoh's way to say that
+    nobody is there. Raises NoAnswerError where none came within `timeout_s` or it was refused.
+    """
+    key = wire.key_from_topic(query, prefix)
+    payload = wire.encode_document(cast("Document", message))
+    end_s = time.monotonic() + timeout_s
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        for reply in session.get(key, payload=payload, timeout=left_s):
+            if reply.ok is not None:
+                data = reply.ok.payload.to_bytes()
+                return cast("A", wire.decode_document(cast("Any", query.response), data))
+            said = reply.err.payload.to_string() if reply.err is not None else ""
+            if said != "Timeout":
+                raise NoAnswerError(said)
+        time.sleep(0.02)
+    raise NoAnswerError(f"{query.name}: no answer from {query.owner} within {timeout_s:g} s")
 
 
 def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:

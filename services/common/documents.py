@@ -284,21 +284,49 @@ class World(Document):
         return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
-class Entity(Document):
-    """A thing that should stand in the world. Its pose is that of its centre; a marker's face looks
-    along +z,
-    with +x to the right and +y up as one looks at it.
+class MarkerEntity(Document):
+    """An ArUco marker on its panel. Its pose is that of the panel's centre; its face looks along
+    +z, with +x to the right and +y up as one looks at it.
     """
 
     name: str
     kind: Literal["marker"] = "marker"
-    position_m: tuple[Finite, Finite, Finite]
-    orientation_xyzw: tuple[Finite, Finite, Finite, Finite]
+    position_m: Vector
+    orientation_xyzw: Quaternion
     panel_side_m: Positive = Field(description="side of the panel, quiet zone and all")
     texture_sha256: str
     marker_id: int
     marker_size_m: Positive = Field(description="side of the black square")
     dictionary: str
+
+
+class ScriptedPath(Document):
+    """A way that a body follows over and over, at one speed, looking ahead: from its pose to each
+    waypoint in turn, and then back to its pose (`loop`) or the same way back.
+    """
+
+    waypoints_m: tuple[Point2, ...] = Field(min_length=1, max_length=1000)
+    speed_m_s: Annotated[float, Field(gt=0.0, le=5.0, allow_inf_nan=False)]
+    loop: bool = False
+    yields: bool = Field(True, description="waits while the robot is in its way")
+
+
+class BodyEntity(Document):
+    """A rigid thing of any shapes that was put into a world. Its pose is that of its origin."""
+
+    name: str
+    kind: Literal["body"] = "body"
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        0.0, description="0: only its path, if it has one, moves it"
+    )
+    shapes: tuple[Shape, ...] = Field(min_length=1)
+    materials: tuple[Material, ...] = Field((), description="those its shapes name")
+    path: ScriptedPath | None = Field(None, description="needs mass_kg 0")
+
+
+Entity = Annotated[MarkerEntity | BodyEntity, Field(discriminator="kind")]
 
 
 class Refusal(Document):
@@ -312,8 +340,23 @@ class Entities(Document):
     """A set of entities of one world: the desired set, or the set that exists."""
 
     world_hash: str
+    revision: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="counts the desired sets; of the set that exists: which of them it answers. "
+        "0: the first set of a spawner that has just begun: bodies that exist already stay",
+    )
     entities: tuple[Entity, ...] = ()
     refused: tuple[Refusal, ...] = ()
+
+    @property
+    def markers(self) -> tuple[MarkerEntity, ...]:
+        """Those of the entities that are markers, in order."""
+        return tuple(one for one in self.entities if isinstance(one, MarkerEntity))
+
+    @property
+    def bodies(self) -> tuple[BodyEntity, ...]:
+        """Those of the entities that are bodies, in order."""
+        return tuple(one for one in self.entities if isinstance(one, BodyEntity))
 
 
 class Contact(Document):
@@ -326,6 +369,74 @@ class Contact(Document):
     impulse_n_s: Finite
 
 
+class SpawnEntity(Document):
+    """Asks for a thing to stand in the world. The same request again changes nothing."""
+
+    entity: Entity
+    allow_renaming: bool = Field(
+        False,
+        description="where another thing has the name, take the first that is free: `name_1`",
+    )
+    assets: dict[str, str] = Field(
+        default_factory=dict,
+        description="textures (PNG) and meshes (npz) of the entity, base64, by their sha256",
+    )
+
+
+class DeleteEntity(Document):
+    """Asks for a thing to be gone."""
+
+    name: str
+
+
+class SetEntityState(Document):
+    """Asks for a thing to be elsewhere."""
+
+    name: str
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class EntityReply(Document):
+    """What became of a request for an entity: where it is now, or why it is not."""
+
+    error: str = Field("", description="one line; empty: done")
+    name: str = Field("", description="under which it stands")
+    position_m: Vector = (0.0, 0.0, 0.0)
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class GetEntities(Document):
+    """Asks for what stands in the world."""
+
+
+class SimulationControl(Document):
+    """Asks the simulation to stand still, to go on, or to begin again. What is None stays as it is.
+
+    Of several things in one request, `reset` comes first, then the rest. The answer to `step` and
+    `run_until_s` comes when they are done; both leave the simulation paused.
+    """
+
+    pause: bool | None = None
+    step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
+        None, description="advance by so many steps"
+    )
+    run_until_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+        None, description="advance to this simulation time"
+    )
+    reset: Literal["all", "time"] | None = Field(
+        None,
+        description="`all`: everything is where it was at the start, at time 0; `time`: only the "
+        "clock begins again",
+    )
+    seed: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="of the random streams from now on; needs `reset: all`"
+    )
+    speed: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = Field(
+        None, description="simulated seconds a second; 0: as fast as possible"
+    )
+
+
 class SimulationStats(Document):
     """What the simulation has done so far. Holds nothing read from a wall clock."""
 
@@ -334,9 +445,27 @@ class SimulationStats(Document):
     iterations: int
     step_size_s: Positive
     paused: bool = False
+    speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        1.0, description="simulated seconds a second asked for; 0: as fast as possible"
+    )
+    seed: int = Field(0, description="of the random streams")
+    epoch: int = Field(
+        0, description="counts the beginnings: load, reset, and every time the world was built anew"
+    )
+    entities: int = Field(0, description="how many stand in the world")
     renderer: str = Field(description="`moderngl (...)`, `tiny_renderer`, or `none`")
-    state_hash: str = Field(description="chained hash of the robot's state after every step")
+    state_hash: str = Field(
+        description="chained hash of the states of robot and things after every step of this epoch"
+    )
+    image_hash: str = Field("", description="chained hash of the camera's pictures of this epoch")
     watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+
+
+class SimulationControlReply(Document):
+    """How the simulation is after a request."""
+
+    error: str = Field("", description="one line; empty: done")
+    stats: SimulationStats | None = Field(None, description="None before there is a world")
 
 
 class NavigationStatus(Document):

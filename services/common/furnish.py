@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from services.common import marker_picture
-from services.common.documents import Entities, Entity, Marker, Refusal, World
+from services.common.documents import Entities, Marker, MarkerEntity, Refusal, World
 from services.common.frames import quaternion_from_rotation
 from services.common.geometry import TriangleMesh
 from services.common.placement import Panel, Placement, hang
@@ -41,7 +41,7 @@ def furnish(
     """
     placement = Placement(world, style.clear_view_m, meshes)
     walls = {wall.name: wall for wall in world.walls}
-    entities: list[Entity] = []
+    entities: list[MarkerEntity] = []
     refused: list[Refusal] = []
     hanging: list[Panel] = []
     textures: dict[str, bytes] = {}
@@ -75,9 +75,9 @@ def furnish(
     )
 
 
-def _entity(marker: Marker, panel: Panel, sha256: str) -> Entity:
+def _entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
     x, y, z = (float(value) for value in panel.centre_m)
-    return Entity(
+    return MarkerEntity(
         name=panel.name,
         position_m=(x, y, z),
         orientation_xyzw=quaternion_from_rotation(panel.map_from_panel[:3, :3]),

@@ -8,16 +8,21 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 
 from services.common import wire
 from services.common.config import ServiceConfig
 from services.common.documents import Parameters
-from services.common.topics import Delivery, Topic, read_by
+from services.common.topics import Delivery, Query, Topic, asked_of, read_by
 
 M = TypeVar("M")
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+MAX_REQUESTS = 1000
+"""That wait for one node; those beyond are answered with an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +37,22 @@ class Envelope:
     world_hash: str
 
 
+@dataclass(frozen=True, eq=False)
+class Request(Generic[Q, A]):
+    """A query that waits for its answer. It may be answered in a later step, once."""
+
+    query: Query[Q, A]
+    message: Q
+    respond: Callable[[A], None]
+    """Sends the answer. What was not answered when the asker's patience ends is never answered."""
+
+
 class Node(ABC):
     """A service's logic. It reads no clock, no file and no environment: all it knows comes through
     its boxes.
 
     A node steps every `period_ns` of simulation time, and at once where a message on one of `wakes`
-    has come.
+    has come, or a query.
     """
 
     name: ClassVar[str]
@@ -73,6 +88,11 @@ class Node(ABC):
 class ClockNode(Node):
     """The node that makes simulation time pass."""
 
+    speed: float = 1.0
+    """Simulated seconds a second to keep to; 0: as fast as possible."""
+    paused: bool = False
+    """Whether time stands still by a person's word, and not for want of something."""
+
     @abstractmethod
     def next_step_ns(self) -> int | None:
         """The time to which the next step advances; None: time stands still."""
@@ -106,6 +126,33 @@ class Inbox:
             depth = max(topic.depth, node.depth) if topic.delivery is Delivery.LATEST else None
             self._queues[topic.name] = deque(maxlen=depth)
             self.counts[topic.name] = TopicCounts()
+        self._requests: dict[str, deque[Request[Any, Any]]] = {
+            query.name: deque() for query in asked_of(node.name)
+        }
+
+    def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
+        """Take in a query, to be answered by `respond`; False: too many wait already.
+
+        Raises KeyError where the table does not name this node as the one to answer it.
+        """
+        with self._lock:
+            waiting = self._requests[query.name]
+            if len(waiting) >= MAX_REQUESTS:
+                return False
+            waiting.append(Request(query, message, respond))
+        self._on_delivery()
+        return True
+
+    def asked(self) -> bool:
+        """Whether a query waits."""
+        return any(self._requests.values())
+
+    def requests(self, query: Query[Q, A]) -> list[Request[Q, A]]:
+        """The queries since the last call, oldest first."""
+        with self._lock:
+            waiting = list(self._requests[query.name])
+            self._requests[query.name].clear()
+        return waiting
 
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
         """Take in a message, as an object or as bytes of the wire, decoded when it is read."""
@@ -211,7 +258,7 @@ class Trigger:
             if now_ns >= self._next_ns:
                 self._next_ns = (now_ns // period_ns + 1) * period_ns
                 return True
-        return any(inbox.pending(topic) for topic in self._node.wakes)
+        return inbox.asked() or any(inbox.pending(topic) for topic in self._node.wakes)
 
 
 def random_generator(seed: int, stream: str) -> np.random.Generator:

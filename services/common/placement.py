@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import Entity, Marker, Wall, World
+from services.common.documents import Marker, MarkerEntity, Wall, World
 from services.common.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from services.common.geometry import TriangleMesh
 from services.common.obstruction import obstructions, wall_polygons
@@ -70,7 +70,7 @@ def hang(name: str, marker: Marker, wall: Wall, side_m: float, gap_m: float) -> 
     )
 
 
-def panel_of(entity: Entity) -> Panel:
+def panel_of(entity: MarkerEntity) -> Panel:
     """The panel of a marker that hangs."""
     rotation = rotation_from_quaternion(*entity.orientation_xyzw)
     return Panel(entity.name, transform_matrix(rotation, entity.position_m), entity.panel_side_m)

@@ -132,8 +132,8 @@ class _Service:
             self._housekeeping(inbox, outbox)
 
     def _run_clock(self, node: ClockNode, inbox: Inbox, outbox: Outbox) -> None:
-        """Step in pace with the wall clock, one simulated second a second."""
-        start_s, start_ns = time.monotonic(), 0
+        """Step in pace with the wall clock, at the node's speed."""
+        start_s, start_ns, speed = time.monotonic(), 0, node.speed
         running = False
         trigger = Trigger(node)
         while not self._stop.is_set() and node.exit_code is None:
@@ -145,13 +145,16 @@ class _Service:
                 if trigger.due(self._now_ns, inbox):
                     node.step(self._now_ns, inbox, outbox)
             else:
-                if not running:
-                    running, start_s, start_ns = True, time.monotonic(), next_ns
-                lag_s = time.monotonic() - (start_s + (next_ns - start_ns) * 1e-9)
-                if lag_s > MAX_LAG_S:
-                    start_s += lag_s
-                elif lag_s < 0.0:
-                    time.sleep(-lag_s)
+                if not running or speed != node.speed or next_ns < start_ns:
+                    running, speed = True, node.speed
+                    start_s, start_ns = time.monotonic(), next_ns
+                if speed > 0.0:
+                    due_s = start_s + (next_ns - start_ns) * 1e-9 / speed
+                    lag_s = time.monotonic() - due_s
+                    if lag_s > MAX_LAG_S:
+                        start_s += lag_s
+                    elif lag_s < 0.0:
+                        time.sleep(-lag_s)
                 self._now_ns = next_ns
                 outbox.now_ns = next_ns
                 node.step(next_ns, inbox, outbox)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from services.common import documents as doc
 from services.common import messages as msg
@@ -55,6 +55,23 @@ class Topic(Generic[M]):
     depth: int = 1
 
 
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+
+@dataclass(frozen=True)
+class Query(Generic[Q, A]):
+    """One row: what people's tools may ask a service, as a Zenoh query on the name's key. Services
+    ask each other nothing: they share state by topics.
+    """
+
+    name: str
+    request: type[Q]
+    response: type[A]
+    owner: str
+    about: str
+
+
 _LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
 
 CLOCK = Topic(
@@ -93,7 +110,8 @@ DESIRED_ENTITIES = Topic(
     "what should stand in the world, and what was refused by its placement",
 )  # fmt: skip
 ENTITIES = Topic(
-    "/entities", doc.Entities, ("physics",), ("perception", "navigation", "recorder"), _LATCHED,
+    "/entities", doc.Entities, ("physics",),
+    ("spawner", "perception", "navigation", "recorder"), _LATCHED,
     "what stands in the world, and what physics refused",
 )  # fmt: skip
 TF = Topic(
@@ -128,6 +146,19 @@ CAMERA_INFO = Topic(
     "/camera/color/camera_info", msg.CameraInfo, ("physics",), ("perception", "recorder"), _LATEST,
     "intrinsics of the picture with the same stamp", rate_hz=10,
 )  # fmt: skip
+CAMERA_COMPRESSED = Topic(
+    "/camera/color/image_raw/compressed", msg.CompressedImage, ("physics",), ("recorder",), _LATEST,
+    "the picture as JPEG, where that is asked for", rate_hz=10,
+)  # fmt: skip
+DEPTH_IMAGE = Topic(
+    "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("recorder",), _LATEST,
+    "32FC1, metres along the optical axis, of the same render as the picture; 0: nothing in range",
+    rate_hz=10,
+)  # fmt: skip
+DEPTH_INFO = Topic(
+    "/camera/depth/camera_info", msg.CameraInfo, ("physics",), ("recorder",), _LATEST,
+    "intrinsics of the depth image with the same stamp", rate_hz=10,
+)  # fmt: skip
 GROUND_TRUTH_ODOM = Topic(
     "/ground_truth/odom", msg.Odometry, ("physics",), ("recorder",), _LATEST,
     "true pose: map from base_footprint", rate_hz=30, depth=30,
@@ -138,7 +169,7 @@ CONTACTS = Topic(
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",), ("recorder",), _LATCHED,
-    "time, steps, renderer, state hash", rate_hz=5,
+    "time, steps, pause, epoch, hashes", rate_hz=5,
 )  # fmt: skip
 DETECTIONS = Topic(
     "/aruco/detections", msg.Detection3DArray, ("perception",), ("navigation", "recorder"), _LATEST,
@@ -200,6 +231,26 @@ ROSOUT = Topic(
     "/rosout", msg.Log, SERVICES, ("recorder",), _EVERY, "the log of every service"
 )  # fmt: skip
 
+SPAWN_ENTITY = Query(
+    "/spawn_entity", doc.SpawnEntity, doc.EntityReply, "spawner", "put a thing into the world"
+)
+DELETE_ENTITY = Query(
+    "/delete_entity", doc.DeleteEntity, doc.EntityReply, "spawner", "take a thing out of the world"
+)
+SET_ENTITY_STATE = Query(
+    "/set_entity_state", doc.SetEntityState, doc.EntityReply, "spawner", "put a thing elsewhere"
+)
+GET_ENTITIES = Query(
+    "/get_entities", doc.GetEntities, doc.Entities, "spawner", "what stands in the world"
+)
+SIMULATION_CONTROL = Query(
+    "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
+    "pause, go on, step, reset, seed, speed, run until",
+)  # fmt: skip
+
+QUERIES: tuple[Query[Any, Any], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Query)
+)
 TOPICS: tuple[Topic[object], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Topic)
 )
@@ -209,6 +260,11 @@ BY_NAME: dict[str, Topic[object]] = {topic.name: topic for topic in TOPICS}
 def owned_by(service: str) -> list[Topic[object]]:
     """The topics a service may write."""
     return [topic for topic in TOPICS if service in topic.owners]
+
+
+def asked_of(service: str) -> list[Query[Any, Any]]:
+    """The queries a service answers."""
+    return [query for query in QUERIES if query.owner == service]
 
 
 def read_by(service: str) -> list[Topic[object]]:

@@ -15,9 +15,10 @@ from rosbags.serde import SerdeError
 
 from services.common import messages as msg
 from services.common.documents import Document
-from services.common.topics import Topic
+from services.common.topics import Query, Topic
 
 M = TypeVar("M")
+D = TypeVar("D", bound=Document)
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 
@@ -36,9 +37,9 @@ class WireError(ValueError):
         self.reason = reason
 
 
-def key_from_topic(topic: Topic[M], prefix: str = "") -> str:
-    """Zenoh key expression of a topic: the plain ROS name without its slash, as zenoh-bridge-
-    ros2dds has it.
+def key_from_topic(topic: Topic[M] | Query[Any, Any], prefix: str = "") -> str:
+    """Zenoh key expression of a topic or a query: the plain ROS name without its slash, as
+    zenoh-bridge-ros2dds has it.
     """
     return prefix + topic.name.removeprefix("/")
 
@@ -57,11 +58,16 @@ def encode(topic: Topic[M], message: M) -> bytes:
     """
     try:
         if isinstance(message, Document):
-            text = msg.String(data=message.model_dump_json())
-            return bytes(msg.TYPESTORE.serialize_cdr(text, msg.String.__msgtype__))
+            return encode_document(message)
         return bytes(msg.TYPESTORE.serialize_cdr(message, type_name(topic)))
     except (AttributeError, TypeError, ValueError, struct.error, SerdeError) as error:
         raise WireError("not of its type", str(error)) from error
+
+
+def encode_document(document: Document) -> bytes:
+    """CDR bytes of the std_msgs/String that carries a document as JSON."""
+    text = msg.String(data=document.model_dump_json())
+    return bytes(msg.TYPESTORE.serialize_cdr(text, msg.String.__msgtype__))
 
 
 def decode(topic: Topic[M], data: bytes) -> M:
@@ -69,18 +75,38 @@ def decode(topic: Topic[M], data: bytes) -> M:
 
     Raises WireError where they hold none of the topic's type.
     """
+    if issubclass(topic.type, Document):
+        return cast("M", decode_document(topic.type, data))
+    return cast("M", _decode(type_name(topic), data))
+
+
+def decode_document(kind: type[D], data: bytes) -> D:
+    """The document of a kind in CDR bytes.
+
+    Raises WireError where they hold none.
+    """
+    text = cast("msg.String", _decode(msg.String.__msgtype__, data)).data
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as error:
+        raise WireError("not of its schema", _first_mistake(error)) from error
+    except RecursionError as error:
+        raise WireError("malformed", str(error)) from error
+
+
+def _decode(type_name_: str, data: bytes) -> object:
     if len(data) > MAX_MESSAGE_BYTES:
         raise WireError("too large", f"{len(data)} bytes")
     try:
-        message = msg.TYPESTORE.deserialize_cdr(data, type_name(topic))
-        if issubclass(topic.type, Document):
-            text = cast("msg.String", message).data
-            return cast("M", topic.type.model_validate_json(text))
-    except ValidationError as error:
-        raise WireError("not of its schema", str(error)) from error
+        return msg.TYPESTORE.deserialize_cdr(data, type_name_)
     except (SerdeError, RecursionError, MemoryError, OverflowError, AssertionError) as error:
         raise WireError("malformed", str(error)) from error
-    return cast("M", message)
+
+
+def _first_mistake(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    field = ".".join(map(str, first["loc"]))
+    return f"{field}: {first['msg']}" if field else first["msg"]
 
 
 def validate(topic: Topic[M], message: M) -> None:

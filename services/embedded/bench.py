@@ -19,10 +19,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from services.common.executive import Executive, MemoryTransport
 from services.common.frames import LINK_FROM_OPTICAL, SE2
 from services.common.node import Inbox, Node, Outbox
 from services.embedded.demo import DemoOptions, build_nodes
-from services.embedded.executive import Executive, MemoryTransport
 from services.physics.camera import Intrinsics, RendererKind, make_renderer
 from services.physics.scene import build_scene
 from services.worldgen.loader import load_world

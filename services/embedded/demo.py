@@ -20,8 +20,8 @@ from services.bringup.node import EXIT_NOT_REACHED, BringupNode
 from services.bringup.tour import NoLocationsError, tour_goals
 from services.common import log
 from services.common.config import ConfigError, load
+from services.common.executive import Executive, MemoryTransport, StalledError
 from services.common.node import Node
-from services.embedded.executive import Executive, MemoryTransport, StalledError
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig

@@ -16,8 +16,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from services.common.executive import Executive, MemoryTransport
 from services.embedded.demo import DemoOptions, build_nodes
-from services.embedded.executive import Executive, MemoryTransport
 
 WORLDS = ("sim_house_enhanced", "sim_house")
 SEEDS = range(1, 11)

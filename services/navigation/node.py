@@ -190,7 +190,7 @@ class NavigationNode(Node):
         if self._entities.world_hash != self._world.hash:
             return
         doubled = set()
-        for entity in self._entities.entities:
+        for entity in self._entities.markers:
             key = (entity.dictionary, entity.marker_id)
             if key in self._markers:
                 doubled.add(key)

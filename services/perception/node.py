@@ -7,7 +7,7 @@ import logging
 import numpy as np
 
 from services.common import messages as msg
-from services.common.documents import Entities, Entity
+from services.common.documents import Entities, MarkerEntity
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, ODOM_FRAME, Array
 from services.common.node import Inbox, Node, Outbox
 from services.common.pose_history import PoseHistory
@@ -109,14 +109,14 @@ class PerceptionNode(Node):
             return
         self._side_m = {}
         if self._entities is not None and self._entities.world_hash == self.world_hash:
-            for entity in self._entities.entities:
+            for entity in self._entities.markers:
                 self._register(entity, inbox)
 
-    def _register(self, entity: Entity, inbox: Inbox) -> None:
+    def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
         name = entity.dictionary
         if not dictionary_exists(name):
             inbox.reject(ENTITIES, "unknown dictionary")
-            _log.warning("Entity %s: dictionary: OpenCV has none named %r", entity.name, name)
+            _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
             return
         if name not in self._detectors:
             self._detectors[name] = Detector(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container
 
-from services.common.documents import Entities, Entity, Refusal
+from services.common.documents import Entities, MarkerEntity, Refusal
 from services.common.placement import Panel, Placement, panel_of
 
 MAX_ENTITIES = 200
@@ -19,11 +19,11 @@ def review(desired: Entities, textures: Container[str], placement: Placement) ->
     `textures` are the sha256 of the assets at hand. A panel hangs where `placement` lets it, beside
     those before it. Order is kept; of two with one name the first stands.
     """
-    accepted: list[Entity] = []
+    accepted: list[MarkerEntity] = []
     refused: list[Refusal] = []
     names: set[str] = set()
     hanging: list[Panel] = []
-    for entity in desired.entities:
+    for entity in desired.markers:
         reason = _reason(entity, names, textures)
         if not reason and len(accepted) >= MAX_ENTITIES:
             reason = f"there are {MAX_ENTITIES} entities already: no more fit"
@@ -38,7 +38,7 @@ def review(desired: Entities, textures: Container[str], placement: Placement) ->
     return Entities(world_hash=desired.world_hash, entities=tuple(accepted), refused=tuple(refused))
 
 
-def _reason(entity: Entity, names: Container[str], textures: Container[str]) -> str:
+def _reason(entity: MarkerEntity, names: Container[str], textures: Container[str]) -> str:
     """Why an entity cannot stand; empty where it can."""
     numbers = (
         *entity.position_m,

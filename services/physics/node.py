@@ -8,7 +8,12 @@ from collections.abc import Callable
 
 from services.common import messages as msg
 from services.common.config import ConfigError
-from services.common.documents import Entities, SimulationStats, World
+from services.common.documents import (
+    Entities,
+    SimulationControlReply,
+    SimulationStats,
+    World,
+)
 from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Outbox
@@ -28,6 +33,7 @@ from services.common.topics import (
     JOINT_STATES,
     ODOM,
     SCAN,
+    SIMULATION_CONTROL,
     SIMULATION_STATS,
     TF,
     TF_STATIC,
@@ -40,6 +46,7 @@ from services.physics.config import PhysicsConfig, steps_per_period, time_of_ste
 from services.physics.entities import review
 from services.physics.ground_truth import ground_truth, joint_states, mover_frames
 from services.physics.robot_model import ModelError, robot_model_from_urdf
+from services.physics.run_control import ControlRequest, RunControl
 from services.physics.scene import build_scene
 from services.physics.simulation import STEP_S, Simulation
 
@@ -77,6 +84,9 @@ class PhysicsNode(ClockNode):
         self._renderer = make_renderer(kind, self._intrinsics)
         self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
         self._steps = 0
+        self._epoch = 0
+        self._seed = config.seed
+        self._control = RunControl()
         self._assets = Assets()
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
@@ -87,8 +97,20 @@ class PhysicsNode(ClockNode):
         self._schedule = self._make_schedule()
 
     def next_step_ns(self) -> int | None:
-        """One step on from where time is; None before there is a world."""
-        return None if self._simulation is None else time_of_step_ns(self._steps + 1)
+        """One step on from where time is; None before there is a world, and while it stands."""
+        if self._simulation is None or self._control.stands(self._steps):
+            return None
+        return time_of_step_ns(self._steps + 1)
+
+    @property
+    def speed(self) -> float:  # type: ignore[override]
+        """See ClockNode."""
+        return self._control.speed
+
+    @property
+    def paused(self) -> bool:  # type: ignore[override]
+        """See ClockNode."""
+        return self._control.stands(self._steps)
 
     def waiting_for(self) -> str | None:
         """What keeps time from starting."""
@@ -101,12 +123,17 @@ class PhysicsNode(ClockNode):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in what is new and, where `now_ns` is the next step's time, advance to it."""
         due = self.next_step_ns() == now_ns
+        for request in inbox.requests(SIMULATION_CONTROL):
+            self._take_in_control(request, now_ns, outbox)
         if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
             self._take_in_world(now_ns, inbox, outbox)
         if inbox.pending(CMD_VEL):
             self._take_in_command(now_ns, inbox)
         if due and self._simulation is not None:
             self._advance(self._simulation, now_ns, outbox)
+        for request in self._control.ended(self._steps):
+            self._answer(request, "")
+            self._tell_stats(outbox)
 
     def close(self) -> None:
         """Let go of PyBullet and of the renderer."""
@@ -130,6 +157,20 @@ class PhysicsNode(ClockNode):
             _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
         for report in self._schedule[self._steps % len(self._schedule)]:
             report(simulation, now_ns, outbox)
+
+    def _take_in_control(self, request: ControlRequest, now_ns: int, outbox: Outbox) -> None:
+        error = self._control.apply(request, self._steps)
+        if error is not None:
+            self._answer(request, error)
+            self._tell_stats(outbox)
+
+    def _answer(self, request: ControlRequest, error: str) -> None:
+        stats = None if self._simulation is None else self._stats(self._simulation)
+        request.respond(SimulationControlReply(error=error, stats=stats))
+
+    def _tell_stats(self, outbox: Outbox) -> None:
+        if self._simulation is not None:
+            outbox.put(SIMULATION_STATS, self._stats(self._simulation))
 
     def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
         command = inbox.latest(CMD_VEL)
@@ -180,7 +221,7 @@ class PhysicsNode(ClockNode):
         desired = self._desired.get(world.hash)
         if desired is None:
             return f"the entities on {DESIRED_ENTITIES.name}"
-        missing = self._assets.missing(entity.texture_sha256 for entity in desired.entities)
+        missing = self._assets.missing(entity.texture_sha256 for entity in desired.markers)
         if missing:
             return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
         return None
@@ -228,7 +269,7 @@ class PhysicsNode(ClockNode):
             return
         self._entities = entities
         if self._renderer is not None:
-            scene = build_scene(world, self._assets.files, entities.entities, self._surfaces)
+            scene = build_scene(world, self._assets.files, entities.markers, self._surfaces)
             for problem in scene.problems:
                 _log.warning("%s", problem)
             self._renderer.set_scene(scene)
@@ -283,17 +324,22 @@ class PhysicsNode(ClockNode):
         outbox.put(CAMERA_IMAGE, image_message(now_ns, picture))
 
     def _put_stats(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
-        outbox.put(
-            SIMULATION_STATS,
-            SimulationStats(
-                world_hash=simulation.world.hash,
-                sim_time_s=now_ns * 1e-9,
-                iterations=self._steps,
-                step_size_s=STEP_S,
-                renderer="none" if self._renderer is None else self._renderer.name,
-                state_hash=simulation.state_hash.hex(),
-                watchdog_stops=simulation.watchdog_stops,
-            ),
+        outbox.put(SIMULATION_STATS, self._stats(simulation))
+
+    def _stats(self, simulation: Simulation) -> SimulationStats:
+        return SimulationStats(
+            world_hash=simulation.world.hash,
+            sim_time_s=time_of_step_ns(self._steps) * 1e-9,
+            iterations=self._steps,
+            step_size_s=STEP_S,
+            paused=self.paused,
+            speed=self.speed,
+            seed=self._seed,
+            epoch=self._epoch,
+            entities=len(self._entities.entities) if self._entities is not None else 0,
+            renderer="none" if self._renderer is None else self._renderer.name,
+            state_hash=simulation.state_hash.hex(),
+            watchdog_stops=simulation.watchdog_stops,
         )
 
     def _put_clock(self, _: Simulation, now_ns: int, outbox: Outbox) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import Entity, Material, Mesh, PointLight, Rgba, World
+from services.common.documents import MarkerEntity, Material, Mesh, PointLight, Rgba, World
 from services.common.frames import Array, pose_matrix
 from services.common.geometry import TriangleMesh, joined, quad_triangles
 from services.common.surfaces import PLAIN as PLAIN_MATERIAL
@@ -103,7 +103,7 @@ class Scene:
 def build_scene(
     world: World,
     assets: Mapping[str, bytes],
-    entities: Iterable[Entity] = (),
+    entities: Iterable[MarkerEntity] = (),
     seen: Sequence[Surface] | None = None,
 ) -> Scene:
     """The scene of a world and of the panels in it.
@@ -205,7 +205,7 @@ class _Builder:
             )
         )
 
-    def add_panel(self, entity: Entity) -> None:
+    def add_panel(self, entity: MarkerEntity) -> None:
         """A panel's front, not lit, so that its black stays black, and its plain back."""
         map_from_panel = pose_matrix(entity)
         texture = self._texture(entity.texture_sha256, f"entity {entity.name}")

@@ -211,7 +211,7 @@ def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
     for part in canvas.parts:
         if part.material in materials:
             _draw_part(canvas, part)
-    for entity in canvas.entities.entities if canvas.entities else ():
+    for entity in canvas.entities.markers if canvas.entities else ():
         if entity.texture_sha256 == sha256:
             _draw_panel(canvas, entity)
 
@@ -278,7 +278,7 @@ def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
 
 def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
     """What the placement refused, in words."""
-    names = ", ".join(entity.name for entity in entities.entities) or "nothing"
+    names = ", ".join(entity.name for entity in entities.markers) or "nothing"
     if entities.world_hash != canvas.world.hash:
         return
     if canvas.changed("entities/desired", (names, entities.refused)):
@@ -290,8 +290,8 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
     """The markers' panels, and what physics refused."""
     if entities.world_hash != canvas.world.hash:
         return
-    before = {entity.name: entity for entity in canvas.entities.entities} if canvas.entities else {}
-    after = {entity.name: entity for entity in entities.entities}
+    before = {entity.name: entity for entity in canvas.entities.markers} if canvas.entities else {}
+    after = {entity.name: entity for entity in entities.markers}
     canvas.entities = entities
     for name, entity in after.items():
         if before.get(name) != entity:
@@ -483,7 +483,7 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
                 radii=[0.006] * len(poses) + [0.002] * len(others),
             ),
         )
-    entities = canvas.entities.entities if canvas.entities else ()
+    entities = canvas.entities.markers if canvas.entities else ()
     errors_m = [error_m for _, error_m in canvas.comparison.markers(detections, entities)]
     if errors_m:
         _scalar(canvas, "error/marker_m", max(errors_m))
@@ -830,7 +830,7 @@ def _panel_path(name: str) -> str:
     return f"entities/{_path(name)}"
 
 
-def _draw_panel(canvas: Canvas, entity: doc.Entity) -> None:
+def _draw_panel(canvas: Canvas, entity: doc.MarkerEntity) -> None:
     texture = _texture(canvas, entity.texture_sha256)
     _static_mesh(canvas, _panel_path(entity.name), panel(entity), texture)
 

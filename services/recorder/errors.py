@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from services.common import messages as msg
-from services.common.documents import Entity
+from services.common.documents import MarkerEntity
 from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
@@ -50,7 +50,7 @@ class TruthComparison:
         return self._error(ns_from_time(odometry.header.stamp), pose)
 
     def markers(
-        self, detections: msg.Detection3DArray, entities: tuple[Entity, ...]
+        self, detections: msg.Detection3DArray, entities: tuple[MarkerEntity, ...]
     ) -> list[tuple[str, float]]:
         """Marker and distance (m) from where it is, of each one detected in the camera's frame."""
         base_from_camera = chain_transforms(

@@ -16,10 +16,10 @@ from services.common import messages as msg
 from services.common.documents import (
     Contact,
     Entities,
-    Entity,
     ErrorStatistics,
     Evaluation,
     GoalReport,
+    MarkerEntity,
     NavigationResult,
     World,
 )
@@ -78,7 +78,7 @@ class RunEvaluation:
         self._assets = {} if assets is None else assets
         self._truth = PoseHistory(_TRUTH_DEPTH)
         self._odometer = _Odometer()
-        self._entities: tuple[Entity, ...] = ()
+        self._entities: tuple[MarkerEntity, ...] = ()
         self._static: list[msg.TransformStamped] = []
         self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
         self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
@@ -95,7 +95,7 @@ class RunEvaluation:
 
     def set_entities(self, entities: Entities) -> None:
         """Take in what stands in the world."""
-        self._entities = entities.entities
+        self._entities = entities.markers
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Take in fixed frames of the robot."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import Entity
+from services.common.documents import MarkerEntity
 from services.common.frames import (
     Array,
     rotation_from_quaternion,
@@ -104,7 +104,7 @@ class MeshBuilder:
         )
 
 
-def panel(entity: Entity) -> Mesh:
+def panel(entity: MarkerEntity) -> Mesh:
     """The front of a marker's panel in the map frame, for its texture."""
     builder = MeshBuilder()
     half_m = entity.panel_side_m / 2.0

@@ -122,7 +122,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
         return
     walls = {wall.name for wall in draft.world.walls}
     entities, _ = furnish(draft.world, meshes=draft.meshes)
-    hung = {entity.name for entity in entities.entities}
+    hung = {entity.name for entity in entities.markers}
     reasons: dict[str, list[str]] = {}
     for refusal in entities.refused:
         reasons.setdefault(refusal.name, []).append(refusal.reason)
@@ -150,7 +150,7 @@ def _unseen(draft: Draft, entities: Entities) -> Iterator[Mistake]:
 
     sight = Sight(draft.world, draft.cells, draft.grid.origin, draft.meshes)
     index_of = {marker.id: index for index, marker in reversed([*enumerate(draft.world.markers)])}
-    for entity in entities.entities:
+    for entity in entities.markers:
         rotation = rotation_from_quaternion(*entity.orientation_xyzw)
         map_from_panel = transform_matrix(rotation, entity.position_m)
         _, _, cells = sight.window(Panel(entity.name, map_from_panel, entity.panel_side_m))

@@ -78,7 +78,7 @@ def best_cover(
     Raises ValueError with a short phrase about `share` where it cannot be had.
     """
     sight = Sight(world, map_cells, origin, meshes)
-    hanging = [panel_of(one) for one in furnish(world, meshes=meshes)[0].entities]
+    hanging = [panel_of(one) for one in furnish(world, meshes=meshes)[0].markers]
     covered = np.zeros(map_cells.shape, np.bool_)
     for panel in hanging:
         rows, columns, seen = sight.window(panel)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from services.common.documents import Entity, Material, Planar, Rgba, Wall, World
+from services.common.documents import MarkerEntity, Material, Planar, Rgba, Wall, World
 from services.common.footprint import Footprint, footprint, wall_corners
 from services.common.frames import SE2, Array, pose_matrix, rotation_from_quaternion
 from services.common.furnish import furnish
@@ -106,7 +106,7 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     """
     world = loaded.world
     meshes = loaded.meshes
-    entities = furnish(world, meshes=meshes)[0].entities
+    entities = furnish(world, meshes=meshes)[0].markers
     if seen is None:
         panels = [panel_of(entity) for entity in entities]
         seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)
@@ -370,7 +370,7 @@ def _body(
     draw.line(view.at(corners), fill=_INK, width=width, joint="curve")
 
 
-def _marker(draw: ImageDraw.ImageDraw, view: View, entity: Entity, colour: Rgb) -> None:
+def _marker(draw: ImageDraw.ImageDraw, view: View, entity: MarkerEntity, colour: Rgb) -> None:
     """A bar along the face, and a tick into the room it looks into."""
     x, y, right, normal = _panel(entity)
     half = max(entity.panel_side_m / 2.0, 4.0 * _OVERSAMPLING / view.px_m)
@@ -385,7 +385,7 @@ def _marker(draw: ImageDraw.ImageDraw, view: View, entity: Entity, colour: Rgb) 
     draw.polygon(view.at(np.array(tip) + depth * normal), fill=colour)
 
 
-def _panel(entity: Entity) -> tuple[float, float, Array, Array]:
+def _panel(entity: MarkerEntity) -> tuple[float, float, Array, Array]:
     """Centre, right and normal of a marker on the floor."""
     rotation = rotation_from_quaternion(*entity.orientation_xyzw)
     return entity.position_m[0], entity.position_m[1], rotation[:2, 0], rotation[:2, 2]
@@ -426,7 +426,7 @@ def _font(size_px: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size_px)
 
 
-def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Entity]) -> None:
+def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[MarkerEntity]) -> None:
     """Names over the plan, each where it hides as little as it can."""
     draw = ImageDraw.Draw(plan)
     size = min(max(0.13 * view.px_m, max(view.size_px) / 100.0), 20.0)
@@ -516,7 +516,7 @@ def _write(
     draw.text(spot, text, fill=colour, font=font, anchor="mm", stroke_width=2, stroke_fill=_PAPER)
 
 
-def _figures(loaded: LoadedWorld, entities: Sequence[Entity], seen: NDArray[np.bool_]) -> str:
+def _figures(loaded: LoadedWorld, entities: Sequence[MarkerEntity], seen: NDArray[np.bool_]) -> str:
     world = loaded.world
     free = int((loaded.map_cells == FREE).sum())
     parts = [
@@ -607,7 +607,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
         name = f"{kind}_{material}" + ("" if textured else "_plain")
         look = looks[material] if textured else _plain(material, world)
         _add(scene, name, _joined(meshes), look)
-    for entity in entities.entities:
+    for entity in entities.markers:
         picture = Image.open(io.BytesIO(pictures[entity.texture_sha256]))
         _add(scene, entity.name, _panel_mesh(entity), _material(entity.name, (1, 1, 1, 1), picture))
     return bytes(scene.export(file_type="glb"))
@@ -629,7 +629,7 @@ def _joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     )
 
 
-def _panel_mesh(entity: Entity) -> TriangleMesh:
+def _panel_mesh(entity: MarkerEntity) -> TriangleMesh:
     half = entity.panel_side_m / 2.0
     rotation = rotation_from_quaternion(*entity.orientation_xyzw)
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])

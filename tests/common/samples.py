@@ -40,7 +40,7 @@ TRANSFORMS = msg.TFMessage([msg.transform_stamped(STAMP_NS, "map", "odom", np.ey
 ENTITIES = doc.Entities(
     world_hash="0123456789abcdef",
     entities=(
-        doc.Entity(
+        doc.MarkerEntity(
             name="marker_60",
             position_m=(0.0, 1.0, 0.3),
             orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
@@ -52,6 +52,19 @@ ENTITIES = doc.Entities(
         ),
     ),
     refused=(doc.Refusal(name="marker_80", reason="buried"),),
+)
+CAMERA_INFO = msg.CameraInfo(
+    HEADER,
+    2,
+    3,
+    "plumb_bob",
+    np.zeros(5),
+    np.eye(3).reshape(9),
+    np.eye(3).reshape(9),
+    np.eye(3, 4).reshape(12),
+    0,
+    0,
+    msg.RegionOfInterest(0, 0, 0, 0, False),
 )
 PLANAR = doc.Planar(x_m=1.0, y_m=2.0, yaw_rad=0.0)
 SHAPES = (
@@ -153,19 +166,12 @@ SAMPLES: dict[Topic[Any], Any] = {
         np.zeros(0, np.float32),
     ),
     table.CAMERA_IMAGE: msg.Image(HEADER, 2, 3, "rgb8", 0, 9, np.arange(18, dtype=np.uint8)),
-    table.CAMERA_INFO: msg.CameraInfo(
-        HEADER,
-        2,
-        3,
-        "plumb_bob",
-        np.zeros(5),
-        np.eye(3).reshape(9),
-        np.eye(3).reshape(9),
-        np.eye(3, 4).reshape(12),
-        0,
-        0,
-        msg.RegionOfInterest(0, 0, 0, 0, False),
+    table.CAMERA_COMPRESSED: msg.CompressedImage(HEADER, "jpeg", np.arange(9, dtype=np.uint8)),
+    table.DEPTH_IMAGE: msg.Image(
+        HEADER, 2, 3, "32FC1", 0, 12, np.arange(6, dtype=np.float32).view(np.uint8)
     ),
+    table.DEPTH_INFO: CAMERA_INFO,
+    table.CAMERA_INFO: CAMERA_INFO,
     table.GROUND_TRUTH_ODOM: ODOMETRY,
     table.CONTACTS: doc.Contact(
         time_s=1.0,

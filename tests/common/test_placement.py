@@ -235,7 +235,7 @@ def test_hundreds_of_panels_among_thousands_of_walls_are_judged_at_once() -> Non
 
 
 def test_an_entity_tells_its_panel() -> None:
-    (entity,) = furnish(world([wall()], [marker(offset_m=0.3, side="right")]))[0].entities
+    (entity,) = furnish(world([wall()], [marker(offset_m=0.3, side="right")]))[0].markers
     panel = hang("aruco_7", marker(offset_m=0.3, side="right"), wall(), SIDE_M, 0.002)
     again = panel_of(entity)
     assert again.map_from_panel == pytest.approx(panel.map_from_panel, abs=1e-12)

@@ -8,7 +8,7 @@ import pytest
 
 from services.common import messages as msg
 from services.common import wire
-from services.common.documents import Entities, Entity, NavigationResult
+from services.common.documents import Entities, MarkerEntity, NavigationResult
 from services.common.footprint import wall_corners
 from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
 from services.common.node import Envelope
@@ -398,11 +398,11 @@ def test_without_scans_the_robot_stands_until_they_come_back() -> None:
     assert [r.error_code for r in driver.results()] == [0]
 
 
-def marker_entity(name: str, marker_id: int, x_m: float, y_m: float) -> Entity:
+def marker_entity(name: str, marker_id: int, x_m: float, y_m: float) -> MarkerEntity:
     """A marker that faces +x."""
     # Its columns are right, up and out of the wall, as one looks at it.
     rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return Entity(
+    return MarkerEntity(
         name=name,
         position_m=(x_m, y_m, 0.3),
         orientation_xyzw=quaternion_from_rotation(rotation),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from services.common import log
+from services.common.executive import Executive
 from services.common.topics import (
     BY_NAME,
     EVALUATION,
@@ -16,7 +17,6 @@ from services.common.topics import (
 )
 from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
-from services.embedded.executive import Executive
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
 from tests.router import running_router
 

@@ -6,9 +6,9 @@ import time
 
 from services.common import wire
 from services.common.bus import Bus, BusConfig, alive, open_session
+from services.common.executive import MemoryTransport
 from services.common.node import Envelope, Inbox, Node, Outbox
 from services.common.topics import Topic, owned_by
-from services.embedded.executive import MemoryTransport
 
 DEADLINE_S = 20.0
 

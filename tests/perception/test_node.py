@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from services.common import messages as msg
 from services.common import wire
-from services.common.documents import Entities, Entity, Planar, World
+from services.common.documents import Entities, MarkerEntity, Planar, World
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
@@ -61,8 +61,8 @@ def world(hash_: str = "first") -> World:
 
 def marker(
     marker_id: int = MARKER_ID, dictionary: str = "DICT_4X4_100", size_m: float = MARKER_SIDE_M
-) -> Entity:
-    return Entity(
+) -> MarkerEntity:
+    return MarkerEntity(
         name=f"aruco_{marker_id}",
         position_m=(0.0, 0.0, 0.3),
         orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
@@ -161,7 +161,7 @@ class Bench:
         return dict(self.inbox.counts[topic.name].rejected)
 
 
-def bench(entities: Iterable[Entity] | None = None, **config: Any) -> Bench:
+def bench(entities: Iterable[MarkerEntity] | None = None, **config: Any) -> Bench:
     made = Bench(**config)
     made.hear(WORLD, world())
     known = (marker(),) if entities is None else tuple(entities)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from services.common import messages as msg
-from services.common.documents import Entities, Entity, Material, Planar, Wall, World
+from services.common.documents import Entities, MarkerEntity, Material, Planar, Wall, World
 from services.common.frames import SE2
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import (
@@ -83,9 +83,9 @@ def asset(data: bytes) -> msg.CompressedImage:
     )
 
 
-def panel(name: str, texture_sha256: str, **changes: object) -> Entity:
+def panel(name: str, texture_sha256: str, **changes: object) -> MarkerEntity:
     """A panel on the left face of HOUSE_WALLS' first wall."""
-    entity = Entity(
+    entity = MarkerEntity(
         name=name,
         position_m=(-1.2, -1.957, 0.3),
         orientation_xyzw=(0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0),

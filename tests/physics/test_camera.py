@@ -22,8 +22,8 @@ from services.common.documents import (
     Body,
     Box,
     Ceiling,
-    Entity,
     Geometry,
+    MarkerEntity,
     Material,
     Mesh,
     Planar,
@@ -111,9 +111,9 @@ def marker_picture(marker_id: int, module_px: int = 24) -> Picture:
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-def panel(sha256: str, map_from_panel: Array, side_m: float = 0.4) -> Entity:
+def panel(sha256: str, map_from_panel: Array, side_m: float = 0.4) -> MarkerEntity:
     x, y, z = (float(value) for value in map_from_panel[:3, 3])
-    return Entity(
+    return MarkerEntity(
         name="panel",
         position_m=(x, y, z),
         orientation_xyzw=quaternion_from_rotation(map_from_panel[:3, :3]),

@@ -12,7 +12,7 @@ import pytest
 from services.common import messages as msg
 from services.common import wire
 from services.common.config import ConfigError, load
-from services.common.documents import Entities, Entity, World
+from services.common.documents import Entities, MarkerEntity, World
 from services.common.frames import LINK_FROM_OPTICAL, transform_matrix
 from services.common.topics import (
     ASSETS,
@@ -190,7 +190,7 @@ def test_a_damaged_asset_is_not_taken_in() -> None:
     }
 
 
-def _desire(driver: Driver, *entities: Entity) -> Entities:
+def _desire(driver: Driver, *entities: MarkerEntity) -> Entities:
     desired = Entities.model_construct(world_hash=world().hash, entities=entities, refused=())
     driver.deliver(DESIRED_ENTITIES, desired)
     driver.turn()

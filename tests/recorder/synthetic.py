@@ -75,9 +75,9 @@ def room(name: str = "room", height_m: float = 3.0) -> doc.World:
     return world.model_copy(update={"hash": world.content_hash()})
 
 
-def marker_on_the_east_wall() -> doc.Entity:
+def marker_on_the_east_wall() -> doc.MarkerEntity:
     """It faces -x: its own x axis is -y of the map, its y axis is up."""
-    return doc.Entity(
+    return doc.MarkerEntity(
         name="marker_60",
         position_m=(1.92, 0.0, 0.3),
         orientation_xyzw=(0.5, -0.5, -0.5, 0.5),

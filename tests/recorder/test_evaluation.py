@@ -12,8 +12,8 @@ from services.common import messages as msg
 from services.common.documents import (
     Contact,
     Entities,
-    Entity,
     Location,
+    MarkerEntity,
     NavigationResult,
     Planar,
     Wall,
@@ -101,8 +101,8 @@ def drive(evaluation: RunEvaluation, until_s: float = 12.0, noise_m: float = 0.0
         evaluation.add_ground_truth(odometry(tick * PERIOD_NS, pose, MAP_FRAME))
 
 
-def marker() -> Entity:
-    return Entity(
+def marker() -> MarkerEntity:
+    return MarkerEntity(
         name="aruco_60",
         position_m=(START.x_m + 3.0, START.y_m + 0.5, 0.3),
         orientation_xyzw=(-0.5, -0.5, 0.5, 0.5),

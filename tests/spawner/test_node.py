@@ -49,10 +49,10 @@ def test_the_markers_of_the_house_hang_where_they_should() -> None:
     desired = sent[-1][1]
     assert isinstance(desired, Entities)
     assert (desired.world_hash, desired.refused) == (house.hash, ())
-    by_id = {entity.marker_id: entity for entity in desired.entities}
+    by_id = {entity.marker_id: entity for entity in desired.markers}
     assert by_id[60].position_m == pytest.approx((1.4788, 2.0812, 0.25), abs=1e-4)
     assert by_id[80].position_m == pytest.approx((-1.8015, 0.4270, 0.25), abs=1e-4)
-    for entity in desired.entities:
+    for entity in desired.markers:
         # The face looks to the east, right is north, up is up.
         rotation = rotation_from_quaternion(*entity.orientation_xyzw)
         assert rotation == pytest.approx(
@@ -74,7 +74,7 @@ def test_each_texture_is_sent_under_its_hash_and_survives_the_wire() -> None:
     assert all(hashlib.sha256(data).hexdigest() == sha256 for sha256, data in assets.items())
     desired = sent[-1][1]
     assert isinstance(desired, Entities)
-    assert [entity.texture_sha256 for entity in desired.entities] == list(assets)
+    assert [entity.texture_sha256 for entity in desired.markers] == list(assets)
 
 
 def test_a_world_without_markers_wants_nothing() -> None:
@@ -91,7 +91,7 @@ def test_the_newest_world_counts() -> None:
     assert run(node) == []
     desired = run(node, first, second)[-1][1]
     assert isinstance(desired, Entities)
-    assert [entity.name for entity in desired.entities] == ["aruco_8"]
+    assert [entity.name for entity in desired.markers] == ["aruco_8"]
     assert node.world_hash == second.hash
 
 
@@ -100,7 +100,7 @@ def test_one_bad_marker_is_refused_and_the_others_hang(caplog: pytest.LogCapture
     with caplog.at_level(logging.INFO, "spawner"):
         desired = run(SpawnerNode(SpawnerConfig()), one)[-1][1]
     assert isinstance(desired, Entities)
-    assert [entity.name for entity in desired.entities] == ["aruco_2"]
+    assert [entity.name for entity in desired.markers] == ["aruco_2"]
     reason = "reaches 0.200 m under the floor"
     assert [(r.name, r.reason) for r in desired.refused] == [("aruco_1", reason)]
     assert [(r.levelname, r.getMessage()) for r in caplog.records] == [
@@ -152,8 +152,8 @@ def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
 )  # fmt: skip
 def test_whatever_a_marker_says_it_hangs_or_is_refused(one: Marker) -> None:
     desired, textures = furnish(world([wall()], [one]))
-    assert len(desired.entities) + len(desired.refused) == 1
-    assert len(desired.entities) == len(textures)
+    assert len(desired.markers) + len(desired.refused) == 1
+    assert len(desired.markers) == len(textures)
     assert all("\n" not in refusal.reason for refusal in desired.refused)
 
 
@@ -162,7 +162,7 @@ def test_a_wall_at_any_yaw_has_a_good_pose_for_its_marker() -> None:
         host = wall(pose=SE2(1.0, 2.0, float(yaw_rad)))
         ahead = host.map_from_wall() @ SE2(0.0, 2.0, 0.0)
         desired, _ = furnish(world([host], [marker()], start=ahead))
-        (entity,) = desired.entities
+        (entity,) = desired.markers
         normal = rotation_from_quaternion(*entity.orientation_xyzw)[:, 2]
         towards = np.array([ahead.x_m, ahead.y_m]) - entity.position_m[:2]
         assert normal[:2] @ towards == pytest.approx(2.0 - 0.1 - 0.002)

@@ -33,7 +33,7 @@ def test_four_markers_cover_nine_tenths_of_the_house(house: LoadedWorld) -> None
     with_them = house.world.model_copy(update={"markers": found.markers})
     entities, _ = furnish(with_them)
     assert entities.refused == ()
-    panels = [panel_of(entity) for entity in entities.entities]
+    panels = [panel_of(entity) for entity in entities.markers]
     share = covered_share(with_them, panels, house.map_cells, house.map_origin)
     assert share == pytest.approx(found.share)
     assert share >= 0.9
@@ -93,7 +93,7 @@ def test_no_choice_of_fewer_covers_a_small_room() -> None:
     shares = []
     for candidates in itertools.combinations(places, fewer):
         entities, _ = furnish(one.model_copy(update={"markers": candidates}))
-        panels = [panel_of(entity) for entity in entities.entities]
+        panels = [panel_of(entity) for entity in entities.markers]
         shares.append(covered_share(one, panels, cells, origin))
     assert 0.3 < max(shares) < 0.9
 

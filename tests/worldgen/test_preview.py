@@ -150,7 +150,7 @@ def test_the_model_has_y_up_and_every_material(model: bytes) -> None:
 
 def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld, model: bytes) -> None:
     scene = scene_of(model)
-    for entity in furnish(enhanced.world)[0].entities:
+    for entity in furnish(enhanced.world)[0].markers:
         panel: Any = scene.geometry[entity.name]
         x, y, z = entity.position_m
         assert panel.bounds.mean(0) == pytest.approx([x, z, -y], abs=1e-5)

@@ -58,7 +58,7 @@ def test_a_world_has_no_problem_and_every_place_can_be_reached(name: str) -> Non
     assert reaches_everything(loaded, ROBOT_RADIUS_M)
     entities, _ = furnish(loaded.world)
     assert entities.refused == ()
-    assert len(entities.entities) == len(loaded.world.markers)
+    assert len(entities.markers) == len(loaded.world.markers)
 
 
 def test_a_gap_too_narrow_is_found() -> None:
@@ -138,7 +138,7 @@ def test_every_room_for_slam_has_a_marker_and_things_of_its_own() -> None:
     loaded = load_world("sim_house_slam")
     world = loaded.world
     before = []
-    for entity in furnish(world)[0].entities:
+    for entity in furnish(world)[0].markers:
         normal = rotation_from_quaternion(*entity.orientation_xyzw)[:, 2]
         before.append(shapely.Point(*(np.array(entity.position_m) + 0.2 * normal)[:2]))
     looks = []
@@ -164,7 +164,7 @@ def test_another_seed_is_another_maze(name: str) -> None:
 
 def test_twelve_markers_show_from_nearly_everywhere() -> None:
     loaded = load_world("sim_house_markers")
-    panels = [panel_of(entity) for entity in furnish(loaded.world)[0].entities]
+    panels = [panel_of(entity) for entity in furnish(loaded.world)[0].markers]
     assert len(panels) == 12
     sight = Sight(loaded.world, loaded.map_cells, loaded.map_origin)
     count = np.zeros(loaded.map_cells.shape, int)

@@ -331,7 +331,7 @@ class _Export:
     def _markers(self, inside: etree._Element) -> list[dict[str, object]]:
         """Include a model for every marker that hangs; what is to be noted of each marker."""
         entities, _ = furnish(self._world, max_markers=len(self._world.markers))
-        pose_of = {entity.name: entity.position_m for entity in entities.entities}
+        pose_of = {entity.name: entity.position_m for entity in entities.markers}
         walls = {wall.name: wall for wall in self._world.walls}
         notes: list[dict[str, object]] = []
         for marker in self._world.markers:

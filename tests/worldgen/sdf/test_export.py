@@ -169,7 +169,7 @@ def test_each_marker_that_hangs_is_a_model_beside_the_world(loaded: LoadedWorld)
     from services.common.furnish import furnish
 
     entities, _ = furnish(loaded.world)
-    assert texture == entities.entities[0].texture_sha256
+    assert texture == entities.markers[0].texture_sha256
     notes = json.loads(root.findtext(f"world/{OURS}world/{OURS}markers"))
     assert ["model" in note for note in notes] == [True, True, False, False]
 

@@ -1,9 +1,9 @@
 import pytest
 
 from services.common.config import ServiceConfig
+from services.common.executive import Executive, MemoryTransport, StalledError
 from services.common.node import ClockNode, Inbox, Node, Outbox
 from services.common.topics import CLOCK, CMD_VEL, DIAGNOSTICS, SCAN
-from services.embedded.executive import Executive, MemoryTransport, StalledError
 from tests.common.samples import SAMPLES
 
 STEP_NS = 1_000_000

@@ -6,12 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from services.common.diagnostics import diagnostics
 from services.common.log import RosoutHandler
 from services.common.node import ClockNode, Envelope, Inbox, Node, Outbox, Trigger
-from services.common.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Topic
+from services.common.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Query, Topic
+
+Q = TypeVar("Q")
+A = TypeVar("A")
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
@@ -49,6 +52,10 @@ class MemoryTransport:
 
     def close(self) -> None:
         """Nothing to let go of."""
+
+    def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
+        """Ask the node that the table names; see Inbox.ask."""
+        return self._inboxes[query.owner].ask(query, message, respond)
 
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         for reader in topic.readers:
