@@ -86,7 +86,8 @@ def load(model: type[C], service: str, arguments: list[str]) -> C:
         fields[name] = info
     settings_type: type[BaseSettings] = type(model.__name__, (Settings,), fields)
     try:
-        values = settings_type(**section).model_dump()
+        # Only what somebody set: what is not set may follow from what is.
+        values = settings_type(**section).model_dump(exclude_unset=True)
         return model.model_validate(values)
     except ValidationError as error:
         raise ConfigError(f"{service}: {one_line(error)}") from error

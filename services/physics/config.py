@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from services.common.config import ROOT, ConfigError, ServiceConfig
-from services.common.topics import CAMERA_IMAGE, SCAN
+from services.common.topics import CAMERA_IMAGE
+from services.physics.sensor_profiles import SCAN_PROFILES, filled_in
 
 STEPS_PER_SECOND = 240
 """Physics steps in one second of simulation: PyBullet's own rate, for which its solver is tuned."""
+
+_PROFILES = {"scan_profile": SCAN_PROFILES}
+_LDS01 = SCAN_PROFILES["lds01"]
 
 
 class PhysicsConfig(ServiceConfig):
@@ -66,13 +70,34 @@ class PhysicsConfig(ServiceConfig):
     accelerometer_noise_m_s2: float = Field(
         1.7e-2, ge=0.0, le=10.0, description="standard deviation of each axis of the accelerometer"
     )
-    scan_rate_hz: float = Field(
-        SCAN.rate_hz or 10.0, gt=0.0, description="turns of the lidar a second; divides 240"
+    scan_profile: Literal["lds01", "lds02", "gazebo"] = Field(
+        "lds01", description="lidar whose figures the scan_ fields have where they are not set"
     )
-    scan_samples: int = Field(360, ge=4, le=10_000, description="rays a turn")
-    scan_range_min_m: float = Field(0.12, ge=0.0, le=1.0, description="nearer echoes are -inf")
-    scan_range_max_m: float = Field(3.5, gt=1.0, le=100.0, description="farther echoes are inf")
-    scan_noise_m: float = Field(0.01, ge=0.0, le=1.0, description="standard deviation of a range")
+    scan_rate_hz: float = Field(
+        _LDS01.scan_rate_hz, gt=0.0, description="turns of the lidar a second; divides 240"
+    )
+    scan_samples: int = Field(_LDS01.scan_samples, ge=4, le=10_000, description="rays a turn")
+    scan_range_min_m: float = Field(
+        _LDS01.scan_range_min_m, ge=0.0, le=1.0, description="nearer echoes are -inf"
+    )
+    scan_range_max_m: float = Field(
+        _LDS01.scan_range_max_m, gt=1.0, le=100.0, description="farther echoes are inf"
+    )
+    scan_noise_m: float = Field(
+        _LDS01.scan_noise_m, ge=0.0, le=1.0, description="standard deviation of a range, at least"
+    )
+    scan_noise_share: float = Field(
+        _LDS01.scan_noise_share,
+        ge=0.0,
+        le=0.2,
+        description="standard deviation of a range as a share of it, where that is more",
+    )
+    scan_resolution_m: float = Field(
+        _LDS01.scan_resolution_m,
+        ge=0.0,
+        le=0.1,
+        description="ranges are whole multiples of it; 0: not rounded",
+    )
     camera_enabled: bool = Field(True, description="render and send pictures")
     renderer: Literal["auto", "gl", "tiny", "none"] = Field(
         "auto",
@@ -90,6 +115,11 @@ class PhysicsConfig(ServiceConfig):
     clear_view_m: float = Field(
         0.5, gt=0.0, le=10.0, description="depth in front of a marker that must be free"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in_profiles(cls, values: Any) -> Any:
+        return filled_in(values, cls.model_fields, _PROFILES)
 
     @field_validator("scan_rate_hz", "camera_rate_hz")
     @classmethod
