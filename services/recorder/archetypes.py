@@ -26,11 +26,14 @@ from services.common.surfaces import PLAIN
 from services.common.topics import (
     AMCL_POSE,
     ASSETS,
+    CAMERA_COMPRESSED,
     CAMERA_IMAGE,
     CAMERA_INFO,
     CLOCK,
     CMD_VEL,
     CONTACTS,
+    DEPTH_IMAGE,
+    DEPTH_INFO,
     DESIRED_ENTITIES,
     DETECTIONS,
     DIAGNOSTICS,
@@ -68,11 +71,16 @@ TRUTH_FRAME = "ground_truth"
 """Frame of the true robot; `base_footprint` is where it believes itself to be."""
 IMAGE_FRAME = "camera_image"
 """The plane of the camera's picture, in pixels."""
+DEPTH_FRAME = "camera_depth"
+"""The plane of the depth image, in pixels."""
 
 _TEXTURE_SIDE_PX = 512
 
 _PLOT_NS = 95_000_000
 _PATH_NS = 500_000_000
+_DEPTH_NS = 480_000_000
+_DEPTH_RANGE_M = (0.0, 10.0)
+"""Of the depth image's colours."""
 _SECOND_NS = 1_000_000_000
 _LATCH_NS = 10_000_000_000
 """What has not changed is drawn again this often, for viewers that have only the newest data."""
@@ -372,9 +380,12 @@ def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
 
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
-    """The picture, as JPEG."""
+    """The picture, as JPEG; nothing where it comes as JPEG as well."""
     canvas.at(image.header.stamp)
-    if image.encoding not in _TO_BGR:
+    if canvas.comes_compressed:
+        return
+    channels, _ = _TO_BGR.get(image.encoding, (0, None))
+    if not 0 < channels * image.width <= image.step:
         if canvas.changed("camera/color/image_raw/encoding", image.encoding):
             text = f"cannot draw pictures in {image.encoding}"
             _say(canvas, "camera/color/image_raw", text, "WARN")
@@ -384,25 +395,37 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
     canvas.recording.log_later("camera/color/image_raw", lambda: _jpeg(image, quality))
 
 
+def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
+    """The picture, as it came."""
+    canvas.at(image.header.stamp)
+    canvas.comes_compressed = True
+    kind = "image/png" if "png" in image.format else "image/jpeg"
+    _frame(canvas, "camera/color/image_raw", IMAGE_FRAME)
+    picture = rr.EncodedImage(contents=image.data.tobytes(), media_type=kind)
+    canvas.recording.log("camera/color/image_raw", picture)
+
+
 def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
     """The pyramid through which the picture is seen, in the camera's frame."""
     canvas.camera = info
-    value = (info.k.tobytes(), info.width, info.height, info.header.frame_id)
-    if canvas.changed("camera/color/camera_info", value):
-        canvas.recording.log(
-            "camera/color/camera_info",
-            rr.Pinhole(
-                image_from_camera=info.k.reshape(3, 3),
-                resolution=(info.width, info.height),
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.5,
-                parent_frame=info.header.frame_id,
-                child_frame=IMAGE_FRAME,
-                color=_ESTIMATE,
-                line_width=0.004,
-            ),
-            static=True,
-        )
+    _draw_pinhole(canvas, "camera/color/camera_info", info, IMAGE_FRAME)
+
+
+def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
+    """Depths twice a second, as PNG of millimetres: a picture, and points in the camera's frame."""
+    stamp_ns = canvas.at(image.header.stamp)
+    path = "camera/depth/image_rect_raw"
+    if image.encoding != "32FC1" or image.is_bigendian or not 0 < 4 * image.width <= image.step:
+        if canvas.changed(f"{path}/encoding", image.encoding):
+            _say(canvas, path, f"cannot draw depths in {image.encoding}", "WARN")
+    elif canvas.due(path, stamp_ns, _DEPTH_NS):
+        _frame(canvas, path, DEPTH_FRAME)
+        canvas.recording.log_later(path, lambda: _depth_png(image))
+
+
+def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:
+    """The pyramid through which the depths are seen, in the camera's frame."""
+    _draw_pinhole(canvas, "camera/depth/camera_info", info, DEPTH_FRAME)
 
 
 def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
@@ -675,6 +698,9 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     SCAN: draw_scan,
     CAMERA_IMAGE: draw_camera_image,
     CAMERA_INFO: draw_camera_info,
+    CAMERA_COMPRESSED: draw_camera_compressed,
+    DEPTH_IMAGE: draw_depth_image,
+    DEPTH_INFO: draw_depth_info,
     GROUND_TRUTH_ODOM: draw_ground_truth_odom,
     CONTACTS: draw_contact,
     SIMULATION_STATS: draw_simulation_stats,
@@ -720,6 +746,40 @@ def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
     bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
     _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+
+
+def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
+    """Millimetres in 16 bits; what is farther than 65 m is there."""
+    rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
+    depth_m = np.ascontiguousarray(rows).view(np.float32)
+    in_range_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)
+    millimetres = np.clip(np.round(1000.0 * in_range_m), 0, 65_535).astype(np.uint16)
+    _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return rr.EncodedDepthImage(
+        blob=png.tobytes(),
+        media_type=rr.components.MediaType.PNG,
+        meter=1000.0,
+        depth_range=[1000.0 * edge_m for edge_m in _DEPTH_RANGE_M],
+    )
+
+
+def _draw_pinhole(canvas: Canvas, path: str, info: msg.CameraInfo, image_frame: str) -> None:
+    value = (info.k.tobytes(), info.width, info.height, info.header.frame_id)
+    if canvas.changed(path, value):
+        canvas.recording.log(
+            path,
+            rr.Pinhole(
+                image_from_camera=info.k.reshape(3, 3),
+                resolution=(info.width, info.height),
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.5,
+                parent_frame=info.header.frame_id,
+                child_frame=image_frame,
+                color=_ESTIMATE,
+                line_width=0.004,
+            ),
+            static=True,
+        )
 
 
 def _say(

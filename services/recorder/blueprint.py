@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from services.common.frames import MAP_FRAME
-from services.recorder.archetypes import IMAGE_FRAME
+from services.recorder.archetypes import DEPTH_FRAME, IMAGE_FRAME
 from services.recorder.recording import TIMELINE
 from services.recorder.scenery import Extent
 
@@ -30,6 +30,7 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
             "- /camera/color/image_raw/**",
             "- /aruco/detections/outline/**",
         ],
+        overrides={"/camera/depth": rrb.EntityBehavior(visible=False)},
         background=_BACKGROUND,
         line_grid=False,
         spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
@@ -62,6 +63,13 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
         contents=["+ /camera/color/image_raw/**", "+ /aruco/detections/outline/**"],
         background=_BACKGROUND,
         spatial_information=rrb.SpatialInformation(target_frame=IMAGE_FRAME),
+    )
+    depth = rrb.Spatial2DView(
+        name="Depth",
+        origin="/camera/depth/image_rect_raw",
+        contents=["+ /camera/depth/image_rect_raw/**"],
+        background=_BACKGROUND,
+        spatial_information=rrb.SpatialInformation(target_frame=DEPTH_FRAME),
     )
     plots = rrb.Tabs(
         _plot("Error (m)", ["/error/localisation_m", "/error/marker_m"]),
@@ -101,7 +109,9 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
                 rrb.Tabs(log, states, active_tab=0),
                 row_shares=[4, 1],
             ),
-            rrb.Vertical(camera, plots, speeds, row_shares=[5, 3, 3]),
+            rrb.Vertical(
+                rrb.Tabs(camera, depth, active_tab=0), plots, speeds, row_shares=[5, 3, 3]
+            ),
             column_shares=[5, 3],
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),

@@ -56,6 +56,8 @@ class Canvas:
     now_ns: int = 0
     entities: Entities | None = None
     camera: msg.CameraInfo | None = None
+    comes_compressed: bool = False
+    """Whether the camera's picture comes as JPEG as well, and need not be made one."""
     parts: list[Part] = field(default_factory=list)
     """What was drawn of the world."""
     comparison: TruthComparison = field(init=False)

@@ -375,3 +375,57 @@ def test_the_layout_looks_into_the_maze_from_outside_and_above() -> None:
     for world in (room(), room().model_copy(update={"walls": (), "locations": ()})):
         _, extent = parts(world, {})
         assert run_blueprint(extent) is not None
+
+
+def depth_image(stamp_ns: int, depth_m: Any, **fields: Any) -> msg.Image:
+    height, width = depth_m.shape
+    header = msg.header(stamp_ns, "camera_rgb_optical_frame")
+    values = {"encoding": "32FC1", "step": 4 * width, **fields}
+    data = depth_m.astype(np.float32).reshape(-1).view(np.uint8)
+    return msg.Image(
+        header, height, width, values["encoding"], 0, values["step"], data
+    )  # fmt: skip
+
+
+def test_depths_are_drawn_twice_a_second_in_millimetres() -> None:
+    import cv2
+
+    rr.set_strict_mode(True)
+    canvas, paper = canvas_of(room())
+    depth_m = np.array([[0.0, 0.1234, 9.9996], [np.inf, np.nan, 70.0]])
+    for frame in range(11):
+        DRAW[table.DEPTH_IMAGE](canvas, depth_image(frame * 100_000_000, depth_m))
+    drawn = [
+        a
+        for a in paper.logged["camera/depth/image_rect_raw"]
+        if isinstance(a, rr.EncodedDepthImage)
+    ]
+    assert len(drawn) == 3
+    (blob,) = column(drawn[0], "blob").to_pylist()
+    millimetres = cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert millimetres is not None
+    assert millimetres.tolist() == [[0, 123, 10000], [0, 0, 65535]]
+    assert column(drawn[0], "meter").to_pylist() == [1000.0]
+
+
+@pytest.mark.parametrize("fields", [{"encoding": "16UC1"}, {"step": 8}])
+def test_depths_that_are_none_are_told_of_once(fields: dict[str, Any]) -> None:
+    canvas, paper = canvas_of(room())
+    for frame in range(3):
+        image = depth_image(frame * 1_000_000_000, np.ones((2, 3)), **fields)
+        DRAW[table.DEPTH_IMAGE](canvas, image)
+    (told,) = paper.logged["camera/depth/image_rect_raw"]
+    assert isinstance(told, rr.TextLog)
+
+
+def test_a_picture_that_comes_as_jpeg_is_drawn_as_it_came() -> None:
+    canvas, paper = driven(0.2)
+    jpeg = np.frombuffer(b"a jpeg", np.uint8)
+    header = msg.header(300_000_000, "camera_rgb_optical_frame")
+    DRAW[table.CAMERA_COMPRESSED](canvas, msg.CompressedImage(header, "jpeg", jpeg))
+    (blob,) = column(paper.logged["camera/color/image_raw"][-1], "blob").to_pylist()
+    assert bytes(blob) == b"a jpeg"
+    before = len(paper.logged["camera/color/image_raw"])
+    picture = next(m for _, topic, m in driving(room(), 0.2) if topic is table.CAMERA_IMAGE)
+    DRAW[table.CAMERA_IMAGE](canvas, picture)
+    assert len(paper.logged["camera/color/image_raw"]) == before
