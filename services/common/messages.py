@@ -279,16 +279,19 @@ def chain_transforms(
     return None
 
 
+_PLANAR_OF_36 = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
+_OTHER_VARIANCES_OF_36 = np.array([14, 21, 28])
+
+
 def planar_covariance(covariance_3x3: Array, unused: float = 0.0) -> NDArray[np.float64]:
     """ROS (36,) row-major covariance of (x, y, z, roll, pitch, yaw) from one of (x, y, yaw).
 
     `unused` is put on the diagonal of z, roll and pitch.
     """
-    full = np.zeros((6, 6))
-    full[2, 2] = full[3, 3] = full[4, 4] = unused
-    index = np.ix_([0, 1, 5], [0, 1, 5])
-    full[index] = covariance_3x3
-    return np.ascontiguousarray(full.reshape(36))
+    full = np.zeros(36)
+    full[_PLANAR_OF_36] = np.asarray(covariance_3x3).reshape(9)
+    full[_OTHER_VARIANCES_OF_36] = unused
+    return full
 
 
 def occupancy_grid(

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar, cast
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -25,8 +25,7 @@ MAX_REQUESTS = 1000
 """That wait for one node; those beyond are answered with an error."""
 
 
-@dataclass(frozen=True, slots=True)
-class Envelope:
+class Envelope(NamedTuple):
     """What travels beside a message: its number at its source, when it was sent, and in which
     world.
     """
@@ -92,6 +91,10 @@ class ClockNode(Node):
     """Simulated seconds a second to keep to; 0: as fast as possible."""
     paused: bool = False
     """Whether time stands still by a person's word, and not for want of something."""
+    now_ns: int = 0
+    """The time it has come to; after a step in which the simulation began anew, earlier than
+    before.
+    """
 
     @abstractmethod
     def next_step_ns(self) -> int | None:
@@ -129,6 +132,9 @@ class Inbox:
         self._requests: dict[str, deque[Request[Any, Any]]] = {
             query.name: deque() for query in asked_of(node.name)
         }
+        self._waking = [self._queues[topic.name] for topic in node.wakes]
+        self._waking_names = frozenset(topic.name for topic in node.wakes)
+        self._may_wake = False
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
         """Take in a query, to be answered by `respond`; False: too many wait already.
@@ -140,12 +146,25 @@ class Inbox:
             if len(waiting) >= MAX_REQUESTS:
                 return False
             waiting.append(Request(query, message, respond))
+            self._may_wake = True
         self._on_delivery()
         return True
 
     def asked(self) -> bool:
         """Whether a query waits."""
         return any(self._requests.values())
+
+    def wakes(self) -> bool:
+        """Whether a message on one of the node's `wakes` waits, or a query.
+
+        Asked on every step of every node: where nothing has come since it was last answered with
+        no, that is known without looking.
+        """
+        if not self._may_wake:
+            return False
+        with self._lock:
+            self._may_wake = any(self._waking) or self.asked()
+            return self._may_wake
 
     def requests(self, query: Query[Q, A]) -> list[Request[Q, A]]:
         """The queries since the last call, oldest first."""
@@ -164,6 +183,8 @@ class Inbox:
                 counts.lost += envelope.sequence - last - 1
             counts.last_sequence[envelope.source] = max(envelope.sequence, last or 0)
             self._queues[topic.name].append((message, envelope))
+            if topic.name in self._waking_names:
+                self._may_wake = True
         self._on_delivery()
 
     def pending(self, topic: Topic[M]) -> bool:
@@ -175,17 +196,24 @@ class Inbox:
 
         Raises KeyError where the table does not name this node as a reader.
         """
+        queue = self._queues[topic.name]
+        if not queue:
+            return []
         with self._lock:
-            waiting = list(self._queues[topic.name])
-            self._queues[topic.name].clear()
+            waiting = list(queue)
+            queue.clear()
         messages: list[M] = []
         for raw, envelope in waiting:
-            try:
-                message = wire.decode(topic, raw) if isinstance(raw, bytes) else cast("M", raw)
-                wire.validate(topic, message)
-            except wire.WireError as error:
-                self.reject(topic, error.reason)
-                continue
+            if isinstance(raw, bytes):
+                try:
+                    message = wire.decode(topic, raw)
+                    wire.validate(topic, message)
+                except wire.WireError as error:
+                    self.reject(topic, error.reason)
+                    continue
+            else:
+                # The outbox that it comes from has looked through it.
+                message = cast("M", raw)
             ours = self._node.world_hash
             if ours and envelope.world_hash and envelope.world_hash != ours:
                 if topic.delivery is not Delivery.LATCHED:
@@ -258,7 +286,7 @@ class Trigger:
             if now_ns >= self._next_ns:
                 self._next_ns = (now_ns // period_ns + 1) * period_ns
                 return True
-        return inbox.asked() or any(inbox.pending(topic) for topic in self._node.wakes)
+        return inbox.wakes()
 
 
 def random_generator(seed: int, stream: str) -> np.random.Generator:

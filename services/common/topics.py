@@ -39,7 +39,7 @@ class Delivery(Enum):
     """As EVERY, and a late reader gets each publisher's last `depth`."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topic(Generic[M]):
     """One row: a ROS topic, its type, its rate in simulation time, who writes and reads it, and how
     it travels.
@@ -59,7 +59,7 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Query(Generic[Q, A]):
     """One row: what people's tools may ask a service, as a Zenoh query on the name's key. Services
     ask each other nothing: they share state by topics.
@@ -168,7 +168,7 @@ CONTACTS = Topic(
     "the robot began to touch something",
 )  # fmt: skip
 SIMULATION_STATS = Topic(
-    "/simulation/stats", doc.SimulationStats, ("physics",), ("recorder",), _LATCHED,
+    "/simulation/stats", doc.SimulationStats, ("physics",), ("navigation", "recorder"), _LATCHED,
     "time, steps, pause, epoch, hashes", rate_hz=5,
 )  # fmt: skip
 DETECTIONS = Topic(

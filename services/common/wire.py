@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -121,59 +123,100 @@ def validate(topic: Topic[M], message: M) -> None:
         return
     try:
         problem = _checker(type_name(topic))(message)
-    except (TypeError, AttributeError, ValueError) as error:
+    except (TypeError, AttributeError, ValueError, OverflowError) as error:
         raise WireError("not of its type", str(error)) from error
     if problem:
         raise WireError(problem)
 
 
 _Check = Callable[[Any], str]
+_Get = Callable[[Any], Any]
+
+
+@dataclass
+class _Fields:
+    """Dotted paths of what has to be looked at in a message."""
+
+    numbers: list[str]
+    arrays: list[tuple[str, bool]]
+    """With whether its values may be infinite."""
+    extras: list[tuple[str, _Check]]
+    lists: list[tuple[str, _Check]]
 
 
 @functools.cache
 def _checker(type_name_: str) -> _Check:
-    """Build, once a type, the function that looks through its fields."""
-    checks: list[tuple[str, _Check]] = []
-    for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
-        is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-        item_kind, item = cast("tuple[Nodetype, Any]", what[0] if is_list else (kind, what))
-        if item_kind == Nodetype.NAME:
-            inner = _checker(item)
-            if inner is not _nothing:
-                checks.append((name, functools.partial(_each, inner) if is_list else inner))
-        elif item[0] in ("float32", "float64"):
-            if not is_list:
-                checks.append((name, _finite_number))
-            else:
-                infinite = (type_name_, name) in _MAY_BE_INFINITE
-                checks.append((name, _no_nan if infinite else _finite_array))
-    extra = _EXTRA.get(type_name_)
-    if not checks and extra is None:
+    """Build, once a type, the function that looks through its fields. All numbers of a message are
+    fetched in one call: most messages hold little else, and each of them is checked.
+    """
+    fields = _Fields([], [], [], [])
+    _collect(type_name_, "", fields)
+    numbers = _all_of(fields.numbers)
+    checks = [
+        (operator.attrgetter(path), _nan if inf else _not_finite) for path, inf in fields.arrays
+    ]
+    checks += [
+        (operator.attrgetter(path) if path else _itself, extra) for path, extra in fields.extras
+    ]
+    checks += [
+        (operator.attrgetter(path), functools.partial(_each, inner)) for path, inner in fields.lists
+    ]
+    if numbers is None and not checks:
         return _nothing
 
     def check(message: object) -> str:
-        for name, inner in checks:
-            problem = inner(getattr(message, name))
+        if numbers is not None and not all(map(math.isfinite, numbers(message))):
+            return "not finite"
+        for get, problem_of in checks:
+            problem = problem_of(get(message))
             if problem:
                 return problem
-        return extra(message) if extra else ""
+        return ""
 
     return check
+
+
+def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
+    """Note what has to be looked at in a type, and in the types within it."""
+    for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
+        path = prefix + name
+        is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        item_kind, item = cast("tuple[Nodetype, Any]", what[0] if is_list else (kind, what))
+        if item_kind == Nodetype.NAME:
+            if not is_list:
+                _collect(item, f"{path}.", fields)
+            elif _checker(item) is not _nothing:
+                fields.lists.append((path, _checker(item)))
+        elif item[0] in ("float32", "float64"):
+            if is_list:
+                fields.arrays.append((path, (type_name_, name) in _MAY_BE_INFINITE))
+            else:
+                fields.numbers.append(path)
+    if type_name_ in _EXTRA:
+        fields.extras.append((prefix.removesuffix("."), _EXTRA[type_name_]))
+
+
+def _all_of(paths: list[str]) -> _Get | None:
+    """What fetches the values at the paths as a tuple; None where there are none."""
+    if not paths:
+        return None
+    get: _Get = operator.attrgetter(*paths)
+    return get if len(paths) > 1 else lambda message: (get(message),)
+
+
+def _itself(message: object) -> object:
+    return message
 
 
 def _nothing(_: object) -> str:
     return ""
 
 
-def _finite_number(value: float) -> str:
-    return "" if math.isfinite(value) else "not finite"
-
-
-def _finite_array(values: Any) -> str:
+def _not_finite(values: Any) -> str:
     return "" if np.isfinite(values).all() else "not finite"
 
 
-def _no_nan(values: Any) -> str:
+def _nan(values: Any) -> str:
     return "not finite" if np.isnan(values).any() else ""
 
 
