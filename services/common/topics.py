@@ -92,8 +92,8 @@ WORLD_STATUS = Topic(
     "what became of the request",
 )  # fmt: skip
 ASSETS = Topic(
-    "/world/assets", msg.CompressedImage, ("worldgen", "spawner"), ("physics", "recorder"),
-    _LATCHED,
+    "/world/assets", msg.CompressedImage, ("worldgen", "spawner"),
+    ("physics", "spawner", "recorder"), _LATCHED,
     "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes", depth=256,
 )  # fmt: skip
 WORLD = Topic(
@@ -115,7 +115,7 @@ ENTITIES = Topic(
     "what stands in the world, and what physics refused",
 )  # fmt: skip
 TF = Topic(
-    "/tf", msg.TFMessage, ("physics", "navigation"), ("perception", "recorder"), _LATEST,
+    "/tf", msg.TFMessage, ("physics", "navigation"), ("spawner", "perception", "recorder"), _LATEST,
     "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
 )  # fmt: skip
 TF_STATIC = Topic(

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from services.common import png
 from services.common.config import ROOT, ConfigError
 from services.common.documents import Planar, World
 from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
-from services.worldgen import png
 from services.worldgen.clearance import nearest_place
 from services.worldgen.map_files import MapFile, disagreement, read_map
 from services.worldgen.mistakes import mistakes

@@ -19,10 +19,10 @@ from PIL import Image
 from pydantic import FiniteFloat, TypeAdapter, ValidationError
 
 from services.common import documents as doc
+from services.common import png
 from services.common.config import ConfigError
 from services.common.frames import Array, inverse_matrix, quaternion_from_rotation
 from services.common.placement import CONTACT_M
-from services.worldgen import png
 from services.worldgen.folder_writing import write_file
 from services.worldgen.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
 from services.worldgen.sdf.model import (
