@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,8 +49,6 @@ WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 _SURFACE_FRICTION = 1.0
 _STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP = 1, 2, 4
-_RAY_GROUP = 1
-"""Bullet's rays belong to its default group; what is to be hit must let that group in."""
 _FAR_M = 10_000.0
 _LOWEST_M, _HIGHEST_M = -0.05, 0.5
 _MAX_SPEED_M_S = 20.0
@@ -149,6 +148,12 @@ class Bodies:
         meshes = meshes or {}
         check(world, meshes, (MAP_FRAME, ODOM_FRAME, *model.links))
         self._torques = [wheel_torque_n_m, wheel_torque_n_m]
+        self.solid_groups: tuple[tuple[Solid, ...], ...] = ()
+        """Solids that stand or move together, with `body_from_solid` seen from the group's frame.
+
+        What stands in the world comes first, in the map's frame. Another tuple takes its place when
+        a group comes, goes or changes; a group that stays is the same object in it.
+        """
         self._client: int = pybullet.connect(pybullet.DIRECT)
         try:
             pybullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=self._client)
@@ -158,6 +163,8 @@ class Bodies:
             )
             self._names: dict[int, str] = {}
             self._floor = self._add_static(FLOOR, pybullet.GEOM_PLANE, (0.0, 0.0, 0.0), 0.0)
+            self._still: list[Solid] = []
+            self._moving: list[tuple[Solid, ...]] = []
             for wall in world.walls:
                 self._add_static(
                     wall.name,
@@ -166,10 +173,14 @@ class Bodies:
                     wall.yaw_rad,
                     halfExtents=[wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0],
                 )
+                middle = wall.map_from_wall().matrix(wall.height_m / 2.0)
+                half = wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0
+                self._still.append(Solid("box", middle, half_extents_m=half))
             self._movers: list[_Mover] = []
             for thing in world.bodies:
                 self._add_body(thing, meshes)
             self._add_robot(world, model)
+            self.solid_groups = (tuple(self._still), *self._moving)
         except (pybullet.error, ValueError) as error:
             self.close()
             raise ValueError(" ".join(str(error).split())) from error
@@ -225,19 +236,9 @@ class Bodies:
             if point[2] != self._floor and point[9] > 0.0
         ]
 
-    def cast_rays(self, starts_m: Array, ends_m: Array) -> Array:
-        """How far along each ray, 0 to 1, it meets something: (n,) from (n, 3) in the map frame.
-
-        Robot and floor are not in the way. A ray that meets nothing has 1.
-        """
-        hits = pybullet.rayTestBatch(
-            starts_m,
-            ends_m,
-            numThreads=1,
-            collisionFilterMask=_STATIC_GROUP | _MOVER_GROUP,
-            physicsClientId=self._client,
-        )
-        return np.fromiter((hit[2] for hit in hits), np.float64, len(hits))
+    def map_from_groups(self) -> Array:
+        """(g, 4, 4) true poses of `solid_groups`."""
+        return np.concatenate((np.eye(4)[None], self.map_from_movers()))
 
     def map_from_footprint(self) -> Array:
         """True (4, 4) pose of base_footprint."""
@@ -298,9 +299,7 @@ class Bodies:
         turn = 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
         index = pybullet.createCollisionShape(kind, physicsClientId=self._client, **shape)
         body = self._add_rigid(name, 0.0, index, position_m, turn)
-        # No ray of a level lidar meets the floor, and a plane without end costs each ray a test.
         meets = _ROBOT_GROUP | _MOVER_GROUP
-        meets |= 0 if kind == pybullet.GEOM_PLANE else _RAY_GROUP
         pybullet.setCollisionFilterGroupMask(
             body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
         )
@@ -337,7 +336,8 @@ class Bodies:
         for solid in solids:
             pose = pose_matrix(thing) @ solid.body_from_solid
             body = self._add_rigid(thing.name, 0.0, self._shape_of(solid), *_placed(pose))
-            meets = _ROBOT_GROUP | _MOVER_GROUP | _RAY_GROUP
+            meets = _ROBOT_GROUP | _MOVER_GROUP
+            self._still.append(replace(solid, body_from_solid=pose))
             pybullet.setCollisionFilterGroupMask(
                 body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
             )
@@ -364,6 +364,7 @@ class Bodies:
             body, -1, _MOVER_GROUP, meets, physicsClientId=self._client
         )
         self._movers.append(_Mover(thing.name, body, com_from_body))
+        self._moving.append(tuple(solids))
 
     def _shape_of(self, solid: Solid) -> int:
         options: dict[str, Any] = {}

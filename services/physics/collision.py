@@ -199,9 +199,14 @@ def _closed(shape: Shape, meshes: Mapping[str, TriangleMesh]) -> Array:
     return np.asarray(corners @ pose[:3, :3].T + pose[:3, 3])
 
 
+def hull_triangles(points: Array) -> NDArray[np.int32]:
+    """(m, 3) triangles around a convex body, by the indices of its corners."""
+    return np.asarray(_convex(points).simplices, np.int32)
+
+
 def as_obj(points: Iterable[Iterable[float]]) -> str:
     """A convex body's corners as a Wavefront file with the faces that PyBullet asks for."""
     corners = np.array([list(point) for point in points])
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
-    faces = _convex(corners).simplices + 1
+    faces = hull_triangles(corners) + 1
     return "\n".join((*lines, *(f"f {a} {b} {c}" for a, b, c in faces.tolist()), ""))

@@ -13,7 +13,7 @@ from services.physics.config import STEPS_PER_SECOND, PhysicsConfig
 from services.physics.contacts import ContactEvents
 from services.physics.drive import Drive, DriveLimits
 from services.physics.imu import Imu
-from services.physics.lidar import Lidar
+from services.physics.lidar import Lidar, LidarFigures
 from services.physics.odometry import WheelOdometry
 from services.physics.robot_model import RobotModel
 from services.physics.state_hash import StateHash
@@ -64,11 +64,15 @@ class Simulation:
         self.lidar = Lidar(
             bodies,
             model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME),
-            config.scan_samples,
-            config.scan_rate_hz,
-            config.scan_range_min_m,
-            config.scan_range_max_m,
-            config.scan_noise_m,
+            LidarFigures(
+                config.scan_samples,
+                config.scan_rate_hz,
+                config.scan_range_min_m,
+                config.scan_range_max_m,
+                config.scan_noise_m,
+                config.scan_noise_share,
+                config.scan_resolution_m,
+            ),
             random_generator(config.seed, "physics/scan"),
         )
 
@@ -97,6 +101,14 @@ class Simulation:
         self.state_hash.add(state, movers)
         touches = self.bodies.touches()
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
+
+    def restart_clock(self, now_ns: int) -> None:
+        """Time goes on from 0 instead of `now_ns`, and the hash of the states begins again; nothing
+        moves.
+        """
+        self.drive.restart_clock(now_ns)
+        self.contacts.restart_clock(now_ns)
+        self.state_hash = StateHash()
 
     def close(self) -> None:
         """Remove the world. Calling it again does nothing."""

@@ -9,10 +9,11 @@ from typing import TypeVar, cast
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from services.common import messages as msg
 from services.common.documents import Entities, MarkerEntity, Material, Planar, Wall, World
-from services.common.frames import SE2
+from services.common.frames import SE2, Array, inverse_matrix, transform_matrix
 from services.common.node import Envelope, Inbox, Outbox
 from services.common.topics import (
     ASSETS,
@@ -22,8 +23,10 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
+from services.physics.bodies import Bodies
 from services.physics.config import PhysicsConfig
 from services.physics.node import PhysicsNode
+from services.physics.raycast import cast_scan, joined, ray_directions, targets_of
 
 M = TypeVar("M")
 
@@ -170,3 +173,25 @@ class Driver:
 
     def send_asset(self, image: msg.CompressedImage) -> None:
         self.deliver(ASSETS, image)
+
+
+def hit_distances_m(bodies: Bodies, starts: ArrayLike, ends: ArrayLike) -> Array:
+    """(n,) how far from its start each ray, from (n, 3) to (n, 3), meets something; inf: nowhere.
+
+    Each ray is the only one of a scan that looks along it.
+    """
+    groups = enumerate(bodies.solid_groups)
+    targets = joined((targets_of(group), index) for index, group in groups)
+    poses = bodies.map_from_groups()
+    distances = []
+    for start, end in zip(np.asarray(starts, float), np.asarray(ends, float), strict=True):
+        way = end - start
+        length_m = float(np.linalg.norm(way))
+        # Any frame with its x axis along the ray.
+        axes = np.linalg.qr(np.column_stack((way, np.eye(3)[:, np.argsort(np.abs(way))[:2]])))[0]
+        axes[:, 0] = way / length_m
+        axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+        scan_from_map = inverse_matrix(transform_matrix(axes, (start[0], start[1], start[2])))
+        ray = ray_directions(1)
+        distances += cast_scan(targets, scan_from_map @ poses, ray, length_m).tolist()
+    return np.array(distances)

@@ -14,7 +14,7 @@ from services.common.topics import SCAN
 from services.physics.bodies import Bodies
 from services.physics.config import PhysicsConfig
 from services.physics.robot_model import robot_model_from_urdf
-from tests.physics.driver import HOUSE_WALLS, Driver, world
+from tests.physics.driver import HOUSE_WALLS, Driver, hit_distances_m, world
 
 SCAN_OFFSET = SE2(-0.064, 0.0, 0.0)
 
@@ -121,8 +121,9 @@ def test_rays_go_through_the_robot_and_end_at_walls() -> None:
     model = robot_model_from_urdf(PhysicsConfig().robot_urdf())
     bodies = Bodies(world([("W", 2.0, 1.0, 0.0, math.pi / 2)]), model, wheel_torque_n_m=1.0)
     starts = np.array([[-1.0, 0.0, 0.06], [-1.0, 0.144, 0.033], [-1.0, 0.0, 2.0]])
-    ends = starts + np.array([4.0, 0.0, 0.0])
-    assert bodies.cast_rays(starts, ends) == pytest.approx([1.925 / 4.0, 1.925 / 4.0, 1.0])
+    found = hit_distances_m(bodies, starts, starts + np.array([4.0, 0.0, 0.0]))
+    assert found == pytest.approx([1.925, 1.925, math.inf])
+    bodies.close()
 
 
 def test_another_seed_draws_other_noise() -> None:
