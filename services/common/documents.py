@@ -11,7 +11,7 @@ import hashlib
 import json
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
 from services.common.frames import SE2
 
@@ -225,6 +225,11 @@ class Body(Document):
     )
     shapes: tuple[Shape, ...]
 
+    @property
+    def moves(self) -> bool:
+        """Whether it can ever be elsewhere than at its pose."""
+        return self.mass_kg > 0.0
+
 
 class Room(Document):
     """A named part of the floor."""
@@ -325,8 +330,19 @@ class BodyEntity(Document):
     materials: tuple[Material, ...] = Field((), description="those its shapes name")
     path: ScriptedPath | None = Field(None, description="needs mass_kg 0")
 
+    @property
+    def moves(self) -> bool:
+        """Whether it can be elsewhere than at its pose, but for being put there."""
+        return self.mass_kg > 0.0 or self.path is not None
+    placed: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="counts the times it was put at its pose: a new count puts there again what "
+        "has moved since",
+    )
+
 
 Entity = Annotated[MarkerEntity | BodyEntity, Field(discriminator="kind")]
+Thing = Body | BodyEntity
 
 
 class Refusal(Document):
@@ -410,6 +426,24 @@ class GetEntities(Document):
     """Asks for what stands in the world."""
 
 
+MIN_SPEED = 0.01
+"""The slowest that simulation time passes by a factor of real time."""
+
+
+def _as_fast_as_possible_or_a_factor(speed: float) -> float:
+    if 0.0 < speed < MIN_SPEED:
+        raise ValueError(f"must be 0 (as fast as possible) or at least {MIN_SPEED:g}")
+    return speed
+
+
+Speed = Annotated[
+    float,
+    Field(ge=0.0, le=1000.0, allow_inf_nan=False),
+    AfterValidator(_as_fast_as_possible_or_a_factor),
+]
+"""Simulated seconds a second; 0: as fast as possible."""
+
+
 class SimulationControl(Document):
     """Asks the simulation to stand still, to go on, or to begin again. What is None stays as it is.
 
@@ -421,7 +455,7 @@ class SimulationControl(Document):
     step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
         None, description="advance by so many steps"
     )
-    run_until_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = Field(
+    run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
         None, description="advance to this simulation time"
     )
     reset: Literal["all", "time"] | None = Field(
@@ -429,10 +463,10 @@ class SimulationControl(Document):
         description="`all`: everything is where it was at the start, at time 0; `time`: only the "
         "clock begins again",
     )
-    seed: Annotated[int, Field(ge=0)] | None = Field(
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
         None, description="of the random streams from now on; needs `reset: all`"
     )
-    speed: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = Field(
+    speed: Speed | None = Field(
         None, description="simulated seconds a second; 0: as fast as possible"
     )
 

@@ -5,12 +5,11 @@ order.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from services.common.diagnostics import diagnostics
 from services.common.log import RosoutHandler
-from services.common.node import ClockNode, Envelope, Inbox, Node, Outbox, Trigger
+from services.common.node import Beat, ClockNode, Envelope, Inbox, Node, Outbox, Trigger
 from services.common.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Query, Topic
 
 Q = TypeVar("Q")
@@ -63,32 +62,125 @@ class MemoryTransport:
                 self._inboxes[reader].deliver(topic, message, envelope)
 
 
-@dataclass
-class _Seat:
-    node: Node
-    inbox: Inbox
-    outbox: Outbox
-    trigger: Trigger
-    diagnostics_ns: int = 0
+class Seat(Protocol):
+    """A node's place among those that take turns, in this process or in another."""
+
+    @property
+    def name(self) -> str:
+        """The service's name."""
+
+    @property
+    def exit_code(self) -> int | None:
+        """See Node."""
+
+    def due(self, now_ns: int) -> bool:
+        """Whether the node has to step at `now_ns`. Asked once a turn."""
+
+    def step(self, now_ns: int) -> None:
+        """Step, and return when everything that was sent is known of."""
+
+
+class LocalSeat:
+    """The seat of a node in this process. What it says of itself goes by simulation time."""
+
+    def __init__(
+        self, node: Node, inbox: Inbox, outbox: Outbox, rosout: RosoutHandler | None = None
+    ) -> None:
+        self.node = node
+        self.inbox = inbox
+        self.outbox = outbox
+        self._rosout = rosout
+        self._trigger = Trigger(node)
+        self._diagnostics = Beat(DIAGNOSTICS_PERIOD_NS)
+
+    @property
+    def name(self) -> str:
+        """See Seat."""
+        return self.node.name
+
+    @property
+    def exit_code(self) -> int | None:
+        """See Seat."""
+        return self.node.exit_code
+
+    def due(self, now_ns: int) -> bool:
+        """See Seat."""
+        return self._trigger.due(now_ns, self.inbox)
+
+    def step(self, now_ns: int) -> None:
+        """See Seat."""
+        self.outbox.now_ns = now_ns
+        if self._rosout is not None:
+            self._rosout.outbox = self.outbox
+        self.node.step(now_ns, self.inbox, self.outbox)
+        if self._diagnostics.due(now_ns):
+            said = diagnostics(now_ns, self.node, self.inbox, self.outbox)
+            self.outbox.put(DIAGNOSTICS, said)
+        if self._rosout is not None:
+            self._rosout.outbox = None
+
+
+class Round:
+    """Seats around one clock, in table order."""
+
+    def __init__(self, clock: ClockNode) -> None:
+        self._clock = clock
+        self.seats: list[Seat] = []
+        self.now_ns = 0
+
+    def join(self, seat: Seat) -> None:
+        """Give a seat its place."""
+        self.seats.append(seat)
+        self.seats.sort(key=lambda one: SERVICES.index(one.name))
+
+    def turn(self) -> bool:
+        """Advance physics one step, then step each node that is due; whether any stepped."""
+        next_ns = self._clock.next_step_ns()
+        if next_ns is not None:
+            self.now_ns = next_ns
+        moved = False
+        for seat in self.seats:
+            due = seat.due(self.now_ns)
+            if due or (next_ns is not None and seat.name == self._clock.name):
+                seat.step(self.now_ns)
+                moved = True
+        return moved
+
+
+class _SettledSeat(LocalSeat):
+    """A seat whose step ends when the transport has carried what it sent."""
+
+    def __init__(self, node: Node, transport: Transport, rosout: RosoutHandler | None) -> None:
+        super().__init__(node, *transport.connect(node), rosout)
+        self._transport = transport
+
+    def step(self, now_ns: int) -> None:
+        super().step(now_ns)
+        self._transport.settle(self.node, self.outbox)
 
 
 class Executive:
-    """Nodes in lockstep. A run is a function of the nodes' configurations: the same ones give the
-    same bytes.
+    """Nodes in lockstep in one process. A run is a function of the nodes' configurations: the same
+    ones give the same bytes.
     """
 
     def __init__(
         self, nodes: Iterable[Node], transport: Transport, rosout: RosoutHandler | None = None
     ) -> None:
         self._transport = transport
-        self._rosout = rosout
-        self.now_ns = 0
         ordered = sorted(nodes, key=lambda node: SERVICES.index(node.name))
-        self._seats = [_Seat(node, *transport.connect(node), Trigger(node)) for node in ordered]
+        (self._clock,) = (node for node in ordered if isinstance(node, ClockNode))
+        self._seats = [_SettledSeat(node, transport, rosout) for node in ordered]
+        self._round = Round(self._clock)
         for seat in self._seats:
+            self._round.join(seat)
             seat.outbox.put(PARAMETERS, seat.node.parameters())
             transport.settle(seat.node, seat.outbox)
-        (self._clock,) = (node for node in ordered if isinstance(node, ClockNode))
+
+    @property
+    def now_ns(self) -> int:
+        """Simulation time."""
+        return self._round.now_ns
 
     @property
     def nodes(self) -> Sequence[Node]:
@@ -104,50 +196,33 @@ class Executive:
         while True:
             moved = self.turn()
             for seat in self._seats:
-                if seat.node.exit_code is not None:
+                if seat.exit_code is not None:
                     self._flush()
-                    return seat.node.exit_code
+                    return seat.exit_code
             if until():
                 return None
             if not moved:
-                waits = "; ".join(
-                    f"{seat.node.name} waits for {seat.node.waiting_for()}"
-                    for seat in self._seats
-                    if seat.node.waiting_for()
-                )
-                raise StalledError(f"the simulation stands still: {waits or 'no node is due'}")
+                raise StalledError(f"the simulation stands still: {self._why()}")
 
     def turn(self) -> bool:
         """Advance physics one step, then step each node that is due; whether any stepped."""
-        next_ns = self._clock.next_step_ns()
-        if next_ns is not None:
-            self.now_ns = next_ns
-        moved = False
-        for seat in self._seats:
-            ticks = seat.node is self._clock and next_ns is not None
-            if ticks or seat.trigger.due(self.now_ns, seat.inbox):
-                self._step(seat)
-                moved = True
-        return moved
+        return self._round.turn()
 
-    def _step(self, seat: _Seat) -> None:
-        seat.outbox.now_ns = self.now_ns
-        if self._rosout is not None:
-            self._rosout.outbox = seat.outbox
-        seat.node.step(self.now_ns, seat.inbox, seat.outbox)
-        if self.now_ns >= seat.diagnostics_ns:
-            seat.diagnostics_ns = self.now_ns + DIAGNOSTICS_PERIOD_NS
-            said = diagnostics(self.now_ns, seat.node, seat.inbox, seat.outbox)
-            seat.outbox.put(DIAGNOSTICS, said)
-        if self._rosout is not None:
-            self._rosout.outbox = None
-        self._transport.settle(seat.node, seat.outbox)
+    def _why(self) -> str:
+        if self._clock.paused:
+            return f"{self._clock.name} is paused, and nobody is left to resume it"
+        waits = [
+            f"{node.name} waits for {node.waiting_for()}"
+            for node in self.nodes
+            if node.waiting_for()
+        ]
+        return "; ".join(waits) or "no node is due"
 
     def _flush(self) -> None:
         """Let those that are due take in what the last one had to say."""
         for seat in self._seats:
-            if seat.node.exit_code is None and seat.node is not self._clock:
-                self._step(seat)
+            if seat.exit_code is None and seat.node is not self._clock:
+                seat.step(self.now_ns)
 
     def close(self) -> None:
         """Close every node, the last in the order first, and the transport."""

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from services.common.config import ROOT, ConfigError, ServiceConfig
+from services.common.documents import Speed
 from services.common.topics import CAMERA_IMAGE
 from services.physics.sensor_profiles import SCAN_PROFILES, filled_in
 
@@ -20,6 +21,9 @@ _LDS01 = SCAN_PROFILES["lds01"]
 class PhysicsConfig(ServiceConfig):
     """The robot, its limits and its sensors. Defaults are a TurtleBot3 waffle's."""
 
+    speed: Speed = Field(
+        1.0, description="simulated seconds a second at the start; 0: as fast as possible"
+    )
     robot_model: str = Field(
         "turtlebot3_waffle",
         pattern=r"^[A-Za-z0-9_]+$",

@@ -15,6 +15,10 @@ class ContactEvents:
         self._debounce_ns = debounce_ns
         self._last_ns: dict[tuple[str, str], int] = {}
 
+    def restart_clock(self, now_ns: int) -> None:
+        """Time goes on from 0 instead of `now_ns`; every touch keeps its age."""
+        self._last_ns = {pair: last_ns - now_ns for pair, last_ns in self._last_ns.items()}
+
     def begun(self, touches: Iterable[Touch], now_ns: int, step_s: float) -> list[Contact]:
         """The touches that begin in the step that ends at `now_ns`: one for each link and body.
 

@@ -48,6 +48,11 @@ class Drive:
         self._commanded_ns = now_ns
         self._braking = False
 
+    def restart_clock(self, now_ns: int) -> None:
+        """Time goes on from 0 instead of `now_ns`; the last command keeps its age."""
+        if self._commanded_ns is not None:
+            self._commanded_ns -= now_ns
+
     def step(self, now_ns: int, step_s: float) -> tuple[float, float] | None:
         """Left and right wheel speed, rad/s, in the step that ends at `now_ns`; None: as before."""
         limits = self._limits

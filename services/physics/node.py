@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from services.common import messages as msg
 from services.common.config import ConfigError
 from services.common.documents import (
     Entities,
+    SimulationControl,
     SimulationControlReply,
     SimulationStats,
     World,
 )
 from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
+from services.common.geometry import TriangleMesh
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Outbox
 from services.common.placement import Placement
@@ -86,7 +88,7 @@ class PhysicsNode(ClockNode):
         self._steps = 0
         self._epoch = 0
         self._seed = config.seed
-        self._control = RunControl()
+        self._control = RunControl(config.speed)
         self._assets = Assets()
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
@@ -103,6 +105,11 @@ class PhysicsNode(ClockNode):
         return time_of_step_ns(self._steps + 1)
 
     @property
+    def now_ns(self) -> int:  # type: ignore[override]
+        """See ClockNode."""
+        return time_of_step_ns(self._steps)
+
+    @property
     def speed(self) -> float:  # type: ignore[override]
         """See ClockNode."""
         return self._control.speed
@@ -111,6 +118,15 @@ class PhysicsNode(ClockNode):
     def paused(self) -> bool:  # type: ignore[override]
         """See ClockNode."""
         return self._control.stands(self._steps)
+
+    def nominal_rates_hz(self) -> dict[str, float]:
+        """See Node."""
+        config, fixed = self._config, (CLOCK, TF, ODOM, JOINT_STATES, IMU, GROUND_TRUTH_ODOM)
+        rates = {topic.name: topic.rate_hz or 1.0 for topic in fixed}
+        rates[SCAN.name] = config.scan_rate_hz
+        if self._renderer is not None:
+            rates[CAMERA_IMAGE.name] = rates[CAMERA_INFO.name] = config.camera_rate_hz
+        return rates
 
     def waiting_for(self) -> str | None:
         """What keeps time from starting."""
@@ -122,17 +138,21 @@ class PhysicsNode(ClockNode):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in what is new and, where `now_ns` is the next step's time, advance to it."""
-        due = self.next_step_ns() == now_ns
         for request in inbox.requests(SIMULATION_CONTROL):
-            self._take_in_control(request, now_ns, outbox)
+            self._take_in_control(request, inbox, outbox)
+        due = self.next_step_ns() == now_ns
+        if not due:
+            # Where a request has held the step back, or begun anew.
+            now_ns = outbox.now_ns = self.now_ns
         if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
             self._take_in_world(now_ns, inbox, outbox)
         if inbox.pending(CMD_VEL):
             self._take_in_command(now_ns, inbox)
         if due and self._simulation is not None:
             self._advance(self._simulation, now_ns, outbox)
-        for request in self._control.ended(self._steps):
-            self._answer(request, "")
+        ended = self._control.ended(self._steps)
+        if ended is not None:
+            self._answer(ended, "")
             self._tell_stats(outbox)
 
     def close(self) -> None:
@@ -158,11 +178,67 @@ class PhysicsNode(ClockNode):
         for report in self._schedule[self._steps % len(self._schedule)]:
             report(simulation, now_ns, outbox)
 
-    def _take_in_control(self, request: ControlRequest, now_ns: int, outbox: Outbox) -> None:
-        error = self._control.apply(request, self._steps)
-        if error is not None:
+    def _take_in_control(self, request: ControlRequest, inbox: Inbox, outbox: Outbox) -> None:
+        asked = request.message
+        error = self._control.problem(asked, self._steps)
+        if not error and asked.reset is not None:
+            error = self._reset(asked, inbox, outbox)
+        if error:
             self._answer(request, error)
+            return
+        cut = self._control.apply(request, self._steps)
+        if cut is not None:
+            self._answer(cut, f"cut short at {self.now_ns * 1e-9:.6g} s by a later request")
+        if not self._control.running(request):
+            self._answer(request, "")
+        if asked.model_dump(exclude_none=True):
             self._tell_stats(outbox)
+
+    def _reset(self, asked: SimulationControl, inbox: Inbox, outbox: Outbox) -> str:
+        """Begin again at time 0, with everything or only the clock; one line where it cannot be."""
+        old = self._simulation
+        if old is None:
+            return f"reset: {asked.reset}: there is no world yet"
+        seed = self._seed if asked.seed is None else asked.seed
+        if asked.reset == "time":
+            self._read_out(old)
+            old.restart_clock(self.now_ns)
+        else:
+            try:
+                self._simulation = self._simulation_of(old.world, old.meshes, seed)
+            except ValueError as error:
+                return f"reset: {asked.reset}: {error}"
+            old.close()
+            self._seed = seed
+            self._entities = None
+            self._place_entities(old.world, outbox)
+        # Commands that came before were meant for what was there before.
+        inbox.new(CMD_VEL)
+        self._steps = 0
+        self._epoch += 1
+        outbox.now_ns = 0
+        _log.info("world '%s' begins again: %s, seed %d", old.world.name, asked.reset, seed)
+        self._tell_stats(outbox)
+        # Nothing else would tell the others while time stands still.
+        outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
+        return ""
+
+    def _read_out(self, simulation: Simulation) -> None:
+        """Have the sensors that measure changes take in the one since their last message."""
+        since_imu = self._steps % steps_per_period(IMU.rate_hz or 1.0)
+        if since_imu:
+            simulation.imu.read(self.now_ns, since_imu * STEP_S)
+        since_odom = self._steps % steps_per_period(ODOM.rate_hz or 1.0)
+        if since_odom:
+            angles_rad = simulation.bodies.state.wheel_angles_rad
+            simulation.odometry.update(angles_rad, since_odom * STEP_S)
+
+    def _simulation_of(
+        self, world: World, meshes: Mapping[str, TriangleMesh], seed: int
+    ) -> Simulation:
+        """Raises ValueError, in one line, where the world cannot be built."""
+        config = self._config.model_copy(update={"seed": seed})
+        return Simulation(world, self._model, config, meshes)
 
     def _answer(self, request: ControlRequest, error: str) -> None:
         stats = None if self._simulation is None else self._stats(self._simulation)
@@ -197,11 +273,14 @@ class PhysicsNode(ClockNode):
             self._desired[desired.world_hash] = desired
             while len(self._desired) > _MAX_DESIRED_SETS:
                 del self._desired[next(iter(self._desired))]
+        epoch = self._epoch
         if self._next_world is not None and self._missing(self._next_world) is None:
             self._load(self._next_world, now_ns, inbox, outbox)
             self._next_world = None
         if self._simulation is not None:
             self._place_entities(self._simulation.world, outbox)
+        if self._epoch != epoch:
+            self._tell_stats(outbox)
 
     def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
         if world.hash == self.world_hash:
@@ -229,7 +308,7 @@ class PhysicsNode(ClockNode):
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         try:
             meshes = meshes_of(world, self._assets.files)
-            simulation = Simulation(world, self._model, self._config, meshes)
+            simulation = self._simulation_of(world, meshes, self._seed)
             try:
                 seen = surfaces(world, meshes) if self._renderer is not None else ()
                 placement = Placement(world, self._config.clear_view_m, meshes)
@@ -246,6 +325,7 @@ class PhysicsNode(ClockNode):
         self._placement = placement
         self._surfaces = seen
         self._entities = None
+        self._epoch += 1
         self.world_hash = world.hash
         walls, things, start = len(world.walls), len(world.bodies), world.start
         _log.info(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
-
 from services.common.documents import SimulationControl, SimulationControlReply
 from services.common.node import Request
 from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
@@ -12,65 +9,78 @@ from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
 ControlRequest = Request[SimulationControl, SimulationControlReply]
 
 
-@dataclass
 class RunControl:
-    """What people asked of the simulation. `paused` is whether it stands still between their runs
-    of steps.
+    """What people asked of the simulation's time.
+
+    A request is first judged by `problem`, which changes nothing, and then taken up by `apply`.
     """
 
-    speed: float = 1.0
-    paused: bool = False
-    _last_step: int | None = None
-    """The step after which a run of steps ends."""
-    _waiting: list[ControlRequest] = field(default_factory=list)
+    def __init__(self, speed: float = 1.0) -> None:
+        self.speed = speed
+        """Simulated seconds a second; 0: as fast as possible."""
+        self._paused = False
+        self._last_step: int | None = None
+        """The step after which a run of steps ends."""
+        self._running: ControlRequest | None = None
+        """Asked for that run, and is answered at its end."""
 
     def stands(self, steps_done: int) -> bool:
         """Whether no step may follow the ones done."""
         if self._last_step is not None:
             return steps_done >= self._last_step
-        return self.paused
+        return self._paused
 
-    def apply(self, request: ControlRequest, steps_done: int) -> str | None:
-        """Do what a request asks, but for its reset; one line where it cannot be, None where its
-        answer has to wait until a run of steps has ended.
+    def problem(self, asked: SimulationControl, steps_done: int) -> str:
+        """Why a request cannot be met, in one line; empty where it can."""
+        if asked.seed is not None and asked.reset != "all":
+            return f"seed: {asked.seed}: needs reset: all, with which the random streams begin"
+        if asked.step is not None and asked.run_until_s is not None:
+            return f"step: {asked.step}: must not come with run_until_s: they say the same"
+        if asked.pause and (asked.step is not None or asked.run_until_s is not None):
+            return "pause: true: must not come with step or run_until_s, which leave it paused"
+        if asked.run_until_s is not None:
+            begin = 0 if asked.reset is not None else steps_done
+            if first_step_at(asked.run_until_s) < begin:
+                now_s = time_of_step_ns(begin) * 1e-9
+                return f"run_until_s: {asked.run_until_s:g}: must not be before now, {now_s:.6g} s"
+        return ""
+
+    def apply(self, request: ControlRequest, steps_done: int) -> ControlRequest | None:
+        """Do what a request without a problem asks, but for its reset, which has been done.
+
+        Returns the request whose run of steps this one cuts short.
         """
         asked = request.message
-        if asked.step is not None and asked.run_until_s is not None:
-            return "step: must not come with run_until_s: they are two ways to say the same"
-        last_step = None
+        if asked.speed is not None:
+            self.speed = asked.speed
+        last_step: int | None = None
         if asked.step is not None:
             last_step = steps_done + asked.step
         elif asked.run_until_s is not None:
             last_step = first_step_at(asked.run_until_s)
-            if last_step < steps_done:
-                now_s = time_of_step_ns(steps_done) * 1e-9
-                return f"run_until_s: {asked.run_until_s:g}: must not be before now, {now_s:g} s"
-        if last_step is not None and asked.pause:
-            return "pause: must not be true with step or run_until_s, which leave it paused"
-        if asked.speed is not None:
-            self.speed = asked.speed
-        if last_step is not None:
-            self._last_step = last_step
-            self.paused = True
-            self._waiting.append(request)
+        if last_step is None and asked.pause is None and asked.reset is None:
             return None
-        if asked.pause is not None:
-            self.paused = asked.pause
-            self._last_step = None
-        return ""
+        cut, self._running = self._running, None
+        if last_step is not None:
+            self._running = request
+            self._paused = True
+        elif asked.pause is not None:
+            self._paused = asked.pause
+        self._last_step = last_step
+        return cut
 
-    def ended(self, steps_done: int) -> list[ControlRequest]:
-        """The requests whose run of steps has come to its end, or was cut short by another."""
-        if self._last_step is not None and steps_done < self._last_step:
-            return []
-        self._last_step = None
-        waiting, self._waiting = self._waiting, []
-        return waiting
+    def running(self, request: ControlRequest) -> bool:
+        """Whether a request's answer has to wait until its run of steps has ended."""
+        return self._running is request
+
+    def ended(self, steps_done: int) -> ControlRequest | None:
+        """The request whose run of steps has come to its end."""
+        if self._running is None or not self.stands(steps_done):
+            return None
+        ended, self._running, self._last_step = self._running, None, None
+        return ended
 
 
 def first_step_at(time_s: float) -> int:
-    """The first step whose end is not before a time."""
-    step = max(math.floor(time_s * STEPS_PER_SECOND) - 1, 0)
-    while time_of_step_ns(step) < round(time_s * 1e9):
-        step += 1
-    return step
+    """The first step whose end is not before a time, which is taken to the nanosecond."""
+    return -(-round(time_s * 1e9) * STEPS_PER_SECOND // 1_000_000_000)
