@@ -32,14 +32,16 @@ def furnish(
     style: PanelStyle = PanelStyle(),
     max_markers: int = MAX_MARKERS,
     meshes: Mapping[str, TriangleMesh] | None = None,
+    placement: Placement | None = None,
 ) -> tuple[Entities, dict[str, bytes]]:
     """The entities that a world's markers make, and their textures as PNG by sha256.
 
     A marker that cannot hang is refused, and the others hang all the same; of two with one id, or
     in one place, the first hangs. `meshes` are by sha256; those that are not there are in no
-    marker's way.
+    marker's way. `placement` is the judge of places in this world where there is one already.
     """
-    placement = Placement(world, style.clear_view_m, meshes)
+    if placement is None:
+        placement = Placement(world, style.clear_view_m, meshes)
     walls = {wall.name: wall for wall in world.walls}
     entities: list[MarkerEntity] = []
     refused: list[Refusal] = []

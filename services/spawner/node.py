@@ -1,46 +1,237 @@
-"""Spawner: hangs the world's ArUco markers on their walls, or says why it does not."""
+"""Spawner: keeps the set of things that should stand in the world, the world's ArUco markers and
+what people ask for, and answers people by what the physics makes of it.
+"""
 
 from __future__ import annotations
 
 import logging
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from services.common.documents import (
+    Entities,
+    EntityReply,
+    GetEntities,
+    Quaternion,
+    Vector,
+    World,
+)
+from services.common.frames import MAP_FRAME
 from services.common.furnish import PanelStyle, furnish
-from services.common.messages import CompressedImage, header
-from services.common.node import Inbox, Node, Outbox
-from services.common.topics import ASSETS, DESIRED_ENTITIES, WORLD
+from services.common.geometry import mesh_from_bytes
+from services.common.messages import CompressedImage, TFMessage, header
+from services.common.node import Inbox, Node, Outbox, Request
+from services.common.placement import Placement
+from services.common.topics import (
+    ASSETS,
+    DELETE_ENTITY,
+    DESIRED_ENTITIES,
+    ENTITIES,
+    GET_ENTITIES,
+    SET_ENTITY_STATE,
+    SPAWN_ENTITY,
+    TF,
+    WORLD,
+)
 from services.spawner.config import SpawnerConfig
+from services.spawner.desired_set import DesiredSet, Later, Waits
+from services.spawner.entity_assets import file_format, mesh_sha256s
+
+MAX_WAITING = 1000
+"""Requests that wait for the physics; those beyond are refused."""
+
+_Waiting = Request[Any, EntityReply]
+"""Of an entity: to spawn, to delete or to move it."""
 
 _log = logging.getLogger("spawner")
 
 
 class SpawnerNode(Node):
-    """Latches, for the world that runs, the set of entities that should stand in it."""
+    """Latches the set of entities that should stand in the world that runs.
+
+    One set at a time is with the physics; what is asked meanwhile makes the next. So each request
+    is answered by what became of it, and one that is refused leaves the set as it was.
+    """
 
     name = "spawner"
     _config: SpawnerConfig
-    wakes = (WORLD,)
+    wakes = (WORLD, ASSETS, ENTITIES)
 
     def __init__(self, config: SpawnerConfig) -> None:
         self._config = config
         self._style = PanelStyle(config.panel_gap_m, config.module_px, config.clear_view_m)
+        self._next_world: World | None = None
+        self._mesh_files: dict[str, bytes] = {}
+        self._desired: DesiredSet | None = None
+        self._textures: dict[str, bytes] = {}
+        """Of the world's markers, by sha256."""
+        self._latched: deque[str] = deque(maxlen=ASSETS.depth)
+        """The assets that a late reader is given."""
+        self._standing: Entities | None = None
+        """What stands in the world; None before the physics has said it of this world."""
+        self._poses: dict[str, tuple[Vector, Quaternion]] = {}
+        """Of what has moved since."""
+        self._is_settled = False
+        """The physics has said what became of the newest set."""
+        self._waiting: list[_Waiting] = []
+        self._in_flight: list[tuple[str, _Waiting]] = []
+        self._getting: list[Request[GetEntities, Entities]] = []
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Furnish the newest world."""
-        world = inbox.latest(WORLD)
-        if world is None:
-            return
-        self.world_hash = world.hash
-        entities, textures = furnish(world, self._style)
-        for sha256, data in textures.items():
-            picture = np.frombuffer(data, np.uint8)
-            outbox.put(ASSETS, CompressedImage(header(0, sha256), format="png", data=picture))
-        outbox.put(DESIRED_ENTITIES, entities)
-        for refusal in entities.refused:
-            _log.error("%s refused: %s", refusal.name, refusal.reason)
-        _log.info("Spawned %d of %d markers", len(entities.entities), len(world.markers))
+        """Take in what is new, answer what can be answered, and send what has changed."""
+        self._take_in_world(inbox, outbox)
+        for standing in inbox.new(ENTITIES):
+            if standing.world_hash == self.world_hash:
+                self._take_in_standing(standing, inbox)
+        self._take_in_requests(inbox)
+        if self._desired is not None and self._is_settled:
+            self._gather(self._desired, outbox)
+        self._tell_what_stands(inbox)
 
     def waiting_for(self) -> str | None:
-        """A world."""
-        return None if self.world_hash else "a world"
+        """A world, with its meshes."""
+        if self.world_hash:
+            return None
+        if self._next_world is None:
+            return "a world"
+        return f"meshes of the world on {ASSETS.name}"
+
+    def _take_in_world(self, inbox: Inbox, outbox: Outbox) -> None:
+        worlds = inbox.new(WORLD)
+        if worlds:
+            newest = worlds[-1]
+            self._next_world = newest if newest.hash != self.world_hash else None
+        for asset in inbox.new(ASSETS):
+            if asset.format == "npz":
+                self._mesh_files[asset.header.frame_id] = asset.data.tobytes()
+        world = self._next_world
+        if world is not None and all(sha in self._mesh_files for sha in mesh_sha256s(world)):
+            self._furnish(world, outbox)
+            self._next_world = None
+        if self._next_world is None and self.world_hash:
+            self._mesh_files.clear()
+
+    def _furnish(self, world: World, outbox: Outbox) -> None:
+        """Begin a world's set with its markers."""
+        if self.world_hash:
+            self._refuse_all(f"world '{world.name}' has taken the place of the one asked for")
+        meshes = {}
+        for sha256 in mesh_sha256s(world):
+            try:
+                meshes[sha256] = mesh_from_bytes(self._mesh_files[sha256])
+            except ValueError as error:
+                # The physics says so too, and keeps what runs.
+                _log.error("mesh %.12s: %s", sha256, error)
+        placement = Placement(world, self._style.clear_view_m, meshes)
+        hung, self._textures = furnish(world, self._style, placement=placement)
+        self.world_hash = world.hash
+        self._desired = DesiredSet(world, placement, hung)
+        self._standing, self._poses, self._is_settled = None, {}, False
+        self._send(self._desired, outbox)
+        for refusal in hung.refused:
+            _log.error("%s refused: %s", refusal.name, refusal.reason)
+        _log.info("Spawned %d of %d markers", len(hung.entities), len(world.markers))
+
+    def _take_in_standing(self, standing: Entities, inbox: Inbox) -> None:
+        desired = self._desired
+        if desired is None:
+            return
+        is_answer = not self._is_settled and standing.revision == desired.revision
+        if is_answer and desired.revision == 0:
+            desired.adopt(standing)
+        self._standing = standing
+        self._follow(inbox)
+        if not is_answer:
+            return
+        self._is_settled = True
+        replies = desired.settle(standing)
+        for name, reply in replies.items():
+            self._poses.pop(name, None)
+            if reply.error:
+                _log.warning("%s refused: %s", name, reply.error)
+        for name, request in self._in_flight:
+            request.respond(replies[name])
+        self._in_flight = []
+
+    def _take_in_requests(self, inbox: Inbox) -> None:
+        self._queue(inbox.requests(SPAWN_ENTITY))
+        self._queue(inbox.requests(DELETE_ENTITY))
+        self._queue(inbox.requests(SET_ENTITY_STATE))
+        self._getting += inbox.requests(GET_ENTITIES)
+
+    def _queue(self, requests: Sequence[_Waiting]) -> None:
+        for request in requests:
+            if len(self._waiting) < MAX_WAITING:
+                self._waiting.append(request)
+            else:
+                request.respond(EntityReply(error=f"{MAX_WAITING} requests wait already"))
+
+    def _gather(self, desired: DesiredSet, outbox: Outbox) -> None:
+        """Make the next set of all requests that can go into one."""
+        later: list[_Waiting] = []
+        held: set[str] = set()
+        for request in self._waiting:
+            outcome = desired.apply(request.message, held)
+            if isinstance(outcome, Waits):
+                self._in_flight.append((outcome.name, request))
+            elif isinstance(outcome, Later):
+                held.add(outcome.name)
+                later.append(request)
+            else:
+                request.respond(outcome)
+        self._waiting = later
+        if desired.publish():
+            self._is_settled = False
+            self._send(desired, outbox)
+
+    def _send(self, desired: DesiredSet, outbox: Outbox) -> None:
+        """Send the set, and before it the assets that a late reader would not be given."""
+        files = self._textures | desired.files
+        # To send one may push another out.
+        while missing := [sha256 for sha256 in files if sha256 not in self._latched]:
+            for sha256 in missing:
+                data = files[sha256]
+                content = np.frombuffer(data, np.uint8)
+                message = CompressedImage(header(0, sha256), format=file_format(data), data=content)
+                outbox.put(ASSETS, message)
+                self._latched.append(sha256)
+        outbox.put(DESIRED_ENTITIES, desired.entities())
+
+    def _tell_what_stands(self, inbox: Inbox) -> None:
+        if self._standing is None or not self._getting:
+            return
+        self._follow(inbox)
+        entities = [
+            one.model_copy(update={"position_m": pose[0], "orientation_xyzw": pose[1]})
+            if (pose := self._poses.get(one.name)) is not None
+            else one
+            for one in self._standing.entities
+        ]
+        found = self._standing.model_copy(update={"entities": tuple(entities)})
+        for request in self._getting:
+            request.respond(found)
+        self._getting = []
+
+    def _follow(self, inbox: Inbox) -> None:
+        """Take in where what moves is."""
+        names = {one.name for one in self._standing.entities} if self._standing else set()
+        self._poses = {name: pose for name, pose in self._poses.items() if name in names}
+        for message in inbox.new(TF):
+            self._poses |= _poses_in_map(message, names)
+
+    def _refuse_all(self, error: str) -> None:
+        for request in (*self._waiting, *(request for _, request in self._in_flight)):
+            request.respond(EntityReply(error=error))
+        self._waiting, self._in_flight = [], []
+
+
+def _poses_in_map(message: TFMessage, names: set[str]) -> dict[str, tuple[Vector, Quaternion]]:
+    poses: dict[str, tuple[Vector, Quaternion]] = {}
+    for entry in message.transforms:
+        if entry.header.frame_id == MAP_FRAME and entry.child_frame_id in names:
+            t, q = entry.transform.translation, entry.transform.rotation
+            poses[entry.child_frame_id] = (t.x, t.y, t.z), (q.x, q.y, q.z, q.w)
+    return poses

@@ -1,0 +1,333 @@
+"""What should stand in a world: its markers and what people asked for, change by change.
+
+Changes are gathered into sets, each with a revision; the physics makes one so and says what stands
+then, which settles every change of that set: it is kept, or taken back with the reason.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+
+from services.common.documents import (
+    BodyEntity,
+    DeleteEntity,
+    Entities,
+    Entity,
+    EntityReply,
+    Marker,
+    MarkerEntity,
+    Quaternion,
+    SetEntityState,
+    SpawnEntity,
+    Vector,
+    World,
+)
+from services.common.furnish import MAX_MARKERS
+from services.common.marker_picture import identity_problem
+from services.common.placement import Placement, panel_of
+from services.spawner.entity_assets import decoded, mesh_sha256s, needed
+
+MAX_ASKED_FOR = 200
+MAX_ENTITY_BYTES = 256 * 1024
+"""Of one thing as JSON: the whole set is sent with each change."""
+MAX_SET_BYTES = 4 * 1024 * 1024
+MAX_ASSETS = 100
+"""Of all things together: with those of MAX_MARKERS fewer than the topic's depth."""
+MAX_ASSET_BYTES = 64 * 1024 * 1024
+MAX_NAME = 100
+MAX_DISTANCE_M = 1_000.0
+
+Asked = SpawnEntity | DeleteEntity | SetEntityState
+
+
+@dataclass(frozen=True, eq=False)
+class Waits:
+    """A request is answered when the change of this name is settled."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Later:
+    """A request comes after what is asked of this name already."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Thing:
+    entity: Entity
+    """As it should stand."""
+    asked: Entity
+    """As it was asked for at first: the same request again changes nothing."""
+    json_bytes: int
+    """As JSON; 0: not counted, it is the world's."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    before: _Thing | None
+    after: _Thing | None
+
+
+class DesiredSet:
+    """The set of one world."""
+
+    def __init__(self, world: World, placement: Placement, hung: Entities) -> None:
+        """`hung` are the world's markers where they hang, and those that cannot."""
+        self.revision = 0
+        self.files: dict[str, bytes] = {}
+        """The assets of what was asked for, by sha256."""
+        self._world = world
+        self._placement = placement
+        self._known = {material.texture_sha256 for material in world.materials}
+        self._known |= set(mesh_sha256s(world))
+        self._refused = hung.refused
+        self._fixed = {wall.name for wall in world.walls} | {body.name for body in world.bodies}
+        self._things = {one.name: _Thing(one, one, 0) for one in hung.entities}
+        self._changes: dict[str, _Change] = {}
+        self._is_stale = False
+
+    def entities(self) -> Entities:
+        """The set to send."""
+        return Entities(
+            world_hash=self._world.hash,
+            revision=self.revision,
+            entities=tuple(thing.entity for thing in self._things.values()),
+            refused=self._refused,
+        )
+
+    def adopt(self, standing: Entities) -> None:
+        """Take over what stands already when nothing has been asked for yet."""
+        stands = {one.name: one for one in standing.entities}
+        refused = {one.name for one in standing.refused}
+        kept = [name for name in self._things if name in stands or name in refused]
+        names = dict.fromkeys([*kept, *stands])
+        mine = self._things
+        self._things = {}
+        for name in names:
+            entity = stands.get(name) or mine[name].entity
+            own = mine.get(name)
+            asked = own.asked if own is not None else entity
+            size = own.json_bytes if own is not None else len(entity.model_dump_json())
+            self._things[name] = _Thing(entity, asked, size)
+
+    def apply(self, message: Asked, held: Container[str] = ()) -> EntityReply | Waits | Later:
+        """Take a request into the set; the reply where it can be given at once.
+
+        Of the names in `held` earlier requests wait.
+        """
+        name = _name_of(message)
+        if name in held:
+            return Later(name)
+        try:
+            if isinstance(message, SpawnEntity):
+                return self._spawn(message)
+            if message.name in self._fixed:
+                raise _RefusedError(f"name: {message.name!r:.60}: is a part of the world itself")
+            thing, change = self._things.get(message.name), self._changes.get(message.name)
+            if thing is None and change is None:
+                raise _RefusedError(f"name: {message.name!r:.60}: there is none of this name")
+            if isinstance(message, DeleteEntity):
+                if change is not None:
+                    return (Later if change.after is not None else Waits)(message.name)
+                return self._change(message.name, None)
+            return self._move(message, thing, change)
+        except _RefusedError as error:
+            return EntityReply(error=str(error), name=name)
+
+    def publish(self) -> bool:
+        """Whether the set has changed since it was sent: then it has the next revision."""
+        if not (self._changes or self._is_stale):
+            return False
+        self.revision += 1
+        self._is_stale = False
+        return True
+
+    def settle(self, standing: Entities) -> dict[str, EntityReply]:
+        """The reply to each name that the set changed, now that the physics has made it so."""
+        stands = {one.name: one for one in standing.entities}
+        reasons = {one.name: one.reason for one in standing.refused}
+        replies = {}
+        for name, change in self._changes.items():
+            entity = stands.get(name)
+            if name in reasons and change.after is not None:
+                replies[name] = EntityReply(error=reasons[name], name=name)
+            elif (entity is None) == (change.after is None):
+                replies[name] = EntityReply(name=name) if entity is None else reply_of(entity)
+            else:
+                replies[name] = EntityReply(error="the physics did not do it", name=name)
+            if replies[name].error:
+                self._put(name, change.before)
+                self._is_stale = True
+        self._changes = {}
+        wanted = {sha for thing in self._things.values() for _, sha in needed(thing.entity)}
+        self.files = {sha: data for sha, data in self.files.items() if sha in wanted}
+        return replies
+
+    def _spawn(self, message: SpawnEntity) -> EntityReply | Waits | Later:
+        _check_name(message.entity.name)
+        for name in _names(message):
+            entity = message.entity.model_copy(update={"name": name})
+            thing, change = self._things.get(name), self._changes.get(name)
+            if thing is not None and thing.asked == entity:
+                return Waits(name) if change is not None else reply_of(thing.entity)
+            if thing is None and change is None and name not in self._fixed:
+                break
+            if not message.allow_renaming:
+                if change is not None:
+                    return Later(name)
+                raise _RefusedError(f"name: {name!r:.60} is there already")
+        size = len(entity.model_dump_json())
+        self._check_room(size)
+        _check_pose(entity.position_m, entity.orientation_xyzw)
+        if isinstance(entity, MarkerEntity):
+            self._check_marker(entity)
+        else:
+            _check_body(entity)
+        try:
+            files = decoded(message.assets, entity, self._known | self.files.keys())
+        except ValueError as error:
+            raise _RefusedError(str(error)) from None
+        if len(self.files) + len(files) > MAX_ASSETS:
+            raise _RefusedError(f"assets: there would be more than {MAX_ASSETS} of all things")
+        if sum(map(len, (*self.files.values(), *files.values()))) > MAX_ASSET_BYTES:
+            raise _RefusedError(f"assets: there would be more than {MAX_ASSET_BYTES} bytes of all")
+        self.files |= files
+        return self._change(name, _Thing(entity, entity, size))
+
+    def _move(
+        self, message: SetEntityState, thing: _Thing | None, change: _Change | None
+    ) -> EntityReply | Waits | Later:
+        pose = message.position_m, message.orientation_xyzw
+        is_there = thing is not None and pose == (
+            thing.entity.position_m,
+            thing.entity.orientation_xyzw,
+        )
+        if change is not None:
+            return Waits(message.name) if is_there else Later(message.name)
+        assert thing is not None
+        _check_pose(*pose)
+        entity = thing.entity
+        update: dict[str, object] = {"position_m": pose[0], "orientation_xyzw": pose[1]}
+        if isinstance(entity, BodyEntity):
+            if is_there and entity.mass_kg == 0.0 and entity.path is None:
+                return reply_of(entity)
+            # What moves by itself is no longer where it was put.
+            update["placed"] = entity.placed + 1
+        elif is_there:
+            return reply_of(entity)
+        moved = entity.model_copy(update=update)
+        if isinstance(moved, MarkerEntity):
+            self._check_place(moved)
+        return self._change(message.name, _Thing(moved, thing.asked, thing.json_bytes))
+
+    def _change(self, name: str, after: _Thing | None) -> Waits:
+        self._changes[name] = _Change(self._things.get(name), after)
+        self._put(name, after)
+        return Waits(name)
+
+    def _put(self, name: str, thing: _Thing | None) -> None:
+        if thing is None:
+            self._things.pop(name, None)
+        else:
+            self._things[name] = thing
+
+    def _check_room(self, size: int) -> None:
+        if size > MAX_ENTITY_BYTES:
+            raise _RefusedError(f"entity: {size} bytes of JSON: must be at most {MAX_ENTITY_BYTES}")
+        sizes = [thing.json_bytes for thing in self._things.values() if thing.json_bytes]
+        if len(sizes) >= MAX_ASKED_FOR:
+            raise _RefusedError(f"there are {MAX_ASKED_FOR} things already: no more fit")
+        if sum(sizes) + size > MAX_SET_BYTES:
+            raise _RefusedError(
+                f"entity: {size} bytes of JSON: all things must have at most {MAX_SET_BYTES}"
+            )
+
+    def _check_marker(self, entity: MarkerEntity) -> None:
+        markers = [one for one in self._entities() if isinstance(one, MarkerEntity)]
+        if len(markers) >= MAX_MARKERS:
+            raise _RefusedError(f"there are {MAX_MARKERS} markers already: no more fit")
+        if not 0 <= entity.marker_id <= 100_000:
+            raise _RefusedError(f"marker_id: {entity.marker_id}: must be 0 to 100000")
+        problem = identity_problem(
+            Marker(id=entity.marker_id, dictionary=entity.dictionary, wall="", side="left",
+                   height_m=0.0)
+        )  # fmt: skip
+        same = next((one.name for one in markers if one.marker_id == entity.marker_id), "")
+        if not problem and same:
+            problem = f"marker_id: {entity.marker_id}: must be unique: {same!r:.60} has it"
+        if not problem and not entity.marker_size_m <= entity.panel_side_m:
+            problem = f"marker_size_m: {entity.marker_size_m:g}: must be at most the panel's side"
+        if problem:
+            raise _RefusedError(problem)
+        self._check_place(entity)
+
+    def _check_place(self, entity: MarkerEntity) -> None:
+        hanging = [
+            panel_of(one)
+            for one in self._entities()
+            if isinstance(one, MarkerEntity) and one.name != entity.name
+        ]
+        problem = self._placement.problem(panel_of(entity), hanging)
+        if problem:
+            raise _RefusedError(problem)
+
+    def _entities(self) -> Iterator[Entity]:
+        return (thing.entity for thing in self._things.values())
+
+
+def reply_of(entity: Entity) -> EntityReply:
+    """That it stands."""
+    return EntityReply(
+        name=entity.name, position_m=entity.position_m, orientation_xyzw=entity.orientation_xyzw
+    )
+
+
+class _RefusedError(Exception):
+    """A request that cannot be met, in one line."""
+
+
+def _name_of(message: Asked) -> str:
+    return message.entity.name if isinstance(message, SpawnEntity) else message.name
+
+
+def _names(message: SpawnEntity) -> Iterator[str]:
+    """The name asked for, and where another may do, those that are like it."""
+    yield message.entity.name
+    if message.allow_renaming:
+        for number in itertools.count(1):
+            yield f"{message.entity.name}_{number}"
+
+
+def _check_name(name: str) -> None:
+    if not (0 < len(name) <= MAX_NAME and name.isprintable() and name == name.strip()):
+        raise _RefusedError(
+            f"name: {name!r:.60}: must be 1 to {MAX_NAME} printable letters, with no space around"
+        )
+    if name.startswith("/"):
+        raise _RefusedError(f"name: {name!r:.60}: must not begin with a slash: it names a frame")
+
+
+def _check_pose(position_m: Vector, orientation_xyzw: Quaternion) -> None:
+    if not all(abs(value) <= MAX_DISTANCE_M for value in position_m):
+        raise _RefusedError(f"position_m: {position_m}: must be within {MAX_DISTANCE_M:g} m")
+    if not abs(math.hypot(*orientation_xyzw) - 1.0) <= 1e-3:
+        raise _RefusedError(f"orientation_xyzw: {orientation_xyzw}: must be of unit length")
+
+
+def _check_body(entity: BodyEntity) -> None:
+    names = {material.name for material in entity.materials}
+    if len(names) < len(entity.materials):
+        raise _RefusedError("materials: must have names of their own")
+    for shape in entity.shapes:
+        if shape.material and shape.material not in names:
+            raise _RefusedError(
+                f"shape {shape.name!r:.60}: material: {shape.material!r:.60}: must be one of its "
+                "materials"
+            )
+    if entity.path is not None and entity.mass_kg > 0.0:
+        raise _RefusedError(f"mass_kg: {entity.mass_kg:g}: must be 0: it follows a path")
