@@ -42,6 +42,7 @@ from services.common.topics import (
     PARTICLE_CLOUD,
     PLAN,
     SCAN,
+    SIMULATION_STATS,
     TF,
     TF_STATIC,
     WORLD,
@@ -103,6 +104,11 @@ class NavigationNode(Node):
         self._due_ns: dict[str, int] = {}
         self._costmap_shown = -1
         self._results: list[GoalResult] = []
+        self._epoch: int | None = None
+        self._begun_ns = 0
+        """When the epoch began: what was measured before is of another."""
+        self._seed = config.seed
+        """The simulation's, as soon as that is known."""
         _compile_kernels(config)
 
     def waiting_for(self) -> str | None:
@@ -121,10 +127,16 @@ class NavigationNode(Node):
             return "localisation to converge"
         return None
 
+    def nominal_rates_hz(self) -> dict[str, float]:
+        """See Node."""
+        if self._localization is None or not self._started:
+            return {}
+        return {TF.name: 1e9 / CONTROL_PERIOD_NS, AMCL_POSE.name: 1e9 / _AMCL_POSE_PERIOD_NS}
+
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in what the sensors saw, drive one control period, tell where the robot is."""
-        if now_ns < self._now_ns:
-            _LOG.info("simulation time went back: starting anew")
+        if self._simulation_began_anew(now_ns, inbox):
+            _LOG.info("the simulation began anew: so does navigation")
             self._begin_anew(now_ns, ErrorCode.WORLD_RESTARTED, "the simulation began anew")
         self._now_ns = now_ns
         self._learn_world(now_ns, inbox)
@@ -132,6 +144,21 @@ class NavigationNode(Node):
         self._take_goals(now_ns, inbox)
         self._drive(now_ns, outbox)
         self._tell(now_ns, outbox)
+
+    def _simulation_began_anew(self, now_ns: int, inbox: Inbox) -> bool:
+        """Whether the robot is elsewhere than where it was driven to, or has other random streams:
+        time went back, or the simulation says that this is another epoch.
+        """
+        anew = now_ns < self._now_ns
+        if anew:
+            self._begun_ns = 0
+        for stats in inbox.new(SIMULATION_STATS):
+            if self._epoch is not None and stats.epoch != self._epoch:
+                anew = True
+                self._begun_ns = round(stats.sim_time_s * 1e9)
+            anew = anew or stats.seed != self._seed
+            self._epoch, self._seed = stats.epoch, stats.seed
+        return anew
 
     def _learn_world(self, now_ns: int, inbox: Inbox) -> None:
         """Take in what changes seldom. The same world or map, latched again, changes nothing."""
@@ -224,7 +251,7 @@ class NavigationNode(Node):
                 np.array(msg.cells_from_grid(self._map), np.int8),
                 self._costmap.frame.resolution_m,
                 msg.se2_from_pose(self._map.info.origin),
-                random_generator(self._config.seed, "navigation/localization"),
+                random_generator(self._seed, "navigation/localization"),
             )
         except ValueError as error:
             _LOG.error("map: %s", error)
@@ -241,6 +268,9 @@ class NavigationNode(Node):
             if stamp_ns > now_ns:
                 # Of a simulation that has ended since.
                 inbox.reject(ODOM, "later than now")
+                continue
+            if stamp_ns < self._begun_ns:
+                inbox.reject(ODOM, "of an earlier epoch")
                 continue
             odom_from_base = msg.se2_from_pose(odom.pose.pose)
             localization.odometry(stamp_ns, odom_from_base)
@@ -260,6 +290,11 @@ class NavigationNode(Node):
                     inbox.reject(SCAN, "later than now")
                 else:
                     inbox.reject(DETECTIONS, "later than now")
+            elif stamp_ns < self._begun_ns:
+                if isinstance(message, msg.LaserScan):
+                    inbox.reject(SCAN, "of an earlier epoch")
+                else:
+                    inbox.reject(DETECTIONS, "of an earlier epoch")
             elif isinstance(message, msg.LaserScan):
                 self._take_scan(localization, stamp_ns, message)
             else:

@@ -20,6 +20,7 @@ from services.common.topics import (
     TF,
     TF_STATIC,
     WORLD,
+    Topic,
 )
 from services.perception.config import PerceptionConfig
 from services.perception.detect import (
@@ -32,6 +33,8 @@ from services.perception.pose import Camera, Solution, solve
 
 _INFOS_KEPT = 10
 _ODOMETRY_KEPT = 100
+_CLOCK_LAG_NS = 100_000_000
+"""Transforms may be newer than the clock by this much."""
 _DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
 
 _log = logging.getLogger("perception")
@@ -61,9 +64,17 @@ class PerceptionNode(Node):
         self._static: dict[str, msg.TransformStamped] = {}
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
         self._map_from_odom: Array | None = None
+        self._now_ns = 0
+
+    def nominal_rates_hz(self) -> dict[str, Topic[msg.Image]]:
+        """See Node."""
+        return {DETECTIONS.name: CAMERA_IMAGE}
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Detect what is in each picture that has come with its intrinsics."""
+        if now_ns < self._now_ns:
+            self._forget_pictures()
+        self._now_ns = now_ns
         self._take_world(inbox)
         self._take_transforms(inbox)
         for info in inbox.new(CAMERA_INFO):
@@ -96,12 +107,8 @@ class PerceptionNode(Node):
         world = inbox.latest(WORLD)
         if world is not None and world.hash != self.world_hash:
             self.world_hash = world.hash
-            self._image = None
             self._published = False
-            self._infos.clear()
-            self._odom_from_base.clear()
-            self._map_from_odom = None
-            self._strangers.clear()
+            self._forget_pictures()
         entities = inbox.latest(ENTITIES)
         if entities is not None:
             self._entities = entities
@@ -111,6 +118,14 @@ class PerceptionNode(Node):
         if self._entities is not None and self._entities.world_hash == self.world_hash:
             for entity in self._entities.markers:
                 self._register(entity, inbox)
+
+    def _forget_pictures(self) -> None:
+        """Another simulation begins: pictures, and where the robot was, are of the one before."""
+        self._image = None
+        self._infos.clear()
+        self._odom_from_base.clear()
+        self._map_from_odom = None
+        self._strangers.clear()
 
     def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
         name = entity.dictionary
@@ -127,11 +142,17 @@ class PerceptionNode(Node):
     def _take_transforms(self, inbox: Inbox) -> None:
         for transforms in inbox.new(TF_STATIC):
             self._static.update({entry.child_frame_id: entry for entry in transforms.transforms})
+        # The clock comes after what was measured at its time.
+        latest_ns = self._now_ns + _CLOCK_LAG_NS
         for transforms in inbox.new(TF):
             for entry in transforms.transforms:
                 pair = entry.header.frame_id, entry.child_frame_id
                 if pair == (ODOM_FRAME, BASE_FOOTPRINT_FRAME):
                     stamp_ns = msg.ns_from_time(entry.header.stamp)
+                    if stamp_ns > latest_ns:
+                        # Of a simulation that has ended since.
+                        inbox.reject(TF, "later than now")
+                        continue
                     self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
                 elif pair == (MAP_FRAME, ODOM_FRAME):
                     self._map_from_odom = msg.matrix_from_transform(entry.transform)
