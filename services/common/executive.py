@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeVar
 
-from services.common.diagnostics import diagnostics
+from services.common.diagnostics import SelfReport
 from services.common.log import RosoutHandler
 from services.common.node import Beat, ClockNode, Envelope, Inbox, Node, Outbox, Trigger
 from services.common.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Query, Topic
@@ -91,7 +91,8 @@ class LocalSeat:
         self.outbox = outbox
         self._rosout = rosout
         self._trigger = Trigger(node)
-        self._diagnostics = Beat(DIAGNOSTICS_PERIOD_NS)
+        self._report = SelfReport(node, inbox, outbox)
+        self._report_beat = Beat(DIAGNOSTICS_PERIOD_NS)
 
     @property
     def name(self) -> str:
@@ -113,9 +114,8 @@ class LocalSeat:
         if self._rosout is not None:
             self._rosout.outbox = self.outbox
         self.node.step(now_ns, self.inbox, self.outbox)
-        if self._diagnostics.due(now_ns):
-            said = diagnostics(now_ns, self.node, self.inbox, self.outbox)
-            self.outbox.put(DIAGNOSTICS, said)
+        if self._report_beat.due(now_ns):
+            self.outbox.put(DIAGNOSTICS, self._report.report(now_ns))
         if self._rosout is not None:
             self._rosout.outbox = None
 
@@ -125,11 +125,14 @@ class Round:
 
     def __init__(self, clock: ClockNode) -> None:
         self._clock = clock
+        self._clock_seat: Seat | None = None
         self.seats: list[Seat] = []
         self.now_ns = 0
 
     def join(self, seat: Seat) -> None:
         """Give a seat its place."""
+        if seat.name == self._clock.name:
+            self._clock_seat = seat
         self.seats.append(seat)
         self.seats.sort(key=lambda one: SERVICES.index(one.name))
 
@@ -141,9 +144,13 @@ class Round:
         moved = False
         for seat in self.seats:
             due = seat.due(self.now_ns)
-            if due or (next_ns is not None and seat.name == self._clock.name):
+            ticks = seat is self._clock_seat
+            if due or (ticks and next_ns is not None):
                 seat.step(self.now_ns)
                 moved = True
+                if ticks:
+                    # Earlier than before where the simulation began anew.
+                    self.now_ns = self._clock.now_ns
         return moved
 
 

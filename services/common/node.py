@@ -6,7 +6,7 @@ import threading
 import zlib
 from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
@@ -79,6 +79,13 @@ class Node(ABC):
         active.
         """
         return None
+
+    def nominal_rates_hz(self) -> Mapping[str, float | Topic[Any]]:
+        """By topic name, the rate at which this node means to put out now, per second of
+        simulation; or the topic of which it answers every message. A topic that is not named here
+        may be slow.
+        """
+        return {}
 
     def close(self) -> None:  # noqa: B027 - most nodes hold nothing
         """Let go of what the node holds. Called once, at the end."""
@@ -269,24 +276,33 @@ class Outbox:
         return self._sequence[topic.name]
 
 
+class Beat:
+    """Whole multiples of a period of simulation time."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._next_ns = 0
+
+    def due(self, now_ns: int) -> bool:
+        """Whether a multiple has been reached since the last one; asking moves on to the next."""
+        if now_ns < self._next_ns - self._period_ns:
+            # The simulation began anew.
+            self._next_ns = now_ns
+        if now_ns < self._next_ns:
+            return False
+        self._next_ns = (now_ns // self._period_ns + 1) * self._period_ns
+        return True
+
+
 class Trigger:
     """Tells when a node has to step."""
 
     def __init__(self, node: Node) -> None:
-        self._node = node
-        self._next_ns = 0
+        self._beat = Beat(node.period_ns) if node.period_ns is not None else None
 
     def due(self, now_ns: int, inbox: Inbox) -> bool:
         """Whether the node has to step at `now_ns`; asking moves a periodic node's next time on."""
-        period_ns = self._node.period_ns
-        if period_ns is not None:
-            if now_ns < self._next_ns - period_ns:
-                # The simulation began anew.
-                self._next_ns = now_ns
-            if now_ns >= self._next_ns:
-                self._next_ns = (now_ns // period_ns + 1) * period_ns
-                return True
-        return inbox.wakes()
+        return (self._beat is not None and self._beat.due(now_ns)) or inbox.wakes()
 
 
 def random_generator(seed: int, stream: str) -> np.random.Generator:
