@@ -75,6 +75,9 @@ class BringupNode(Node):
         self._results: list[NavigationResult] = []
         self._evaluation: Evaluation | None = None
         self._tour_end_ns = 0
+        self._now_ns = 0
+        self._began_anew = False
+        """Whether navigation has yet to tell how it is since the simulation began anew."""
 
     def waiting_for(self) -> str | None:
         """What keeps the tour from beginning, service by service."""
@@ -106,6 +109,9 @@ class BringupNode(Node):
         if not self._requested:
             self._requested = True
             outbox.put(WORLD_REQUEST, self._request)
+        if now_ns < self._now_ns:
+            self._begin_anew()
+        self._now_ns = now_ns
         self._listen(now_ns, inbox)
         if self.exit_code is not None or self._world is None:
             return
@@ -119,6 +125,19 @@ class BringupNode(Node):
             or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9
         ):
             self._finish()
+
+    def _begin_anew(self) -> None:
+        """Drive the tour from its beginning: the goals so far were those of another run."""
+        if self._world is not None:
+            _LOG.info("the simulation began anew: so does the tour")
+        self._clock_seen_ns = None
+        self._goal_index = 0
+        self._goal_stamp_ns = None
+        self._active = dict.fromkeys(_MANAGERS, False)
+        self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
+        self._results.clear()
+        self._evaluation = None
+        self._began_anew = True
 
     def _listen(self, now_ns: int, inbox: Inbox) -> None:
         for status in inbox.new(WORLD_STATUS):
@@ -142,6 +161,10 @@ class BringupNode(Node):
                 values = {value.key: value.value for value in status_of.values}
                 self._waiting[status_of.name] = values.get(WAITING_KEY, "")
         for navigation in inbox.new(NAVIGATION_STATUS):
+            if self._began_anew and navigation.localization_active:
+                # Of before: navigation begins anew with not knowing where the robot is.
+                continue
+            self._began_anew = False
             self._navigation = navigation
             if navigation.goal is not None:
                 self._goal_sign_ns = now_ns

@@ -24,6 +24,7 @@ from tests.common.samples import WORLD
 STEP_NS = 100_000_000
 HASH = WORLD.hash
 ACTIVE = doc.NavigationStatus(localization_active=True, navigation_active=True)
+INACTIVE = doc.NavigationStatus(localization_active=False, navigation_active=False)
 
 
 class Stage:
@@ -115,6 +116,53 @@ def test_it_says_both_lines_once_and_drives_the_tour(
     assert stage.node.exit_code == 0
     assert "location1" in caplog.records[-1].getMessage()
     assert "shortest m" in caplog.records[-1].getMessage()
+
+
+def test_a_reset_begins_the_tour_anew(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    stage.step(50)
+    stage.bring_up()
+    stage.answer()
+    goals_before = len(stage.goals())
+    aborted = stage.goals()[-1]
+    stage.now_ns = 0
+    # Navigation may tell how it was before, and how the goal ended, after the clock went back.
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.say(
+        table.NAVIGATION_RESULT,
+        doc.NavigationResult(
+            goal=doc.Planar(x_m=0, y_m=0, yaw_rad=0),
+            goal_stamp_ns=ns_from_time(aborted.header.stamp),
+            error_code=9011,
+            start_time_s=0.0,
+            end_time_s=1.0,
+        ),
+    )
+    stage.step(20)
+    assert len(stage.goals()) == goals_before
+    assert stage.node.waiting_for() is not None
+    stage.say(table.NAVIGATION_STATUS, INACTIVE)
+    stage.step()
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.step()
+    stage.answer()
+    stage.answer()
+    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
+    assert places[goals_before:] == [(1, 2), (0, 0)]
+    del stage.sent[: next(i for i, said in enumerate(stage.sent) if said[1] is aborted) + 1]
+    stage.judge(True, True)
+    assert stage.node.exit_code == 0
+
+
+def test_after_a_reset_a_stack_that_never_becomes_active_is_given_up() -> None:
+    stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
+    stage.step(50)
+    stage.bring_up()
+    stage.now_ns = 0
+    stage.say(table.NAVIGATION_STATUS, INACTIVE)
+    stage.step(25)
+    assert stage.node.exit_code is None
+    stage.step(15)
+    assert stage.node.exit_code == EXIT_NOT_ACTIVE
 
 
 def test_a_goal_that_was_not_reached_is_not_exit_code_0(stage: Stage) -> None:
@@ -235,10 +283,7 @@ def test_a_goal_that_navigation_forgot_is_sent_again(stage: Stage) -> None:
         stage.say(table.NAVIGATION_STATUS, driving)
         stage.step()
     assert len(stage.goals()) == 1
-    stage.say(
-        table.NAVIGATION_STATUS,
-        doc.NavigationStatus(localization_active=False, navigation_active=False),
-    )
+    stage.say(table.NAVIGATION_STATUS, INACTIVE)
     stage.step(40)
     assert len(stage.goals()) == 1
     stage.say(table.NAVIGATION_STATUS, ACTIVE)
