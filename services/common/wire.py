@@ -152,7 +152,7 @@ def _checker(type_name_: str) -> _Check:
     fields = _Fields([], [], [], [])
     _collect(type_name_, "", fields)
     numbers = _all_of(fields.numbers)
-    checks = [
+    checks: list[tuple[_Get, _Check]] = [
         (operator.attrgetter(path), _nan if inf else _not_finite) for path, inf in fields.arrays
     ]
     checks += [

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from services.common import documents as doc
 from services.common import messages as msg
+from services.common.diagnostics import RATE_KEY, REAL_TIME_FACTOR_KEY
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_OPTICAL_FRAME,
@@ -65,7 +66,14 @@ from services.common.topics import (
 from services.recorder.canvas import Canvas, Trail
 from services.recorder.mesh import Mesh, panel
 from services.recorder.obstacles import read_meshes
-from services.recorder.scenery import Part, parts, plain_rgba, seen_meshes
+from services.recorder.scenery import (
+    Part,
+    assets_of,
+    entity_parts,
+    parts,
+    plain_rgba,
+    seen_meshes,
+)
 
 TRUTH_FRAME = "ground_truth"
 """Frame of the true robot; `base_footprint` is where it believes itself to be."""
@@ -85,6 +93,8 @@ _SECOND_NS = 1_000_000_000
 _LATCH_NS = 10_000_000_000
 """What has not changed is drawn again this often, for viewers that have only the newest data."""
 _MAX_PARTICLES = 500
+_MOST_NAMES = 20
+"""Of entities that one line names."""
 
 _TRUTH = (46, 204, 113)
 _ESTIMATE = (255, 140, 0)
@@ -169,6 +179,11 @@ def draw_start(canvas: Canvas) -> None:
 def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
     """Simulated seconds a second of wall time, once a second of wall time."""
     now_s = canvas.wall_clock_s()
+    if canvas.entities is not None and canvas.due("entities", canvas.now_ns, _LATCH_NS):
+        canvas.recording.at(canvas.now_ns)
+        for entity in canvas.entities.entities:
+            if not _moves(entity):
+                _place(canvas, entity)
     if canvas.real_time is None:
         canvas.real_time = now_s, canvas.now_ns
         return
@@ -218,10 +233,10 @@ def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
     materials = [m.name for m in canvas.world.materials if m.texture_sha256 == sha256]
     for part in canvas.parts:
         if part.material in materials:
-            _draw_part(canvas, part)
-    for entity in canvas.entities.markers if canvas.entities else ():
-        if entity.texture_sha256 == sha256:
-            _draw_panel(canvas, entity)
+            _draw_world_part(canvas, part)
+    for entity in canvas.entities.entities if canvas.entities else ():
+        if sha256 in assets_of(entity):
+            _draw_looks(canvas, entity)
 
 
 def draw_world(canvas: Canvas, world: doc.World) -> None:
@@ -229,9 +244,9 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
 
     The upper part of walls and of what stands, and the ceiling, are entities of their own.
     """
-    canvas.parts, _ = parts(world, read_meshes(world, canvas.assets))
+    canvas.parts, _ = parts(world, read_meshes(world.bodies, canvas.assets))
     for part in canvas.parts:
-        _draw_part(canvas, part)
+        _draw_world_part(canvas, part)
     log = canvas.recording.log
     canvas.recording.at(canvas.now_ns)
     for body in world.bodies:
@@ -285,30 +300,52 @@ def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
 
 
 def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """What the placement refused, in words."""
-    names = ", ".join(entity.name for entity in entities.markers) or "nothing"
+    """What should stand, and what the placement refused, in words."""
+    names = [entity.name for entity in entities.entities]
     if entities.world_hash != canvas.world.hash:
         return
     if canvas.changed("entities/desired", (names, entities.refused)):
-        _say(canvas, "entities/desired", f"wanted: {names}")
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        said = ", ".join(names[:_MOST_NAMES]) or "nothing"
+        _say(canvas, "entities/desired", f"wanted: {said}{more}")
         _say_refused(canvas, "entities/desired", entities.refused)
 
 
 def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """The markers' panels, and what physics refused."""
+    """The markers' panels and the bodies, where and as long as they stand, and what physics
+    refused.
+
+    Each has a frame of its own, which says where it is at which time; its looks hold at every one.
+    """
     if entities.world_hash != canvas.world.hash:
         return
-    before = {entity.name: entity for entity in canvas.entities.markers} if canvas.entities else {}
-    after = {entity.name: entity for entity in entities.markers}
+    before = {entity.name: entity for entity in canvas.entities.entities} if canvas.entities else {}
+    after = {entity.name: entity for entity in entities.entities}
     canvas.entities = entities
-    for name, entity in after.items():
-        if before.get(name) != entity:
-            _draw_panel(canvas, entity)
-            _say(canvas, "entities", f"{name} stands in the world")
-    for name in before:
+    for name, entity in before.items():
+        if name not in after or _frame_of(after[name]) != _frame_of(entity):
+            canvas.recording.at(canvas.now_ns)
+            _place(canvas, entity, shown=False)
         if name not in after:
-            canvas.recording.log(_panel_path(name), rr.Mesh3D(vertex_positions=[]), static=True)
             _say(canvas, "entities", f"{name} was taken away")
+    for name, entity in after.items():
+        known = before.get(name)
+        if known == entity:
+            continue
+        if canvas.changed(f"entities/{name}#looks", _looks(entity)):
+            _draw_looks(canvas, entity)
+        if (
+            known is None
+            and canvas.now_ns > canvas.start_ns
+            and canvas.changed(_path_of(entity), 0)
+        ):
+            # Until now it was not there.
+            canvas.recording.at(canvas.start_ns)
+            _place(canvas, entity, shown=False)
+        canvas.recording.at(canvas.now_ns)
+        _place(canvas, entity)
+        verb = "stands in the world" if known is None else "stands elsewhere or is another"
+        _say(canvas, "entities", f"{name} {verb}")
     if canvas.changed("entities/refused", entities.refused):
         _say_refused(canvas, "entities", entities.refused)
 
@@ -654,7 +691,10 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
     canvas.at(array.header.stamp)
     for status in array.status:
         path = f"diagnostics/{status.name}"
-        said = [(v.key, v.value) for v in status.values if v.value]
+        said = [
+            (v.key, v.value) for v in status.values
+            if v.value and not v.key.startswith((RATE_KEY, REAL_TIME_FACTOR_KEY))
+        ]  # fmt: skip
         rejected = any(key.startswith("rejected ") for key, _ in said)
         waiting = status.message.startswith("waiting")
         state = "waiting" if waiting else "rejecting" if rejected else "active"
@@ -865,8 +905,12 @@ def _draw_outlines(
         canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
 
 
-def _draw_part(canvas: Canvas, part: Part) -> None:
+def _draw_world_part(canvas: Canvas, part: Part) -> None:
     material = next((m for m in canvas.world.materials if m.name == part.material), PLAIN)
+    _draw_part(canvas, "world", part, material)
+
+
+def _draw_part(canvas: Canvas, above: str, part: Part, material: doc.Material) -> None:
     texture = _texture(canvas, material.texture_sha256) if part.textured else None
     mesh = part.mesh
     drawn = rr.Mesh3D(
@@ -877,7 +921,7 @@ def _draw_part(canvas: Canvas, part: Part) -> None:
         albedo_texture=texture,
         albedo_factor=plain_rgba(material, part) if texture is None else None,
     )
-    path = "/".join(["world", *map(_path, part.path)])
+    path = "/".join([above, *map(_path, part.path)])
     canvas.recording.log(path, rr.CoordinateFrame(part.frame), drawn, static=True)
 
 
@@ -886,13 +930,58 @@ def _path(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def _panel_path(name: str) -> str:
-    return f"entities/{_path(name)}"
+def _frame_of(entity: doc.Entity) -> str:
+    """The frame that an entity is drawn in: that of /tf where it moves, or one of its own."""
+    return entity.name if _moves(entity) else f"entities/{entity.name}"
 
 
-def _draw_panel(canvas: Canvas, entity: doc.MarkerEntity) -> None:
-    texture = _texture(canvas, entity.texture_sha256)
-    _static_mesh(canvas, _panel_path(entity.name), panel(entity), texture)
+def _path_of(entity: doc.Entity) -> str:
+    """Where the drawing says where an entity's frame is."""
+    name = _path(entity.name)
+    return f"tf/{name}" if _moves(entity) else f"entities/{name}"
+
+
+def _moves(entity: doc.Entity) -> bool:
+    """Whether /tf tells where an entity is."""
+    return isinstance(entity, doc.BodyEntity) and entity.moves
+
+
+def _looks(entity: doc.Entity) -> tuple[object, ...]:
+    """What an entity's drawing is made of, but for its place."""
+    if isinstance(entity, doc.MarkerEntity):
+        return entity.panel_side_m, entity.texture_sha256
+    return entity.shapes, entity.materials, entity.moves
+
+
+def _place(canvas: Canvas, entity: doc.Entity, shown: bool = True) -> None:
+    """Say where an entity is, or that it is nowhere. The time must be set."""
+    canvas.recording.transform(
+        _path_of(entity),
+        entity.position_m,
+        entity.orientation_xyzw,
+        MAP_FRAME,
+        _frame_of(entity),
+        shown,
+    )
+
+
+def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
+    """Draw an entity in its frame, in place of what had its name."""
+    above, frame = f"entities/{_path(entity.name)}", _frame_of(entity)
+    drawn: list[str] = []
+    if isinstance(entity, doc.MarkerEntity):
+        drawn.append(f"{above}/panel")
+        mesh = _mesh(panel(entity.panel_side_m), _texture(canvas, entity.texture_sha256))
+        canvas.recording.log(drawn[-1], rr.CoordinateFrame(frame), mesh, static=True)
+    else:
+        materials = {material.name: material for material in entity.materials}
+        for part in entity_parts(entity, frame, canvas.assets):
+            drawn.append("/".join([above, *map(_path, part.path)]))
+            _draw_part(canvas, above, part, materials.get(part.material, PLAIN))
+    for path in canvas.drawn.get(entity.name, ()):
+        if path not in drawn:
+            canvas.recording.log(path, rr.Mesh3D(vertex_positions=[]), static=True)
+    canvas.drawn[entity.name] = drawn
 
 
 def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
@@ -908,14 +997,6 @@ def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
     if scale < 1.0:
         pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(pixels[:, :, ::-1], np.uint8)
-
-
-def _static_mesh(
-    canvas: Canvas, path: str, mesh: Mesh | None, texture: NDArray[np.uint8] | None = None
-) -> None:
-    if mesh is not None:
-        drawn = _mesh(mesh, texture)
-        canvas.recording.log(path, rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
 
 
 def _mesh(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common import messages as msg
+from services.common import wire
 from services.common.documents import Entities, NavigationResult, World
 from services.common.frames import SE2, Array
 from services.common.node import Envelope, Inbox, Outbox
@@ -174,8 +175,8 @@ class NodeDriver:
         self._command = STOP
         self._odometry: deque[int] = deque()
 
-    def deliver(self, topic: Topic[M], message: M) -> None:
-        """Put a message into the node's inbox."""
+    def deliver(self, topic: Topic[M], message: M | bytes) -> None:
+        """Put a message, or its bytes, into the node's inbox."""
         number = self._sequence.get(topic.name, 0)
         self._sequence[topic.name] = number + 1
         world_hash = house().world.hash
@@ -205,7 +206,8 @@ class NodeDriver:
     def goal(self, goal: SE2, frame_id: str = "map") -> None:
         """Ask for a goal."""
         header = msg.header(self.now_ns, frame_id)
-        self.deliver(GOAL_POSE, msg.PoseStamped(header=header, pose=msg.pose_from_se2(goal)))
+        message = msg.PoseStamped(header=header, pose=msg.pose_from_se2(goal))
+        self.deliver(GOAL_POSE, wire.encode(GOAL_POSE, message))
 
     def step(self) -> None:
         """One control period: the robot drives, the sensors see, the node steps."""

@@ -131,7 +131,7 @@ class Bench:
     def hear(self, topic: Topic[Any], message: Any, world_hash: str = "first") -> None:
         envelope = Envelope("test", self._sequence, 0, world_hash)
         self._sequence += 1
-        self.inbox.deliver(topic, message, envelope)
+        self.inbox.deliver(topic, wire.encode(topic, message), envelope)
 
     def step(self, now_ns: int = 0) -> list[msg.Detection3DArray]:
         """What is said on DETECTIONS in one step."""
