@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import Body, Material, Plane, Shape, Wall, World
+from services.common.documents import Material, Plane, Shape, Thing, Wall, World
 from services.common.frames import Array, pose_matrix
 from services.common.geometry import (
     TriangleMesh,
@@ -71,16 +71,16 @@ def surfaces(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Surface,
         *(
             surface
             for body in world.bodies
-            for surface in body_surfaces(body, meshes, tile_of, moves=body.mass_kg > 0.0)
+            for surface in body_surfaces(body, meshes, tile_of, moves=body.moves)
         ),
         *_floors(world, tile_of),
         *_ceiling(world, tile_of),
     )
 
 
-def is_floor(body: Body, shape: Shape) -> bool:
+def is_floor(body: Thing, shape: Shape) -> bool:
     """Whether a shape is a plane that lies on the floor, as SDF's ground planes do."""
-    if body.mass_kg > 0.0 or not isinstance(shape.geometry, Plane):
+    if body.moves or not isinstance(shape.geometry, Plane):
         return False
     map_from_shape = pose_matrix(body) @ pose_matrix(shape)
     level = map_from_shape[2, 2] > 1.0 - 1e-6
@@ -88,7 +88,7 @@ def is_floor(body: Body, shape: Shape) -> bool:
 
 
 def body_surfaces(
-    body: Body, meshes: Mapping[str, TriangleMesh], tile_of: Mapping[str, float], moves: bool
+    body: Thing, meshes: Mapping[str, TriangleMesh], tile_of: Mapping[str, float], moves: bool
 ) -> Iterator[Surface]:
     """What is seen of a body, one surface a material: in its own frame where it moves."""
     seen: dict[str, list[TriangleMesh]] = {}

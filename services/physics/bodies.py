@@ -10,20 +10,24 @@ in the reference robot.
 
 What moves is a plain rigid body, which Bullet steps four times as fast as a multibody; Bullet's own
 damping is left on for it, since nothing else brings a rolling ball to rest.
+
+What follows a path is a rigid body too, so heavy that nothing stops it, that is set on its way anew
+before each step: of a body without mass Bullet's contacts do not know the speed, and let it sink
+into what it pushes.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from services.common.documents import Body, World
+from services.common.documents import BodyEntity, Plane, Thing, World
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
@@ -35,20 +39,39 @@ from services.common.frames import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     transform_matrix,
+    yaw_from_quaternion,
 )
 from services.common.geometry import TriangleMesh
 from services.physics.bullet import pybullet
-from services.physics.collision import Solid, as_obj, inertia_of, solids_of
+from services.physics.collision import Solid, as_obj, extent_of, inertia_of, solids_of
 from services.physics.config import STEPS_PER_SECOND
 from services.physics.robot_model import ModelError, RobotModel, Shape, Vector
-from services.physics.world_limits import check
+from services.physics.scripted_path import Floorplan, PathPose, Route, meets
+from services.physics.world_limits import PENETRATION_M, check
 
 GRAVITY_M_S2 = 9.8
 FLOOR = "floor"
 WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 _SURFACE_FRICTION = 1.0
-_STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP = 1, 2, 4
+_STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP, _SCRIPTED_GROUP = 1, 2, 4, 8
+_MEETS = {
+    _STATIC_GROUP: _ROBOT_GROUP | _MOVER_GROUP,
+    _ROBOT_GROUP: _STATIC_GROUP | _MOVER_GROUP | _SCRIPTED_GROUP,
+    _MOVER_GROUP: _STATIC_GROUP | _ROBOT_GROUP | _MOVER_GROUP | _SCRIPTED_GROUP,
+    _SCRIPTED_GROUP: _ROBOT_GROUP | _MOVER_GROUP,
+}
+_SCRIPTED_MASS_KG = 1e5
+_YIELD_M = 0.3
+"""How far ahead on its way a body looks for the robot; at these steps."""
+_YIELD_STEP_M = 0.05
+_WAY_STEP_M = 0.1
+"""Between the places on a path at which it is looked for walls; these are thicker."""
+_MAX_GARBAGE_BYTES = 16_000_000
+"""PyBullet never gives back the shape of a body that is removed: from so much on, everything is
+made anew, as it moves.
+"""
+_BODY_BYTES, _CORNER_BYTES, _TRIANGLE_BYTES = 4_000, 200, 150
 _FAR_M = 10_000.0
 _LOWEST_M, _HIGHEST_M = -0.05, 0.5
 _MAX_SPEED_M_S = 20.0
@@ -56,6 +79,8 @@ _DEEPEST_M = -1.0
 _MAX_MOVER_SPEED_M_S = 200.0
 
 Quaternion = tuple[float, float, float, float]
+_NOWHERE: Vector = (0.0, 0.0, 0.0)
+_UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 _KINDS = {
     "box": pybullet.GEOM_BOX,
@@ -118,11 +143,50 @@ class MoverState(NamedTuple):
         )
 
 
-class _Mover(NamedTuple):
-    name: str
-    number: int
-    """PyBullet's."""
+@dataclass(eq=False)
+class _Placed:
+    """A thing, as it was made and as it is."""
+
+    thing: Thing
+    solids: tuple[Solid, ...]
+    """In the body's frame"""
     com_from_body: Array
+    """Where the body moves freely; else the same frame."""
+    inertia_kg_m2: Vector
+    route: Route | None
+    floorplan: Floorplan
+    """Of what follows a path, as it looks ahead"""
+    numbers: tuple[int, ...] = ()
+    """PyBullet's: one where it moves, else one a solid."""
+    travelled_m: float = 0.0
+    speed_m_s: float = 0.0
+    """On the path, in the last step"""
+    state: MoverState | None = None
+    """Of what moves"""
+
+    @property
+    def garbage_bytes(self) -> int:
+        """About what PyBullet keeps of it when it is removed."""
+        corners = sum(len(one.vertices_m) for one in self.solids if one.vertices_m is not None)
+        triangles = sum(len(one.triangles) for one in self.solids if one.triangles is not None)
+        bodies = _BODY_BYTES * max(len(self.numbers), len(self.solids))
+        return bodies + _CORNER_BYTES * corners + _TRIANGLE_BYTES * triangles
+
+    def path_state(self) -> MoverState:
+        """Of what follows a path."""
+        assert self.route is not None
+        pose = self.route.at(self.travelled_m)
+        x, y, turn = self.route.velocity(self.travelled_m, self.speed_m_s)
+        z = self.thing.position_m[2]
+        return MoverState(
+            (pose.x_m, pose.y_m, z), self._looking(pose), (x, y, 0.0), (0.0, 0.0, turn)
+        )
+
+    def _looking(self, pose: PathPose) -> Quaternion:
+        """The thing's own tilt, and ahead instead of its own heading."""
+        x, y, z, w = _level(self.thing.orientation_xyzw)
+        s, c = math.sin(pose.heading_rad / 2.0), math.cos(pose.heading_rad / 2.0)
+        return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
 class Touch(NamedTuple):
@@ -151,42 +215,59 @@ class Bodies:
         self.solid_groups: tuple[tuple[Solid, ...], ...] = ()
         """Solids that stand or move together, with `body_from_solid` seen from the group's frame.
 
-        What stands in the world comes first, in the map's frame. Another tuple takes its place when
+        What stands in the world comes first, in the map's frame, then what moves, then what people
+        have put there to stand. Another tuple takes its place when
         a group comes, goes or changes; a group that stays is the same object in it.
         """
+        self._world, self._model = world, model
+        self._things: dict[str, _Placed] = {}
+        self._entities: dict[str, _Placed] = {}
+        self._movers: list[_Placed] = []
+        self._scripted: list[_Placed] = []
+        self._garbage_bytes = 0
+        self._wheel_speeds = (0.0, 0.0)
         self._client: int = pybullet.connect(pybullet.DIRECT)
         try:
-            pybullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=self._client)
-            pybullet.setTimeStep(1.0 / STEPS_PER_SECOND, physicsClientId=self._client)
-            pybullet.setPhysicsEngineParameter(
-                deterministicOverlappingPairs=1, physicsClientId=self._client
-            )
-            self._names: dict[int, str] = {}
-            self._floor = self._add_static(FLOOR, pybullet.GEOM_PLANE, (0.0, 0.0, 0.0), 0.0)
-            self._still: list[Solid] = []
-            self._moving: list[tuple[Solid, ...]] = []
-            for wall in world.walls:
-                self._add_static(
-                    wall.name,
-                    pybullet.GEOM_BOX,
-                    (wall.x_m, wall.y_m, wall.height_m / 2.0),
-                    wall.yaw_rad,
-                    halfExtents=[wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0],
-                )
-                middle = wall.map_from_wall().matrix(wall.height_m / 2.0)
-                half = wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0
-                self._still.append(Solid("box", middle, half_extents_m=half))
-            self._movers: list[_Mover] = []
             for thing in world.bodies:
-                self._add_body(thing, meshes)
-            self._add_robot(world, model)
-            self.solid_groups = (tuple(self._still), *self._moving)
+                self._things[thing.name] = self._made(thing, meshes)
+            self._fill()
         except (pybullet.error, ValueError) as error:
             self.close()
             raise ValueError(" ".join(str(error).split())) from error
         self.set_wheel_speeds(0.0, 0.0)
         self.state = self._read()
-        self.mover_states = self._read_movers()
+        self._arrange()
+
+    def _fill(self) -> None:
+        """Put the world and the robot, at its start, into the empty client."""
+        client, world = self._client, self._world
+        pybullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=client)
+        pybullet.setTimeStep(1.0 / STEPS_PER_SECOND, physicsClientId=client)
+        pybullet.setPhysicsEngineParameter(
+            deterministicOverlappingPairs=1,
+            # It would keep every hull's file.
+            enableFileCaching=0,
+            physicsClientId=client,
+        )
+        self._names: dict[int, str] = {}
+        still: list[Solid] = []
+        floor = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+        self._floor = self._add_rigid(FLOOR, 0.0, floor, _NOWHERE, _UPRIGHT, _STATIC_GROUP)
+        for wall in world.walls:
+            half = wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0
+            middle = wall.map_from_wall().matrix(wall.height_m / 2.0)
+            self._add_solid(wall.name, Solid("box", middle, half_extents_m=half), np.eye(4))
+            still.append(Solid("box", middle, half_extents_m=half))
+        for placed in self._things.values():
+            self._insert(placed)
+            if not placed.thing.moves:
+                map_from_body = pose_matrix(placed.thing)
+                still += [
+                    replace(one, body_from_solid=map_from_body @ one.body_from_solid)
+                    for one in placed.solids
+                ]
+        self._world_solids = tuple(still)
+        self._add_robot(world, self._model)
 
     def close(self) -> None:
         """Remove everything. Calling it again does nothing."""
@@ -196,6 +277,7 @@ class Bodies:
 
     def set_wheel_speeds(self, left_rad_s: float, right_rad_s: float) -> None:
         """What the wheels' motors hold from now on."""
+        self._wheel_speeds = left_rad_s, right_rad_s
         pybullet.setJointMotorControlArray(
             self._robot,
             self._wheels,
@@ -207,24 +289,81 @@ class Bodies:
 
     def step(self) -> BodyState:
         """Advance by one step."""
+        for placed in self._scripted:
+            self._set_on_its_way(placed)
         pybullet.stepSimulation(physicsClientId=self._client)
         self.state = self._read()
-        if self._movers:
-            self.mover_states = self._read_movers()
+        for placed in self._movers:
+            placed.state = self._read_mover(placed)
         return self.state
 
     @property
     def mover_names(self) -> list[str]:
-        """The bodies that move, in the order of the world."""
-        return [mover.name for mover in self._movers]
+        """What moves: bodies of the world in its order, then entities in theirs."""
+        return [placed.thing.name for placed in self._movers]
+
+    @property
+    def mover_states(self) -> list[MoverState]:
+        """Of what moves, in the order of the names."""
+        return [placed.state for placed in self._movers if placed.state is not None]
 
     def map_from_movers(self) -> Array:
-        """(k, 4, 4) true poses of the bodies that move."""
+        """(k, 4, 4) true poses of what moves."""
         poses = [
-            pose_matrix(state) @ mover.com_from_body
-            for mover, state in zip(self._movers, self.mover_states, strict=True)
+            pose_matrix(placed.state) @ placed.com_from_body
+            for placed in self._movers
+            if placed.state is not None
         ]
         return np.array(poses).reshape(-1, 4, 4)
+
+    @property
+    def entities(self) -> dict[str, BodyEntity]:
+        """What people have put into the world, by name, each as it was asked for."""
+        entities = (placed.thing for placed in self._entities.values())
+        return {one.name: one for one in entities if isinstance(one, BodyEntity)}
+
+    def put(self, entity: BodyEntity, meshes: Mapping[str, TriangleMesh]) -> str:
+        """Have an entity stand where it says, at rest; empty, or the reason why it cannot.
+
+        One of the same name is moved, or replaced where it is another thing; where that cannot be,
+        it stays as it was. What is looked at here is what is in the way; `world_limits` must have
+        let the entity through.
+        """
+        old = self._entities.get(entity.name)
+        try:
+            new = self._made(entity, meshes)
+        except ValueError as error:
+            return f"shapes: {error}"
+        if old is not None and _differ_in_pose_only(old, new):
+            new = replace(new, solids=old.solids, numbers=old.numbers)
+            self._place(new)
+        else:
+            try:
+                self._insert(new)
+            except (pybullet.error, ValueError) as error:
+                self._remove(new)
+                return " ".join(str(error).split())
+        reason = self._in_the_way(new, old)
+        if not reason:
+            if old is not None and old.numbers != new.numbers:
+                self._remove(old)
+            self._entities[entity.name] = new
+        elif old is not None and old.numbers == new.numbers:
+            self._place(old)
+        else:
+            self._remove(new)
+        return reason
+
+    def remove(self, name: str) -> None:
+        """Have an entity be gone."""
+        self._remove(self._entities.pop(name))
+
+    def arrange(self, names: Iterable[str]) -> None:
+        """Take the entities in this order from now on. Called after any of them has changed."""
+        self._entities = {name: self._entities[name] for name in names if name in self._entities}
+        self._arrange()
+        if self._garbage_bytes > _MAX_GARBAGE_BYTES:
+            self._renew()
 
     def touches(self) -> list[Touch]:
         """Where the robot presses against anything that is not the floor, after the last step."""
@@ -238,7 +377,7 @@ class Bodies:
 
     def map_from_groups(self) -> Array:
         """(g, 4, 4) true poses of `solid_groups`."""
-        return np.concatenate((np.eye(4)[None], self.map_from_movers()))
+        return np.concatenate((np.eye(4)[None], self.map_from_movers(), self._map_from_standing))
 
     def map_from_footprint(self) -> Array:
         """True (4, 4) pose of base_footprint."""
@@ -283,30 +422,219 @@ class Bodies:
             position, orientation, velocity, spin, (left[0], right[0]), (left[1], right[1])
         )
 
-    def _read_movers(self) -> list[MoverState]:
-        client = self._client
-        return [
-            MoverState(
-                *pybullet.getBasePositionAndOrientation(mover.number, physicsClientId=client),
-                *pybullet.getBaseVelocity(mover.number, physicsClientId=client),
-            )
-            for mover in self._movers
-        ]
-
-    def _add_static(
-        self, name: str, kind: int, position_m: Vector, yaw_rad: float, **shape: Any
-    ) -> int:
-        turn = 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
-        index = pybullet.createCollisionShape(kind, physicsClientId=self._client, **shape)
-        body = self._add_rigid(name, 0.0, index, position_m, turn)
-        meets = _ROBOT_GROUP | _MOVER_GROUP
-        pybullet.setCollisionFilterGroupMask(
-            body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
+    def _read_mover(self, placed: _Placed) -> MoverState:
+        if placed.route is not None or not placed.numbers:
+            return placed.path_state()
+        number, client = placed.numbers[0], self._client
+        return MoverState(
+            *pybullet.getBasePositionAndOrientation(number, physicsClientId=client),
+            *pybullet.getBaseVelocity(number, physicsClientId=client),
         )
-        return body
+
+    def _set_on_its_way(self, placed: _Placed) -> None:
+        """Put what follows a path where it is, with the speed that takes it on in this step."""
+        path = placed.thing.path if isinstance(placed.thing, BodyEntity) else None
+        assert path is not None
+        placed.speed_m_s = 0.0 if path.yields and self._robot_ahead(placed) else path.speed_m_s
+        if placed.numbers:
+            state = placed.path_state()
+            x, y, _ = state.velocity_m_s
+            self._set_state(
+                placed.numbers[0],
+                # Gravity takes away what is added to its speed upwards.
+                state._replace(velocity_m_s=(x, y, GRAVITY_M_S2 / STEPS_PER_SECOND)),
+            )
+        placed.travelled_m += placed.speed_m_s / STEPS_PER_SECOND
+
+    def _robot_ahead(self, placed: _Placed) -> bool:
+        """Whether the robot stands where a body on its path will be soon."""
+        route, own, robot = placed.route, placed.floorplan, self._robot_floorplan
+        if route is None or placed.thing.position_m[2] + own.low_z_m > robot.high_z_m:
+            return False
+        here, (x, y, _) = route.at(placed.travelled_m), self.state.position_m
+        if math.hypot(here.x_m - x, here.y_m - y) > own.reach_m + robot.reach_m + 2.0 * _YIELD_M:
+            return False
+        pose = self.map_from_footprint()
+        heading = math.atan2(pose[1, 0], pose[0, 0])
+        stands = PathPose(float(pose[0, 3]), float(pose[1, 3]), heading)
+        steps = round(_YIELD_M / _YIELD_STEP_M)
+        return any(
+            meets(route.at(placed.travelled_m + step * _YIELD_STEP_M), own, stands, robot)
+            for step in range(1, steps + 1)
+        )
+
+    def _made(self, thing: Thing, meshes: Mapping[str, TriangleMesh]) -> _Placed:
+        """A thing before it is in PyBullet. Raises ValueError, in a phrase, where it cannot be."""
+        try:
+            solids = tuple(solids_of(thing, meshes))
+            com_from_body, moments, route = np.eye(4), (1.0, 1.0, 1.0), None
+            if isinstance(thing, BodyEntity) and thing.path is not None:
+                route = Route(thing.position_m[:2], thing.path)
+                moments = (_SCRIPTED_MASS_KG,) * 3
+            elif thing.moves:
+                inertia = inertia_of(thing, meshes)
+                com_from_body = inverse_matrix(inertia.body_from_com)
+                moments = inertia.diagonal_kg_m2
+        except ValueError as error:
+            if isinstance(thing, BodyEntity):
+                raise
+            raise ValueError(f"body {thing.name!r:.60}: shapes: {error}") from error
+        ahead = np.eye(4)
+        ahead[:3, :3] = rotation_from_quaternion(*_level(thing.orientation_xyzw))
+        low, high = extent_of(solids, ahead)
+        return _Placed(thing, solids, com_from_body, moments, route, Floorplan.of(low, high))
+
+    def _insert(self, placed: _Placed) -> None:
+        """Make PyBullet's bodies of a thing: one where it moves, else one of each piece."""
+        thing, solids = placed.thing, placed.solids
+        if not thing.moves:
+            placed.numbers = ()
+            for solid in solids:
+                number = self._add_solid(thing.name, solid, pose_matrix(thing))
+                placed.numbers = *placed.numbers, number
+            return
+        if solids:
+            scripted = placed.route is not None
+            mass_kg = _SCRIPTED_MASS_KG if scripted else thing.mass_kg
+            number = self._add_rigid(
+                thing.name,
+                mass_kg,
+                self._compound(solids, placed.com_from_body),
+                _NOWHERE,
+                _UPRIGHT,
+                _SCRIPTED_GROUP if scripted else _MOVER_GROUP,
+            )
+            pybullet.changeDynamics(
+                number,
+                -1,
+                # Without the mass, PyBullet takes one that it has never set.
+                mass=mass_kg,
+                localInertiaDiagonal=placed.inertia_kg_m2,
+                physicsClientId=self._client,
+            )
+            if scripted:
+                pybullet.changeDynamics(
+                    number,
+                    -1,
+                    linearDamping=0.0,
+                    angularDamping=0.0,
+                    activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+                    physicsClientId=self._client,
+                )
+            placed.numbers = (number,)
+        self._place(placed)
+
+    def _place(self, placed: _Placed) -> None:
+        """Put a thing that is in PyBullet where its state has it, or at first its document."""
+        thing = placed.thing
+        if not thing.moves:
+            for number, solid in zip(placed.numbers, placed.solids, strict=True):
+                pose = _placed(pose_matrix(thing) @ solid.body_from_solid)
+                pybullet.resetBasePositionAndOrientation(
+                    number, *pose, physicsClientId=self._client
+                )
+            return
+        if placed.route is not None:
+            placed.state = placed.path_state()
+        elif placed.state is None:
+            pose = _placed(pose_matrix(thing) @ inverse_matrix(placed.com_from_body))
+            placed.state = MoverState(*pose, _NOWHERE, _NOWHERE)
+        if placed.numbers:
+            self._set_state(placed.numbers[0], placed.state)
+
+    def _set_state(self, number: int, state: MoverState) -> None:
+        position_m, turn_xyzw, velocity_m_s, spin_rad_s = state
+        client = self._client
+        pybullet.resetBasePositionAndOrientation(
+            number, position_m, turn_xyzw, physicsClientId=client
+        )
+        pybullet.resetBaseVelocity(number, velocity_m_s, spin_rad_s, physicsClientId=client)
+
+    def _remove(self, placed: _Placed) -> None:
+        for number in placed.numbers:
+            pybullet.removeBody(number, physicsClientId=self._client)
+            del self._names[number]
+        self._garbage_bytes += placed.garbage_bytes
+
+    def _arrange(self) -> None:
+        """Bring what depends on what there is up to date."""
+        everything = [*self._things.values(), *self._entities.values()]
+        self._movers = [placed for placed in everything if placed.thing.moves]
+        self._scripted = [placed for placed in self._movers if placed.route is not None]
+        self._standing = [one for one in self._entities.values() if not one.thing.moves]
+        self._map_from_standing = np.array(
+            [pose_matrix(one.thing) for one in self._standing]
+        ).reshape(-1, 4, 4)
+        groups = (placed.solids for placed in (*self._movers, *self._standing))
+        self.solid_groups = (self._world_solids, *groups)
+
+    def _renew(self) -> None:
+        """Make everything anew as it is, so that PyBullet lets go of what was removed."""
+        pybullet.resetSimulation(physicsClientId=self._client)
+        self._garbage_bytes = 0
+        state = self.state
+        self._fill()
+        for placed in self._entities.values():
+            self._insert(placed)
+        self._set_state(self._robot, MoverState(*state[:4]))
+        for wheel, angle, speed in zip(
+            self._wheels, state.wheel_angles_rad, state.wheel_speeds_rad_s, strict=True
+        ):
+            pybullet.resetJointState(self._robot, wheel, angle, speed, physicsClientId=self._client)
+        self.set_wheel_speeds(*self._wheel_speeds)
+
+    def _in_the_way(self, placed: _Placed, old: _Placed | None) -> str:
+        """What an entity reaches into, where it stands and on its path; empty: nothing."""
+        # Bullet looks for bodies that were moved since its last step where they were.
+        pybullet.performCollisionDetection(physicsClientId=self._client)
+        ignored = {*placed.numbers, *(old.numbers if old is not None else ())}
+        reason = self._reaches_into(placed, ignored, standing_only=False)
+        if reason or placed.route is None or not placed.numbers:
+            return reason
+        steps = math.ceil(placed.route.length_m / _WAY_STEP_M)
+        for step in range(1, steps):
+            placed.travelled_m = step * placed.route.length_m / steps
+            self._place(placed)
+            reason = self._reaches_into(placed, ignored, standing_only=True)
+            if reason:
+                x, y, _ = placed.route.at(placed.travelled_m)
+                return f"path: waypoints_m: at ({x:.2f}, {y:.2f}) it {reason}"
+        placed.travelled_m = 0.0
+        self._place(placed)
+        return ""
+
+    def _reaches_into(self, placed: _Placed, ignored: set[int], standing_only: bool) -> str:
+        client = self._client
+        sinks = placed.thing.mass_kg > 0.0
+        moving = {number for one in self._movers for number in one.numbers} | {self._robot}
+        for number in placed.numbers:
+            ends = pybullet.getAABB(number, physicsClientId=client)
+            near = pybullet.getOverlappingObjects(*ends, physicsClientId=client) or ()
+            for other in sorted({body for body, _ in near} - ignored):
+                if other == self._floor and not sinks:
+                    continue
+                if standing_only and other in moving:
+                    continue
+                points = pybullet.getClosestPoints(number, other, 0.0, physicsClientId=client)
+                depth_m = -min((point[8] for point in points), default=0.0)
+                if depth_m > PENETRATION_M:
+                    return f"reaches {depth_m:.3f} m into {self._names.get(other, 'the robot')}"
+        return ""
+
+    def _add_solid(self, name: str, solid: Solid, map_from_body: Array) -> int:
+        """A piece of what stands."""
+        pose = map_from_body @ solid.body_from_solid
+        shape = self._shape_of(solid)
+        return self._add_rigid(name, 0.0, shape, *_placed(pose), _STATIC_GROUP)
 
     def _add_rigid(
-        self, name: str, mass_kg: float, shape: int, position_m: Vector, turn_xyzw: Quaternion
+        self,
+        name: str,
+        mass_kg: float,
+        shape: int,
+        position_m: Vector,
+        turn_xyzw: Quaternion,
+        group: int,
     ) -> int:
         """A plain rigid body: where it does not move, Bullet does not look at it in every step."""
         client = self._client
@@ -321,50 +649,9 @@ class Bodies:
             physicsClientId=client,
         )
         pybullet.changeDynamics(body, -1, lateralFriction=_SURFACE_FRICTION, physicsClientId=client)
+        pybullet.setCollisionFilterGroupMask(body, -1, group, _MEETS[group], physicsClientId=client)
         self._names[body] = name
         return body
-
-    def _add_body(self, thing: Body, meshes: Mapping[str, TriangleMesh]) -> None:
-        """A body of the world: one that moves is one in PyBullet, else each of its pieces is."""
-        try:
-            solids = solids_of(thing, meshes)
-            if thing.mass_kg > 0.0:
-                self._add_mover(thing, solids, meshes)
-                return
-        except ValueError as error:
-            raise ValueError(f"body {thing.name!r:.60}: shapes: {error}") from error
-        for solid in solids:
-            pose = pose_matrix(thing) @ solid.body_from_solid
-            body = self._add_rigid(thing.name, 0.0, self._shape_of(solid), *_placed(pose))
-            meets = _ROBOT_GROUP | _MOVER_GROUP
-            self._still.append(replace(solid, body_from_solid=pose))
-            pybullet.setCollisionFilterGroupMask(
-                body, -1, _STATIC_GROUP, meets, physicsClientId=self._client
-            )
-
-    def _add_mover(
-        self, thing: Body, solids: list[Solid], meshes: Mapping[str, TriangleMesh]
-    ) -> None:
-        inertia = inertia_of(thing, meshes)
-        com_from_body = inverse_matrix(inertia.body_from_com)
-        pose = pose_matrix(thing) @ inertia.body_from_com
-        body = self._add_rigid(
-            thing.name, thing.mass_kg, self._compound(solids, com_from_body), *_placed(pose)
-        )
-        pybullet.changeDynamics(
-            body,
-            -1,
-            # Without the mass, PyBullet takes one that it has never set.
-            mass=thing.mass_kg,
-            localInertiaDiagonal=inertia.diagonal_kg_m2,
-            physicsClientId=self._client,
-        )
-        meets = _STATIC_GROUP | _ROBOT_GROUP | _MOVER_GROUP
-        pybullet.setCollisionFilterGroupMask(
-            body, -1, _MOVER_GROUP, meets, physicsClientId=self._client
-        )
-        self._movers.append(_Mover(thing.name, body, com_from_body))
-        self._moving.append(tuple(solids))
 
     def _shape_of(self, solid: Solid) -> int:
         options: dict[str, Any] = {}
@@ -383,7 +670,7 @@ class Bodies:
         )
         return index
 
-    def _compound(self, solids: list[Solid], com_from_body: Array) -> int:
+    def _compound(self, solids: Sequence[Solid], com_from_body: Array) -> int:
         """One PyBullet shape of several convex pieces, seen from the centre of mass."""
         poses = [_placed(com_from_body @ solid.body_from_solid) for solid in solids]
         with tempfile.TemporaryDirectory(prefix="mazebot-hulls-") as folder:
@@ -462,9 +749,23 @@ class Bodies:
                 self._robot,
                 index,
                 _ROBOT_GROUP,
-                _STATIC_GROUP | _MOVER_GROUP,
+                _MEETS[_ROBOT_GROUP],
                 physicsClientId=client,
             )
+        members = [(base, footprint_from_base)] + [
+            (body, footprint_from_base @ joint.parent_from_child)
+            for joint, body in zip(parts, bodies, strict=True)
+        ]
+        self._robot_floorplan = Floorplan.of(
+            *extent_of(
+                [
+                    _solid(shape, footprint_from_body @ shape.link_from_shape)
+                    for body, footprint_from_body in members
+                    for shape in body.shapes
+                ],
+                np.eye(4),
+            )
+        )
         names = [joint.name for joint in parts]
         for wheel in WHEELS:
             if model.joint(wheel).kind != "continuous" or wheel not in names:
@@ -486,6 +787,29 @@ class Bodies:
             physicsClientId=self._client,
         )
         return index
+
+
+def _solid(shape: Shape, a_from_shape: Array) -> Solid:
+    x, y, z = shape.sides_m
+    half = x / 2.0, y / 2.0, z / 2.0
+    return Solid(shape.kind, a_from_shape, half, shape.radius_m, shape.length_m)
+
+
+def _differ_in_pose_only(old: _Placed, new: _Placed) -> bool:
+    """Whether a thing is another only by being moved."""
+    pose = ("position_m", "orientation_xyzw")
+    moved = old.thing.model_copy(update={field: getattr(new.thing, field) for field in pose})
+    # A level plane on the floor is the floor, and no solid of its own.
+    planes = any(isinstance(shape.geometry, Plane) for shape in new.thing.shapes)
+    return moved == new.thing and not planes
+
+
+def _level(turn_xyzw: Quaternion) -> Quaternion:
+    """The same tilt with no heading."""
+    x, y, z, w = turn_xyzw
+    half = -yaw_from_quaternion(x, y, z, w) / 2.0
+    s, c = math.sin(half), math.cos(half)
+    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
 def _moved(shape: Shape, a_from_link: Array) -> Shape:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.documents import (
-    Body,
     Box,
     Capsule,
     Cone,
@@ -21,6 +20,7 @@ from services.common.documents import (
     Polyline,
     Shape,
     Sphere,
+    Thing,
 )
 from services.common.frames import Array, pose_matrix, transform_matrix
 from services.common.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
@@ -61,14 +61,14 @@ class Inertia:
     diagonal_kg_m2: tuple[float, float, float]
 
 
-def solids_of(body: Body, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
+def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
     """The solid pieces of a body.
 
     What moves is convex in each piece: a mesh becomes its hull. What does not may be hollow: meshes
     and polylines are surfaces. A level plane on the floor is the floor, and no piece of its own.
     Raises ValueError, in a phrase, for a shape that has no extent.
     """
-    moves = body.mass_kg > 0.0
+    moves = body.moves
     return [
         solid
         for shape in body.shapes
@@ -77,7 +77,33 @@ def solids_of(body: Body, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
     ]
 
 
-def inertia_of(body: Body, meshes: Mapping[str, TriangleMesh]) -> Inertia:
+def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array]:
+    """Lowest and highest coordinates, (3,) each, in a frame a; both zero where there is nothing.
+
+    What is round counts as the box around it.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for solid in solids:
+        points = solid.vertices_m if solid.vertices_m is not None else _box_corners(solid)
+        pose = a_from_body @ solid.body_from_solid
+        moved = points @ pose[:3, :3].T + pose[:3, 3]
+        low, high = np.minimum(low, moved.min(0)), np.maximum(high, moved.max(0))
+    return (low, high) if (low <= high).all() else (np.zeros(3), np.zeros(3))
+
+
+def _box_corners(solid: Solid) -> Array:
+    """(8, 3) of the box around it, in its own frame."""
+    radius_m, half_m = solid.radius_m, solid.length_m / 2.0
+    half = {
+        "sphere": (radius_m, radius_m, radius_m),
+        "cylinder": (radius_m, radius_m, half_m),
+        "capsule": (radius_m, radius_m, half_m + radius_m),
+    }.get(solid.kind, solid.half_extents_m)
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+    return signs * half
+
+
+def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
     """How the mass of a body that moves is spread over its solid shapes.
 
     By the integrals over the tetrahedra from the origin to each triangle (Blow and Binstock, 2004).

@@ -38,7 +38,7 @@ MIN_MASS_KG = 1e-3
 _THIN_M = 0.002
 """Bullet's collision margin is 1 mm and more: what is thinner would not be there."""
 _THIN_MOVER_M = 0.005
-_PENETRATION_M = 0.01
+PENETRATION_M = 0.01
 
 
 def check(world: World, meshes: Mapping[str, TriangleMesh], frames: Collection[str] = ()) -> None:
@@ -168,7 +168,7 @@ def _check_heaps(movers: Sequence[Body], meshes: Mapping[str, TriangleMesh]) -> 
     low, high = (np.array(ends) for ends in zip(*(_bounds(b, meshes) for b in movers), strict=True))
     for index, body in enumerate(movers):
         shared = np.minimum(high, high[index]) - np.maximum(low, low[index])
-        others = int((shared > _PENETRATION_M).all(axis=1).sum()) - 1
+        others = int((shared > PENETRATION_M).all(axis=1).sum()) - 1
         if others > MAX_OVERLAPS:
             raise ValueError(
                 f"body {body.name!r:.60}: position_m: overlaps {others} others that move: "

@@ -279,7 +279,7 @@ def test_a_thing_whose_state_goes_bad_is_built_anew(caplog: pytest.LogCaptureFix
     simulation = driver.node._simulation
     assert simulation is not None
     bodies = simulation.bodies
-    number = bodies._movers[0].number
+    number = bodies._movers[0].numbers[0]
     pybullet.resetBaseVelocity(number, [math.nan, 0.0, 0.0], physicsClientId=bodies._client)
     driver.wait(0.1)
     assert simulation.bodies is not bodies
