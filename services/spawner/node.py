@@ -160,7 +160,7 @@ class SpawnerNode(Node):
         self._queue(inbox.requests(SPAWN_ENTITY))
         self._queue(inbox.requests(DELETE_ENTITY))
         self._queue(inbox.requests(SET_ENTITY_STATE))
-        self._getting += inbox.requests(GET_ENTITIES)
+        self._getting = [*self._getting, *inbox.requests(GET_ENTITIES)][-MAX_WAITING:]
 
     def _queue(self, requests: Sequence[_Waiting]) -> None:
         for request in requests:
