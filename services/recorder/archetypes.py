@@ -95,6 +95,8 @@ _LATCH_NS = 10_000_000_000
 _MAX_PARTICLES = 500
 _MOST_NAMES = 20
 """Of entities that one line names."""
+_MOST_GONE = 1000
+"""Of the entities taken away whose looks need not be drawn again when they return."""
 
 _TRUTH = (46, 204, 113)
 _ESTIMATE = (255, 140, 0)
@@ -346,6 +348,11 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
         _place(canvas, entity)
         verb = "stands in the world" if known is None else "stands elsewhere or is another"
         _say(canvas, "entities", f"{name} {verb}")
+    gone = [name for name in canvas.drawn if name not in after]
+    for name in gone[: max(0, len(gone) - _MOST_GONE)]:
+        del canvas.drawn[name]
+        for path in (f"entities/{name}#looks", f"entities/{_path(name)}", f"tf/{_path(name)}"):
+            canvas.last.pop(path, None)
     if canvas.changed("entities/refused", entities.refused):
         _say_refused(canvas, "entities", entities.refused)
 

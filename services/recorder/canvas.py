@@ -60,6 +60,9 @@ class Canvas:
     """Whether the camera's picture comes as JPEG as well, and need not be made one."""
     parts: list[Part] = field(default_factory=list)
     """What was drawn of the world."""
+    drawn: dict[str, list[str]] = field(default_factory=dict)
+    """The paths on which each entity is drawn, by its name."""
+    start_ns: int = field(init=False)
     comparison: TruthComparison = field(init=False)
     trails: dict[str, Trail] = field(default_factory=dict)
     contacts_m: list[tuple[float, float, float]] = field(default_factory=list)
@@ -70,6 +73,7 @@ class Canvas:
     _drawn_ns: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.start_ns = self.now_ns
         self.comparison = TruthComparison(self.world.start.se2())
 
     def at(self, time: msg.Time) -> int:

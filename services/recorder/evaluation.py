@@ -7,13 +7,13 @@ from array import array
 from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from services.common import messages as msg
 from services.common.documents import (
+    BodyEntity,
     Contact,
     Entities,
     ErrorStatistics,
@@ -46,6 +46,7 @@ _Pending = deque[tuple[int, P]]
 
 _TRUTH_DEPTH = 30 * 3600
 _PENDING_DEPTH = 1000
+_GOALS_UNDER_WAY = 16
 _FOREVER_NS = 1 << 62
 _Judged = tuple[NavigationResult, GoalReport]
 
@@ -67,7 +68,8 @@ class RunEvaluation:
     - markers seen: the number of images in which each marker of the world was detected.
     - a goal is reached where navigation says so and the robot truly stands within 0.25 m and
       0.25 rad of it; its path is the true one, from the start to the end that navigation names,
-      and its shortest path leads from where the robot truly stood at its start.
+      and its shortest path leads from where the robot truly stood at its start, past the walls and
+      the bodies that stood still when the goal was sent.
     """
 
     def __init__(self, world: World, assets: Mapping[str, bytes] | None = None) -> None:
@@ -79,6 +81,9 @@ class RunEvaluation:
         self._truth = PoseHistory(_TRUTH_DEPTH)
         self._odometer = _Odometer()
         self._entities: tuple[MarkerEntity, ...] = ()
+        self._standing: tuple[BodyEntity, ...] = ()
+        self._standing_at: dict[int, tuple[BodyEntity, ...]] = {}
+        """What stood in the way when a goal was sent, by its stamp."""
         self._static: list[msg.TransformStamped] = []
         self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
         self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
@@ -86,6 +91,7 @@ class RunEvaluation:
         self._results: _Pending[NavigationResult] = deque(maxlen=_PENDING_DEPTH)
         self._goals: list[_Judged] = []
         self._goal_stamps_ns: set[int] = set()
+        self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
         self._contacts: list[Contact] = []
         self._seen: Counter[str] = Counter()
         self._error_stamps_ns = array("q")
@@ -96,6 +102,7 @@ class RunEvaluation:
     def set_entities(self, entities: Entities) -> None:
         """Take in what stands in the world."""
         self._entities = entities.markers
+        self._standing = tuple(body for body in entities.bodies if not body.moves)
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Take in fixed frames of the robot."""
@@ -135,7 +142,11 @@ class RunEvaluation:
 
     def add_goal(self, goal: msg.PoseStamped) -> None:
         """Take in a goal that was sent."""
-        self._goal_stamps_ns.add(ns_from_time(goal.header.stamp))
+        stamp_ns = ns_from_time(goal.header.stamp)
+        self._goal_stamps_ns.add(stamp_ns)
+        self._standing_at[stamp_ns] = self._standing
+        while len(self._standing_at) > _GOALS_UNDER_WAY:
+            del self._standing_at[next(iter(self._standing_at))]
 
     def add_result(self, result: NavigationResult) -> None:
         """Take in how a goal ended."""
@@ -196,12 +207,17 @@ class RunEvaluation:
             }
         )
 
-    @cached_property
-    def _shortest_path(self) -> ShortestPath:
+    def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
+        """Of the robot's disc, past the walls and what stood still when the goal was sent."""
         # It takes a second to import, and is first needed when a goal has been reached.
         from services.recorder.shortest_path import ShortestPath  # noqa: PLC0415
 
-        return ShortestPath(obstacles(self._world, read_meshes(self._world, self._assets)))
+        standing = self._standing_at.get(result.goal_stamp_ns, self._standing)
+        if self._paths is None or self._paths[0] != standing:
+            meshes = read_meshes((*self._world.bodies, *standing), self._assets)
+            shortest = ShortestPath(obstacles(self._world, meshes, standing))
+            self._paths = standing, shortest
+        return self._paths[1].length_m(start[:2], goal[:2])
 
     def _settle(self) -> None:
         """Hold what waits against the truth, as far as the truth goes."""
@@ -265,7 +281,7 @@ class RunEvaluation:
             ),
             time_s=result.end_time_s - result.start_time_s,
             path_length_m=self._odometer.at(end_ns) - self._odometer.at(start_ns),
-            shortest_path_m=self._shortest_path.length_m(start[:2], goal[:2]),
+            shortest_path_m=self._shortest_path_m(result, start, goal),
             goal_error_m=error_m,
             goal_error_rad=error_rad,
             recoveries=result.number_of_recoveries,

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import MarkerEntity
 from services.common.frames import (
     Array,
-    rotation_from_quaternion,
     rotation_from_rpy,
     transform_matrix,
 )
@@ -104,12 +102,12 @@ class MeshBuilder:
         )
 
 
-def panel(entity: MarkerEntity) -> Mesh:
-    """The front of a marker's panel in the map frame, for its texture."""
+def panel(side_m: float) -> Mesh:
+    """The front of a marker's panel in its own frame, for its texture."""
     builder = MeshBuilder()
-    half_m = entity.panel_side_m / 2.0
+    half_m = side_m / 2.0
     builder.add_rectangle(
-        transform_matrix(rotation_from_quaternion(*entity.orientation_xyzw), entity.position_m),
+        np.eye(4),
         np.zeros(3),
         np.array([half_m, 0.0, 0.0]),
         np.array([0.0, half_m, 0.0]),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import Body, World
+from services.common.documents import Thing, World
 from services.common.footprint import footprints
 from services.common.frames import Array
 from services.common.geometry import TriangleMesh, mesh_from_bytes
@@ -21,10 +21,10 @@ _CELL_M = 0.05
 """What has more is taken in squares of this side."""
 
 
-def read_meshes(world: World, assets: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
-    """The meshes of a world's bodies that are there and are meshes, by sha256."""
+def read_meshes(bodies: Iterable[Thing], assets: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
+    """The meshes of bodies that are there and are meshes, by sha256."""
     meshes: dict[str, TriangleMesh] = {}
-    for body in world.bodies:
+    for body in bodies:
         for shape in body.shapes:
             sha256 = shape.geometry.sha256 if shape.geometry.kind == "mesh" else ""
             if sha256 in assets and sha256 not in meshes:
@@ -34,12 +34,16 @@ def read_meshes(world: World, assets: Mapping[str, bytes]) -> dict[str, Triangle
     return meshes
 
 
-def obstacles(world: World, meshes: Mapping[str, TriangleMesh]) -> NDArray[np.object_]:
-    """Polygons and lines of all that is solid and never moves; what moves may be out of the way.
+def obstacles(
+    world: World, meshes: Mapping[str, TriangleMesh], spawned: tuple[Thing, ...] = ()
+) -> NDArray[np.object_]:
+    """Polygons and lines of all that is solid and never moves, in a world and `spawned` in it; what
+    moves may be out of the way.
 
     `meshes` are by sha256; a body of which one is not there is left out.
     """
-    still = [body for body in world.bodies if body.mass_kg == 0.0 and _is_whole(body, meshes)]
+    bodies: tuple[Thing, ...] = (*world.bodies, *spawned)
+    still = [body for body in bodies if not body.moves and _is_whole(body, meshes)]
     found: list[Any] = []
     for footprint in footprints(world.model_copy(update={"bodies": tuple(still)}), meshes):
         for stack in footprint.polygons_m:
@@ -50,7 +54,7 @@ def obstacles(world: World, meshes: Mapping[str, TriangleMesh]) -> NDArray[np.ob
     return np.array(found, object)
 
 
-def _is_whole(body: Body, meshes: Mapping[str, TriangleMesh]) -> bool:
+def _is_whole(body: Thing, meshes: Mapping[str, TriangleMesh]) -> bool:
     shapes = [shape.geometry for shape in body.shapes]
     return all(shape.kind != "mesh" or shape.sha256 in meshes for shape in shapes)
 

@@ -21,6 +21,8 @@ BATCH_PERIOD_S = 0.25
 _CLOSE_TIMEOUT_S = 1.5
 _FLUSH_TIMEOUT_S = 1.0
 _MOST_WAITING = 8
+_UNSEEN = 1e-6
+"""Scale of what is not there: Rerun warns of 0, and of a frame that is nowhere."""
 
 
 Vector = tuple[float, float, float]
@@ -56,7 +58,7 @@ class Recording:
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="recording")
         self._making: deque[Future[None]] = deque()
         self._scalars: dict[str, tuple[list[int], list[float]]] = {}
-        self._transforms: dict[tuple[str, str, str], _Transforms] = {}
+        self._transforms: dict[tuple[str, str, str, bool], _Transforms] = {}
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if path is not None:
             sinks.append(rr.FileSink(str(path)))
@@ -97,10 +99,16 @@ class Recording:
         values.append(value)
 
     def transform(
-        self, path: str, translation_m: Vector, xyzw: Xyzw, parent_frame: str, child_frame: str
+        self,
+        path: str,
+        translation_m: Vector,
+        xyzw: Xyzw,
+        parent_frame: str,
+        child_frame: str,
+        shown: bool = True,
     ) -> None:
-        """Log where a frame is in another."""
-        key = path, parent_frame, child_frame
+        """Log where a frame is in another, or that what is in it is not there."""
+        key = path, parent_frame, child_frame, shown
         rows = self._transforms.setdefault(key, _Transforms())
         rows.stamps_ns.append(self._stamp_ns)
         rows.translations_m.append(translation_m)
@@ -114,12 +122,13 @@ class Recording:
 
     def send_transforms(self) -> None:
         """Log the transforms that wait."""
-        for (path, parent_frame, child_frame), rows in self._transforms.items():
+        for (path, parent_frame, child_frame, shown), rows in self._transforms.items():
             columns = rr.Transform3D.columns(
                 translation=np.array(rows.translations_m),
                 quaternion=np.array(rows.xyzws),
                 parent_frame=[parent_frame] * len(rows.stamps_ns),
                 child_frame=[child_frame] * len(rows.stamps_ns),
+                scale=None if shown else [(_UNSEEN, _UNSEEN, _UNSEEN)] * len(rows.stamps_ns),
             )
             self._send_columns(path, rows.stamps_ns, columns)
         self._transforms.clear()

@@ -186,7 +186,7 @@ class Run:
         from services.recorder.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.recording import Recording, RecordingError  # noqa: PLC0415
 
-        _, extent = parts(self.world, read_meshes(self.world, setting.assets))
+        _, extent = parts(self.world, read_meshes(self.world.bodies, setting.assets))
         self._parts += 1
         name = RECORDING if self._parts == 1 else f"run_{self._parts}.rrd"
         try:

@@ -10,10 +10,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from services.common.documents import Body, Material, Mesh, World
+from services.common.documents import (
+    BodyEntity,
+    Entity,
+    MarkerEntity,
+    Material,
+    Mesh,
+    Thing,
+    World,
+)
 from services.common.frames import MAP_FRAME, Array
 from services.common.geometry import TriangleMesh, clipped, flat_triangles, joined, quad_triangles
-from services.common.surfaces import Surface, surfaces, wall_corners
+from services.common.surfaces import Surface, body_surfaces, surfaces, wall_corners
+from services.recorder.obstacles import read_meshes
 
 CUT_M = 1.0
 """Walls and what stands are drawn in two parts, so that the upper one can be hidden to look inside.
@@ -69,13 +78,32 @@ def parts(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[list[Part],
     ], extent
 
 
-def seen_meshes(body: Body) -> set[str]:
+def seen_meshes(body: Thing) -> set[str]:
     """The meshes, by sha256, without which a body cannot be drawn."""
     return {
         shape.geometry.sha256
         for shape in body.shapes
         if shape.material and isinstance(shape.geometry, Mesh)
     }
+
+
+def assets_of(entity: Entity) -> set[str]:
+    """The textures and meshes, by sha256, that an entity is drawn with; "" is none of them."""
+    if isinstance(entity, MarkerEntity):
+        return {entity.texture_sha256}
+    return {m.texture_sha256 for m in entity.materials} | seen_meshes(entity)
+
+
+def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) -> list[Part]:
+    """What to draw of an entity, below its name; nothing while it lacks a mesh."""
+    meshes = read_meshes([entity], assets)
+    if not seen_meshes(entity) <= meshes.keys():
+        return []
+    tile_of = {material.name: material.texture_side_m for material in entity.materials}
+    return [
+        Part((surface.material,), surface.material, surface.textured, frame, surface.mesh)
+        for surface in body_surfaces(entity, meshes, tile_of, moves=True)
+    ]
 
 
 def _placed(

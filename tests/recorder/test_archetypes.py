@@ -40,6 +40,7 @@ class Paper:
         self.logged: dict[str, list[Any]] = {}
         self.scalars: dict[str, list[tuple[int, float]]] = {}
         self.transforms: dict[str, list[tuple[int, tuple[float, ...], str, str]]] = {}
+        self.hidden: dict[str, list[tuple[int, tuple[float, ...], str, str]]] = {}
 
     def at(self, stamp_ns: int) -> None:
         self.stamp_ns = stamp_ns
@@ -55,10 +56,16 @@ class Paper:
         self.scalars.setdefault(path, []).append((self.stamp_ns, value))
 
     def transform(
-        self, path: str, translation_m: tuple[float, ...], _: object, parent: str, child: str
+        self,
+        path: str,
+        translation_m: tuple[float, ...],
+        _: object,
+        parent: str,
+        child: str,
+        shown: bool = True,
     ) -> None:
-        rows = self.transforms.setdefault(path, [])
-        rows.append((self.stamp_ns, translation_m, parent, child))
+        kept = self.transforms if shown else self.hidden
+        kept.setdefault(path, []).append((self.stamp_ns, translation_m, parent, child))
 
 
 def canvas_of(world: doc.World) -> tuple[Canvas, Paper]:
@@ -350,16 +357,118 @@ def rr_path_parts(path: str) -> list[str]:
 def test_a_marker_that_is_taken_away_is_drawn_no_more() -> None:
     world = room()
     canvas, paper = driven(0.2)
+    canvas.now_ns = 500_000_000
     DRAW[table.ENTITIES](canvas, doc.Entities(world_hash=world.hash))
-    last = paper.logged["entities/marker_60"][-1]
-    assert len(column(last, "vertex_positions")) == 0
+    (row,) = paper.hidden["entities/marker_60"]
+    assert (row[0], *row[2:]) == (500_000_000, "map", "entities/marker_60")
 
 
 def test_entities_of_another_world_are_not_drawn() -> None:
     canvas, paper = canvas_of(room())
     entity = synthetic.marker_on_the_east_wall()
     DRAW[table.ENTITIES](canvas, doc.Entities(world_hash="other", entities=(entity,)))
-    assert "entities/marker_60" not in paper.logged
+    assert not [path for path in paper.logged if path.startswith("entities/marker_60")]
+
+
+def crate(name: str = "crate", **changes: Any) -> doc.BodyEntity:
+    """A box of 40 cm on the floor, with a handle of another material."""
+    fields: dict[str, Any] = {
+        "name": name,
+        "position_m": (1.0, 0.5, 0.2),
+        "shapes": (
+            doc.Shape(name="box", geometry=doc.Box(size_m=(0.4, 0.4, 0.4)), material="wood"),
+            doc.Shape(name="handle", geometry=doc.Sphere(radius_m=0.05), material="iron"),
+        ),
+        "materials": (
+            doc.Material(name="wood", texture_sha256=BRICKS),
+            doc.Material(name="iron", diffuse=(1.0, 0.0, 0.0, 1.0)),
+        ),
+    }
+    return doc.BodyEntity(**{**fields, **changes})
+
+
+def stand(canvas: Canvas, now_s: float, *entities: doc.Entity) -> None:
+    canvas.now_ns = round(now_s * 1e9)
+    told = doc.Entities(world_hash=canvas.world.hash, entities=entities)
+    DRAW[table.ENTITIES](canvas, told)
+
+
+def test_what_is_spawned_is_seen_from_then_until_it_is_taken_away() -> None:
+    rr.set_strict_mode(True)
+    canvas, paper = canvas_of(room())
+    stand(canvas, 0.0)
+    stand(canvas, 2.0, crate())
+    (wood,) = meshes_on(paper, "entities/crate/wood")
+    assert corners(wood).max() == pytest.approx(0.2)
+    (iron,) = meshes_on(paper, "entities/crate/iron")
+    assert column(iron, "albedo_factor").to_pylist() == [0xFF0000FF]
+    frame = paper.logged["entities/crate/wood"][0]
+    assert column(frame, "frame").to_pylist() == ["entities/crate"]
+    assert [row[0] for row in paper.hidden["entities/crate"]] == [0]
+    assert paper.transforms["entities/crate"] == [
+        (2_000_000_000, (1.0, 0.5, 0.2), "map", "entities/crate")
+    ]
+    stand(canvas, 3.0, crate(position_m=(-1.0, 0.0, 0.2)))
+    stand(canvas, 4.0)
+    stand(canvas, 5.0, crate())
+    assert [row[0] for row in paper.hidden["entities/crate"]] == [0, 4_000_000_000]
+    assert [row[1][0] for row in paper.transforms["entities/crate"]] == [1.0, -1.0, 1.0]
+    assert len(meshes_on(paper, "entities/crate/wood")) == 1
+
+
+def test_what_moves_hangs_on_the_frame_of_its_name() -> None:
+    canvas, paper = canvas_of(room())
+    stand(canvas, 0.0, crate(mass_kg=1.0))
+    frame = paper.logged["entities/crate/wood"][0]
+    assert column(frame, "frame").to_pylist() == ["crate"]
+    matrix = SE2(-0.5, 0.2, 0.0).matrix()
+    told = msg.TFMessage([msg.transform_stamped(1_000, "map", "crate", matrix)])
+    DRAW[table.TF](canvas, told)
+    assert [row[1][0] for row in paper.transforms["tf/crate"]] == [1.0, -0.5]
+    stand(canvas, 1.0, crate())  # put back, and held
+    assert [row[0] for row in paper.hidden["tf/crate"]] == [1_000_000_000]
+    frames = [a for a in paper.logged["entities/crate/wood"] if isinstance(a, rr.CoordinateFrame)]
+    assert column(frames[-1], "frame").to_pylist() == ["entities/crate"]
+
+
+def test_another_thing_of_the_same_name_leaves_nothing_of_the_first() -> None:
+    canvas, paper = canvas_of(room())
+    stand(canvas, 0.0, crate())
+    stand(canvas, 1.0, crate(shapes=crate().shapes[1:]))
+    assert len(corners(meshes_on(paper, "entities/crate/wood")[-1])) == 0
+    assert len(corners(meshes_on(paper, "entities/crate/iron")[-1])) > 0
+
+
+def test_a_spawned_thing_is_drawn_when_its_mesh_and_texture_have_come() -> None:
+    shape = doc.Shape(name="top", geometry=doc.Mesh(sha256=MESH), material="wood")
+    canvas, paper = canvas_of(room())
+    stand(canvas, 0.0, crate(shapes=(shape,)))
+    assert not meshes_on(paper, "entities/crate/wood")
+    texture = next(message for _, topic, message in opening(room()) if topic is table.ASSETS)
+    draw(canvas, [(0, table.ASSETS, mesh_asset()), (0, table.ASSETS, texture)])
+    plain, textured = meshes_on(paper, "entities/crate/wood")
+    assert plain.albedo_texture_buffer is None
+    assert textured.albedo_texture_buffer is not None
+
+
+def test_where_still_things_are_is_told_again_for_viewers_that_come_late() -> None:
+    canvas, paper = canvas_of(room())
+    stand(canvas, 0.0, crate(), crate("ball", mass_kg=1.0))
+    for second in range(31):
+        canvas.now_ns = second * 1_000_000_000
+        DRAW[table.CLOCK](canvas, msg.Clock(msg.time_from_ns(canvas.now_ns)))
+    times_s = [row[0] * 1e-9 for row in paper.transforms["entities/crate"]]
+    assert times_s == pytest.approx([0.0, 0.0, 10.0, 20.0, 30.0])
+    assert len(paper.transforms["tf/ball"]) == 1
+
+
+def test_many_names_are_told_in_a_line_of_few() -> None:
+    canvas, paper = canvas_of(room())
+    entities = tuple(crate(f"crate_{number}") for number in range(100))
+    told = doc.Entities(world_hash=canvas.world.hash, entities=entities)
+    DRAW[table.DESIRED_ENTITIES](canvas, told)
+    (line,) = column(paper.logged["entities/desired"][-1], "text").to_pylist()
+    assert line.endswith("crate_19 and 80 more")
 
 
 def test_a_trail_keeps_a_point_every_three_centimetres_and_a_bounded_number() -> None:

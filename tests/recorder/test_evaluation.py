@@ -10,12 +10,15 @@ import pytest
 
 from services.common import messages as msg
 from services.common.documents import (
+    BodyEntity,
+    Box,
     Contact,
     Entities,
     Location,
     MarkerEntity,
     NavigationResult,
     Planar,
+    Shape,
     Wall,
     World,
 )
@@ -396,3 +399,31 @@ def test_nothing_heard_is_an_empty_evaluation() -> None:
     assert document.goals == ()
     assert document.markers_seen == {}
     assert document.recording == "runs/1"
+
+
+def crate(name: str, x_m: float, mass_kg: float = 0.0) -> BodyEntity:
+    """A box of 0.4 m x 2 m across the way."""
+    shape = Shape(name="box", geometry=Box(size_m=(0.4, 2.0, 0.4)), material="")
+    return BodyEntity(
+        name=name, position_m=(x_m, START.y_m, 0.2), mass_kg=mass_kg, shapes=(shape,)
+    )  # fmt: skip
+
+
+def test_the_shortest_way_leads_past_what_stood_still_when_the_goal_was_sent() -> None:
+    goal = true_pose(10_000_000_000)
+    evaluation = RunEvaluation(make_world())
+    drive(evaluation)
+    standing = crate("wall", START.x_m + 1.5), crate("ball", START.x_m + 2.5, mass_kg=1.0)
+    stamped = msg.PoseStamped(msg.header(1_000_000_000, MAP_FRAME), msg.pose_from_se2(goal))
+    evaluation.set_entities(Entities(world_hash="abc", entities=standing))
+    evaluation.add_goal(stamped)
+    evaluation.set_entities(Entities(world_hash="abc"))
+    evaluation.add_result(result(goal, start_s=1.0))
+    evaluation.add_result(result(goal, start_s=2.0, end_s=11.0))
+    around, straight = (report.shortest_path_m for report in evaluation.evaluation().goals)
+    assert straight == pytest.approx(true_pose(2_000_000_000).distance_m(goal))
+    # Past the corners of the box, grown by the robot's 0.22 m.
+    corner = math.hypot(1.0, 1.0)
+    assert around is not None
+    assert straight is not None
+    assert straight + 0.3 < around < straight + 0.3 + 2.0 * corner

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.common.config import ROOT
+from services.common.frames import pose_matrix
 from services.recorder.mesh import Mesh, panel, robot_from_urdf
 from tests.recorder.synthetic import marker_on_the_east_wall
 
@@ -19,11 +20,14 @@ def outward(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def test_a_panel_faces_along_its_z_axis_with_its_picture_upright() -> None:
-    mesh = panel(marker_on_the_east_wall())
-    assert mesh.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-6)
+    entity = marker_on_the_east_wall()
+    mesh, map_from_panel = panel(entity.panel_side_m), pose_matrix(entity)
+    normal = map_from_panel[:3, :3] @ mesh.normals[0]
+    assert normal == pytest.approx([-1.0, 0.0, 0.0], abs=1e-6)
     top_left = mesh.positions_m[np.argmin(mesh.uvs.sum(axis=1))]
     # As one looks east at it, left is north.
-    assert top_left == pytest.approx([1.92, 0.2, 0.5], abs=1e-6)
+    top_left_m = (map_from_panel @ (*top_left, 1.0))[:3]
+    assert top_left_m == pytest.approx([1.92, 0.2, 0.5], abs=1e-6)
 
 
 def test_the_robot_has_the_waffle_s_measures() -> None:
