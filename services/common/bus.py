@@ -5,18 +5,19 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
+import threading
 import time
 import uuid
 from collections.abc import Callable, Container
 from typing import Any, TypeVar, cast
 
 import zenoh
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from services.common import messages as msg
 from services.common import wire
 from services.common.config import ServiceConfig
-from services.common.documents import Document
+from services.common.documents import MIN_SPEED, Document
 from services.common.node import Envelope, Inbox, Node, Outbox
 from services.common.topics import (
     BY_NAME,
@@ -34,6 +35,8 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 ALIVE_PREFIX = "mazebot/alive/"
+SEAT_PREFIX = "mazebot/seat/"
+WAKE_PREFIX = "mazebot/wake/"
 WAIT_BEFORE_DROP_US = 10_000
 """As in docker/router.json5."""
 
@@ -42,11 +45,52 @@ WAIT_BEFORE_DROP_US = 10_000
 _ATTACHMENT = struct.Struct("<qqB16s16s")
 
 
+PACES = ("real_time", "fast", "lockstep")
+MAX_SPEED = 1000.0
+
+
 class BusConfig(ServiceConfig):
     """How to reach the others."""
 
     connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
     prefix: str = Field("", description="put before every key, to run several stacks on one router")
+    pace: str = Field(
+        "real_time",
+        description="real_time; simulated seconds a second, as 0.5; fast: as fast as possible; "
+        "lockstep: every service takes its turn, and a run repeats; the same for all services",
+    )
+    lockstep_timeout_s: float = Field(
+        10.0, gt=0.0, le=600.0, description="wall time in which a service must end its turn"
+    )
+
+    @field_validator("pace")
+    @classmethod
+    def _is_a_pace(cls, pace: str) -> str:
+        if pace in PACES:
+            return pace
+        try:
+            speed = float(pace)
+        except ValueError:
+            speed = -1.0
+        if not MIN_SPEED <= speed <= MAX_SPEED:
+            raise ValueError(
+                f"must be {', '.join(PACES)}, or a factor from {MIN_SPEED:g} to {MAX_SPEED:g}"
+            )
+        return pace
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether every service takes its turn."""
+        return self.pace == "lockstep"
+
+    @property
+    def speed(self) -> float | None:
+        """Simulated seconds a second at which time is to begin, 0: as fast as possible; None: what
+        physics is configured for.
+        """
+        if self.pace == "real_time":
+            return None
+        return 0.0 if self.pace in PACES else float(self.pace)
 
 
 class BusUnavailableError(ConnectionError):
@@ -273,6 +317,104 @@ def _priority(topic: Topic[M]) -> zenoh.Priority:
     if topic.name == CMD_VEL.name:
         return zenoh.Priority.REAL_TIME
     return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
+
+
+class SeatOnBus:
+    """A service's seat in lockstep: it is asked to take its turn by a query."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        bus: Bus,
+        on_turn: Callable[[bytes, Callable[[bytes], None]], None],
+        prefix: str = "",
+    ) -> None:
+        """`on_turn` gets each turn and what sends its end; it runs on Zenoh's thread."""
+        self._session = session
+        self._wake_key = f"{prefix}{WAKE_PREFIX}{bus.node_name}/{bus.source}"
+        key = f"{prefix}{SEAT_PREFIX}{bus.node_name}/{bus.source}"
+
+        def on_query(asked: zenoh.Query) -> None:
+            def respond(data: bytes) -> None:
+                with contextlib.suppress(zenoh.ZError), asked:
+                    asked.reply(asked.key_expr, data, express=True)
+
+            on_turn(asked.payload.to_bytes() if asked.payload is not None else b"", respond)
+
+        handler = cast("Any", zenoh.handlers.Callback(on_query, indirect=False))
+        self._queryable = session.declare_queryable(key, handler, complete=True)
+        self._token = session.liveliness().declare_token(key)
+
+    def call(self) -> None:
+        """Tell that something waits for which the service steps at once."""
+        self._session.put(self._wake_key, b"", express=True)
+
+
+def watch_seats(
+    session: zenoh.Session,
+    on_seat: Callable[[str, str, bool], None],
+    on_wake: Callable[[str, str], None],
+    prefix: str = "",
+) -> list[Any]:
+    """Tell of each seat's service and source, with whether it is there, and of each call; keep what
+    is returned. The callbacks run on Zenoh's thread: they must only store.
+    """
+
+    def of(key: object) -> tuple[str, str]:
+        service, _, source = str(key).rpartition("/")
+        return service.rsplit("/", 1)[-1], source
+
+    def on_token(sample: zenoh.Sample) -> None:
+        on_seat(*of(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    def on_call(sample: zenoh.Sample) -> None:
+        on_wake(*of(sample.key_expr))
+
+    callback = zenoh.handlers.Callback
+    return [
+        session.liveliness().declare_subscriber(
+            f"{prefix}{SEAT_PREFIX}*/*",
+            cast("Any", callback(on_token, indirect=False)),
+            history=True,
+        ),
+        session.declare_subscriber(
+            f"{prefix}{WAKE_PREFIX}*/*", cast("Any", callback(on_call, indirect=False))
+        ),
+    ]
+
+
+def give_turn(
+    session: zenoh.Session,
+    service: str,
+    source: str,
+    turn: bytes,
+    timeout_s: float,
+    prefix: str = "",
+    still_wanted: Callable[[], bool] = lambda: True,
+) -> bytes | None:
+    """The end of a service's turn; None where none came within `timeout_s`, where nobody has that
+    seat, or where it is no longer wanted: that is asked every 50 ms.
+    """
+    ends: list[bytes] = []
+    done = threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            ends.append(reply.ok.payload.to_bytes())
+        done.set()
+
+    session.get(
+        f"{prefix}{SEAT_PREFIX}{service}/{source}",
+        cast("Any", zenoh.handlers.Callback(on_reply, done.set, indirect=False)),
+        payload=turn,
+        timeout=timeout_s,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        express=True,
+    )
+    while not done.wait(0.05) and still_wanted():
+        pass
+    return ends[0] if ends else None
 
 
 def put_once(

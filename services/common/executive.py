@@ -136,9 +136,11 @@ class Round:
         self.seats.append(seat)
         self.seats.sort(key=lambda one: SERVICES.index(one.name))
 
-    def turn(self) -> bool:
-        """Advance physics one step, then step each node that is due; whether any stepped."""
-        next_ns = self._clock.next_step_ns()
+    def turn(self, advance: bool = True) -> bool:
+        """Advance physics one step where time is to go on, then step each node that is due; whether
+        any stepped.
+        """
+        next_ns = self._clock.next_step_ns() if advance else None
         if next_ns is not None:
             self.now_ns = next_ns
         moved = False

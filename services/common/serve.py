@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import queue
 import signal
 import sys
 import threading
@@ -13,11 +14,29 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from services.common import log, wire
-from services.common.bus import Bus, BusConfig, BusUnavailableError, open_session, subscribe
+from services.common.bus import (
+    Bus,
+    BusConfig,
+    BusUnavailableError,
+    SeatOnBus,
+    give_turn,
+    open_session,
+    subscribe,
+    watch_seats,
+)
 from services.common.config import ConfigError, ServiceConfig, fail, load
-from services.common.diagnostics import diagnostics
+from services.common.diagnostics import SelfReport
+from services.common.lockstep import (
+    HeldInbox,
+    Lockstep,
+    LockstepError,
+    Participant,
+    Turn,
+    TurnEnd,
+)
 from services.common.messages import ns_from_time
 from services.common.node import ClockNode, Inbox, Node, Outbox, Trigger
+from services.common.pace import Pace
 from services.common.topics import CLOCK, DIAGNOSTICS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -31,11 +50,9 @@ anew.
 """
 SAY_AGAIN_S = 2.0
 IDLE_S = 0.01
-MAX_LAG_S = 0.1
-"""A clock that is later than this gives up catching up: simulation time then runs slower than real
-time.
-"""
+ENDING_S = 1.0
 EXIT_WATCHDOG = 70
+EXIT_OUT_OF_STEP = 75
 
 
 def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
@@ -56,6 +73,9 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
     code = 0
     try:
         code = _Service(node, bus_config, rosout, stop).run()
+    except LockstepError as error:
+        code = EXIT_OUT_OF_STEP
+        sys.stderr.write(f"error: {error}\n")
     except ConfigError as error:
         code = 2
         sys.stderr.write(f"error: {error}\n")
@@ -85,31 +105,15 @@ class _Service:
         self._said_s = 0.0
         self._said: str | None = None
         self._diagnostics_s = 0.0
+        self._report: SelfReport | None = None
 
     def run(self) -> int:
         threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
         session = self._open()
         if session is None:
             return 0
-        inbox = Inbox(self._node, self._wake.set)
-        bus = Bus(session, self._node, inbox, self._bus_config.prefix)
-        outbox = bus.outbox(self._node)
-        self._rosout.outbox = outbox
-        clock = None
-        if not isinstance(self._node, ClockNode):
-            clock = subscribe(session, CLOCK, self._on_clock, self._bus_config.prefix)
-        outbox.put(PARAMETERS, self._node.parameters())
-        bus.announce()
-        self._log.info("connected to %s", self._bus_config.connect)
-        try:
-            if isinstance(self._node, ClockNode):
-                self._run_clock(self._node, inbox, outbox)
-            else:
-                self._run(inbox, outbox)
-        finally:
-            self._rosout.outbox = None
-            del clock
-            bus.close()
+        run = self._run_in_lockstep if self._bus_config.lockstep else self._run_by_the_clock
+        run(session)
         return self._node.exit_code or 0
 
     def _open(self) -> zenoh.Session | None:
@@ -121,52 +125,181 @@ class _Service:
                 self._say(f"the bus: {error}")
         return None
 
-    def _run(self, inbox: Inbox, outbox: Outbox) -> None:
+    def _begin(self, bus: Bus, outbox: Outbox) -> None:
+        if isinstance(self._node, ClockNode) and self._bus_config.speed is not None:
+            self._node.speed = self._bus_config.speed
+        outbox.put(PARAMETERS, self._node.parameters())
+        bus.announce()
+        self._log.info("connected to %s", self._bus_config.connect)
+
+    def _working(self) -> bool:
+        """Whether to go on; asked once a turn of the loop."""
+        self._turn()
+        return not self._stop.is_set() and self._node.exit_code is None
+
+    def _rest(self, seconds: float) -> None:
+        """Wait for something to come, no longer than that."""
+        self._wake.wait(seconds)
+        self._wake.clear()
+
+    def _run_by_the_clock(self, session: zenoh.Session) -> None:
+        prefix = self._bus_config.prefix
+        inbox = Inbox(self._node, self._wake.set)
+        bus = Bus(session, self._node, inbox, prefix)
+        outbox = bus.outbox(self._node)
+        self._report = SelfReport(self._node, inbox, outbox)
+        self._rosout.outbox = outbox
+        clock = None
+        if not isinstance(self._node, ClockNode):
+            clock = subscribe(session, CLOCK, self._on_clock, prefix)
+        self._begin(bus, outbox)
+        try:
+            if isinstance(self._node, ClockNode):
+                self._make_time_pass(self._node, inbox, outbox)
+            else:
+                self._follow_time(inbox, outbox)
+        finally:
+            self._rosout.outbox = None
+            del clock
+            bus.close()
+
+    def _follow_time(self, inbox: Inbox, outbox: Outbox) -> None:
         trigger = Trigger(self._node)
-        while not self._stop.is_set() and self._node.exit_code is None:
-            self._wake.wait(IDLE_S * 5)
-            self._wake.clear()
+        while self._working():
+            self._rest(IDLE_S * 5)
             if trigger.due(self._now_ns, inbox):
                 outbox.now_ns = self._now_ns
                 self._node.step(self._now_ns, inbox, outbox)
-            self._housekeeping(inbox, outbox)
+            self._housekeeping(outbox)
 
-    def _run_clock(self, node: ClockNode, inbox: Inbox, outbox: Outbox) -> None:
+    def _make_time_pass(self, node: ClockNode, inbox: Inbox, outbox: Outbox) -> None:
         """Step in pace with the wall clock, at the node's speed."""
-        start_s, start_ns, speed = time.monotonic(), 0, node.speed
-        running = False
-        trigger = Trigger(node)
-        while not self._stop.is_set() and node.exit_code is None:
+        trigger, pace = Trigger(node), Pace()
+        while self._working():
             next_ns = node.next_step_ns()
             if next_ns is None:
-                running = False
-                self._wake.wait(IDLE_S)
-                self._wake.clear()
-                if trigger.due(self._now_ns, inbox):
-                    node.step(self._now_ns, inbox, outbox)
+                pace.rest()
+                wait_s = IDLE_S
             else:
-                if not running or speed != node.speed or next_ns < start_ns:
-                    running, speed = True, node.speed
-                    start_s, start_ns = time.monotonic(), next_ns
-                if speed > 0.0:
-                    due_s = start_s + (next_ns - start_ns) * 1e-9 / speed
-                    lag_s = time.monotonic() - due_s
-                    if lag_s > MAX_LAG_S:
-                        start_s += lag_s
-                    elif lag_s < 0.0:
-                        time.sleep(-lag_s)
-                self._now_ns = next_ns
+                wait_s = pace.wait_s(time.monotonic(), next_ns, node.speed)
+            if next_ns is None or wait_s > 0.0:
+                self._rest(min(wait_s, IDLE_S))
+                if trigger.due(self._now_ns, inbox):
+                    outbox.now_ns = self._now_ns
+                    node.step(self._now_ns, inbox, outbox)
+                    self._now_ns = node.now_ns
+            else:
                 outbox.now_ns = next_ns
                 node.step(next_ns, inbox, outbox)
-            self._housekeeping(inbox, outbox)
+                self._now_ns = node.now_ns
+            self._housekeeping(outbox)
 
-    def _housekeeping(self, inbox: Inbox, outbox: Outbox) -> None:
-        self._turn()
+    def _housekeeping(self, outbox: Outbox) -> None:
         self._say(self._node.waiting_for())
         now_s = time.monotonic()
         if now_s - self._diagnostics_s >= 1.0:
             self._diagnostics_s = now_s
-            outbox.put(DIAGNOSTICS, diagnostics(self._now_ns, self._node, inbox, outbox))
+            if self._report is not None:
+                outbox.put(DIAGNOSTICS, self._report.report(self._now_ns, now_s))
+
+    def _run_in_lockstep(self, session: zenoh.Session) -> None:
+        """What is said outside of a turn stays on the console: it is no part of the run."""
+        prefix = self._bus_config.prefix
+        inbox = HeldInbox(self._node, self._wake.set)
+        bus = Bus(session, self._node, inbox, prefix, lossless=True)
+        outbox = bus.outbox(self._node)
+        self._begin(bus, outbox)
+        try:
+            if isinstance(self._node, ClockNode):
+                self._give_turns(self._node, session, bus, inbox, outbox)
+            else:
+                self._take_turns(session, bus, inbox, outbox)
+        finally:
+            bus.close()
+
+    def _take_turns(
+        self, session: zenoh.Session, bus: Bus, inbox: HeldInbox, outbox: Outbox
+    ) -> None:
+        turns: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = queue.SimpleQueue()
+
+        def on_turn(turn: bytes, respond: Callable[[bytes], None]) -> None:
+            turns.put((turn, respond))
+            self._wake.set()
+
+        seat = SeatOnBus(session, bus, on_turn, self._bus_config.prefix)
+        participant = Participant(self._node, inbox, outbox, bus.matched, self._rosout)
+        called = False
+        while self._working():
+            self._rest(IDLE_S * 5)
+            while not turns.empty():
+                data, respond = turns.get()
+                end = participant.take(Turn.model_validate_json(data))
+                called = end.woken
+                respond(end.model_dump_json().encode())
+                self._turn()
+            if not called and inbox.wakes():
+                called = True
+                seat.call()
+            self._say(
+                self._node.waiting_for() if participant.seated else "its first turn in lockstep"
+            )
+
+    def _give_turns(
+        self,
+        node: ClockNode,
+        session: zenoh.Session,
+        bus: Bus,
+        inbox: HeldInbox,
+        outbox: Outbox,
+    ) -> None:
+        prefix, timeout_s = self._bus_config.prefix, self._bus_config.lockstep_timeout_s
+        notes: queue.SimpleQueue[tuple[str, str, bool | None]] = queue.SimpleQueue()
+
+        def note(service: str, source: str, there: bool | None = None) -> None:
+            notes.put((service, source, there))
+            self._wake.set()
+
+        def still_wanted() -> bool:
+            self._turn()
+            return not self._stop.is_set()
+
+        def ask(service: str, source: str, turn: Turn) -> TurnEnd | None:
+            data = turn.model_dump_json().encode()
+            end = give_turn(session, service, source, data, timeout_s, prefix, still_wanted)
+            return None if end is None else TurnEnd.model_validate_json(end)
+
+        lockstep = Lockstep(
+            node, inbox, outbox, bus.source, ask, bus.matched, timeout_s, self._rosout
+        )
+        watch = watch_seats(session, note, note, prefix)
+        pace = Pace()
+        try:
+            while self._working():
+                while not notes.empty():
+                    lockstep.note(*notes.get())
+                next_ns = node.next_step_ns() if lockstep.gathered else None
+                if next_ns is None:
+                    pace.rest()
+                    wait_s = 0.0
+                else:
+                    # With no tour there is no hurry.
+                    speed = node.speed or (1.0 if lockstep.missing() else 0.0)
+                    wait_s = pace.wait_s(time.monotonic(), next_ns, speed)
+                moved = lockstep.turn(advance=wait_s == 0.0)
+                if not moved:
+                    self._rest(min(wait_s or IDLE_S, IDLE_S))
+                missing = lockstep.missing() if not lockstep.gathered else []
+                self._say(
+                    f"the other services, for lockstep: {', '.join(missing)}"
+                    if missing
+                    else node.waiting_for()
+                )
+        except LockstepError:
+            # Where all are told to end at once, some end sooner.
+            if not self._stop.wait(ENDING_S):
+                raise
+        finally:
+            del watch
 
     def _say(self, waiting_for: str | None) -> None:
         """Tell once what the service waits for, and again every two seconds while it does."""

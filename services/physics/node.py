@@ -110,9 +110,13 @@ class PhysicsNode(ClockNode):
         return time_of_step_ns(self._steps)
 
     @property
-    def speed(self) -> float:  # type: ignore[override]
+    def speed(self) -> float:
         """See ClockNode."""
         return self._control.speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        self._control.speed = speed
 
     @property
     def paused(self) -> bool:  # type: ignore[override]
