@@ -7,7 +7,7 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,19 +65,30 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     Raises ConfigError where an option cannot be met.
     """
     seed = ["--seed", str(options.seed)]
-    camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
     recorder = ["--record", str(options.record), "--compact-timeout-s", str(COMPACT_TIMEOUT_S)]
     if options.out_dir is not None:
         recorder += ["--out-dir", str(options.out_dir)]
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
+        *robot_nodes(options),
+        BringupNode(_bringup_config(options)),
+        RecorderNode(load(RecorderConfig, "recorder", seed + recorder)),
+    ]
+
+
+def robot_nodes(options: DemoOptions, physics_flags: Sequence[str] = ()) -> list[Node]:
+    """The nodes of the world and of the robot in it, which wait to be told what to do.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    seed = ["--seed", str(options.seed)]
+    camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
+    return [
         WorldgenNode(load(WorldgenConfig, "worldgen", _worldgen_flags(options))),
-        PhysicsNode(load(PhysicsConfig, "physics", seed + camera)),
+        PhysicsNode(load(PhysicsConfig, "physics", [*seed, *camera, *physics_flags])),
         SpawnerNode(load(SpawnerConfig, "spawner", seed)),
         PerceptionNode(load(PerceptionConfig, "perception", seed)),
         NavigationNode(load(NavigationConfig, "navigation", seed)),
-        BringupNode(_bringup_config(options)),
-        RecorderNode(load(RecorderConfig, "recorder", seed + recorder)),
     ]
 
 

@@ -1,0 +1,410 @@
+"""A simulation in this process to be led by a program, step by step: `Session`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self, TypeVar, cast
+
+from pydantic import ValidationError
+
+from services.bringup.config import BringupConfig
+from services.bringup.node import BringupNode
+from services.common import messages as msg
+from services.common.config import ConfigError, ServiceConfig, load, one_line
+from services.common.documents import (
+    DeleteEntity,
+    Entities,
+    Entity,
+    EntityReply,
+    GetEntities,
+    NavigationResult,
+    Quaternion,
+    SetEntityState,
+    SimulationControl,
+    SimulationStats,
+    SpawnEntity,
+    Vector,
+)
+from services.common.executive import Executive, MemoryTransport, StalledError
+from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
+from services.common.node import Envelope, Inbox, Node, Outbox
+from services.common.topics import (
+    BY_NAME,
+    CMD_VEL,
+    DELETE_ENTITY,
+    EDGE,
+    GET_ENTITIES,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    SET_ENTITY_STATE,
+    SIMULATION_CONTROL,
+    SIMULATION_STATS,
+    SPAWN_ENTITY,
+    WORLD,
+    WORLD_STATUS,
+    Delivery,
+    Query,
+    Topic,
+)
+from services.embedded.demo import DemoOptions, robot_nodes
+from services.recorder.config import RecorderConfig
+from services.recorder.node import RecorderNode
+
+M = TypeVar("M")
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+LOCALISATION_PATIENCE_S = 10.0
+"""Simulation time for navigation to become active before it is sent a goal."""
+COMMAND_PERIOD_S = 0.05
+"""Between two commands of a drive: the velocity watchdog stops a robot after 0.2 s without one."""
+_MAX_TURNS = 1000
+"""Of the nodes while time stands still, to answer a request; two or three are enough."""
+
+
+class RefusedError(ValueError):
+    """What was asked for cannot be done; its text is the one line that says why."""
+
+
+class _Wire(MemoryTransport):
+    """Hands messages over, and shows them to whoever looks on, as a subscriber at the edge."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.latest: dict[str, object] = {}
+        self.watchers: list[tuple[str, list[Any]]] = []
+
+    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        """Put a message on the wire."""
+        self._send(topic, message, envelope)
+
+    def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        self.latest[topic.name] = message
+        for name, seen in self.watchers:
+            if name == topic.name:
+                seen.append(message)
+        super()._send(topic, message, envelope)
+
+
+class _Person(Node):
+    """Whoever holds the session: writes what people's tools may write."""
+
+    name: ClassVar[str] = EDGE
+    _config = ServiceConfig()
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Nothing: a person has no turn."""
+
+
+class Session:
+    """A world with the robot in it, its sensors, perception and navigation, at time 0 and paused.
+
+    Time passes only within the calls that say so, in lockstep and as fast as the machine allows; a
+    run is a function of world, options, seed and calls. Everything is asked and told by the queries
+    and topics that a running stack has.
+
+        with Session("enhanced", seed=7) as session:
+            result = session.goal(1.0, 0.5)
+            print(result.error_code, session.ground_truth(), session.stats.state_hash)
+    """
+
+    def __init__(
+        self,
+        world: str = "enhanced",
+        seed: int = 7,
+        *,
+        camera: bool = True,
+        use_aruco: bool = True,
+        overrides: tuple[str, ...] = (),
+        worlds_dir: Path | None = None,
+        out_dir: Path | None = None,
+        **physics: object,
+    ) -> None:
+        """Load a world.
+
+        Args:
+            world: its name, as `mazebot demo --world` has it.
+            seed: of every random stream.
+            camera: whether pictures are rendered and markers looked for.
+            use_aruco: whether the world keeps its markers.
+            overrides: `field=value`, put over the world's recipe.
+            worlds_dir: folder of the worlds; None: the one that comes with Mazebot.
+            out_dir: folder to record the run to; None: no recording.
+            physics: fields of PhysicsConfig by name, e.g. `scan_noise_m=0.0`.
+
+        Raises ConfigError, in one line, where an option cannot be met or the world cannot be had.
+        """
+        options = DemoOptions(
+            seed=seed, camera=camera, worlds_dir=worlds_dir, renderer="auto" if camera else "none"
+        )
+        flags = [
+            word
+            for name, value in physics.items()
+            for word in (f"--{name.replace('_', '-')}", str(value))
+        ]
+        bringup = BringupConfig(
+            world_name=world, use_aruco=use_aruco, world_overrides=overrides, only_ask=True
+        )
+        nodes = [*robot_nodes(options, flags), BringupNode(bringup)]
+        if out_dir is not None:
+            recorder = ["--seed", str(seed), "--out-dir", str(out_dir)]
+            nodes.append(RecorderNode(load(RecorderConfig, "recorder", recorder)))
+        self._wire = _Wire()
+        self._executive = Executive(nodes, self._wire)
+        self._outbox = Outbox(_Person(), self._wire.send)
+        self._closed = False
+        try:
+            self.pause()
+            self._turn_until(self._is_loaded, "the world")
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the run. Calling it again does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._executive.close()
+
+    @property
+    def stats(self) -> SimulationStats:
+        """Time, steps, seed, epoch and hashes."""
+        return self._control()
+
+    @property
+    def now_s(self) -> float:
+        """Simulation time."""
+        return self._executive.now_ns * 1e-9
+
+    def step(self, steps: int = 1) -> SimulationStats:
+        """Advance by so many steps of 1/240 s."""
+        return self._control(step=steps)
+
+    def run_for(self, duration_s: float) -> SimulationStats:
+        """Advance by a time, rounded up to whole steps."""
+        return self._control(run_until_s=self.now_s + duration_s)
+
+    def run_until(self, time_s: float) -> SimulationStats:
+        """Advance to a simulation time, or to the first step after it."""
+        return self._control(run_until_s=time_s)
+
+    def pause(self) -> None:
+        """Let time stand still, as it does after every call that makes it pass."""
+        self._ask(SIMULATION_CONTROL, SimulationControl(pause=True))
+
+    def resume(self) -> None:
+        """Let time pass in calls of `turn`."""
+        self._ask(SIMULATION_CONTROL, SimulationControl(pause=False))
+
+    def turn(self) -> bool:
+        """Let every node that is due step once, after a step of the simulation where it is not
+        paused; whether any was.
+        """
+        return self._executive.turn()
+
+    def reset(
+        self, seed: int | None = None, scope: Literal["all", "time"] = "all"
+    ) -> SimulationStats:
+        """Begin again at time 0: `all` has everything as at the start, `time` only the clock.
+
+        A seed needs `all`; without one the streams begin again with the seed they had.
+        """
+        stats = self._control(reset=scope, seed=seed)
+        if scope == "all":
+            for name, topic in BY_NAME.items():
+                if topic.delivery is not Delivery.LATCHED:
+                    self._wire.latest.pop(name, None)
+        return stats
+
+    def spawn(
+        self, entity: Entity, allow_renaming: bool = False, assets: dict[str, str] | None = None
+    ) -> EntityReply:
+        """Put a thing into the world; where it stands, and under which name."""
+        request = SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=assets or {})
+        return self._done(self._ask(SPAWN_ENTITY, request))
+
+    def move(
+        self,
+        name: str,
+        position_m: Vector,
+        orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0),
+    ) -> EntityReply:
+        """Put a thing elsewhere; where it stands."""
+        state = _built(
+            SetEntityState, name=name, position_m=position_m, orientation_xyzw=orientation_xyzw
+        )
+        return self._done(self._ask(SET_ENTITY_STATE, state))
+
+    def remove(self, name: str) -> EntityReply:
+        """Take a thing out of the world."""
+        return self._done(self._ask(DELETE_ENTITY, DeleteEntity(name=name)))
+
+    def entities(self) -> Entities:
+        """What stands in the world."""
+        return self._ask(GET_ENTITIES, GetEntities())
+
+    def goal(
+        self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: float = 600.0
+    ) -> NavigationResult:
+        """Drive to a pose in the map, and say how that ended; `error_code` 0 is success.
+
+        Raises TimeoutError after `timeout_s` of simulation without an end; the goal stays.
+        """
+        if not self._run_while(lambda: not self._is_active(), LOCALISATION_PATIENCE_S):
+            raise RefusedError(
+                f"goal: navigation is not active after {LOCALISATION_PATIENCE_S:g} s"
+            )
+        header = msg.header(self._executive.now_ns, MAP_FRAME)
+        pose = msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
+        with self.watching(NAVIGATION_RESULT) as results:
+            self.put(GOAL_POSE, msg.PoseStamped(header=header, pose=pose))
+            stamp_ns = msg.ns_from_time(header.stamp)
+            mine: list[NavigationResult] = []
+
+            def is_open() -> bool:
+                mine.extend(one for one in results if one.goal_stamp_ns == stamp_ns)
+                results.clear()
+                return not mine
+
+            if not self._run_while(is_open, timeout_s):
+                raise TimeoutError(f"goal: not ended within {timeout_s:g} s of simulation")
+        return mine[0]
+
+    def command(self, linear_m_s: float, angular_rad_s: float, for_s: float | None = None) -> None:
+        """Command a velocity of base_footprint once; with `for_s`, again and again for that long.
+
+        A robot stops 0.2 s after the last command.
+        """
+        end_s = self.now_s + (for_s or 0.0)
+        while True:
+            self.put(
+                CMD_VEL,
+                msg.TwistStamped(
+                    header=msg.header(self._executive.now_ns, BASE_FOOTPRINT_FRAME),
+                    twist=msg.Twist(
+                        linear=msg.Vector3(linear_m_s, 0.0, 0.0),
+                        angular=msg.Vector3(0.0, 0.0, angular_rad_s),
+                    ),
+                ),
+            )
+            left_s = end_s - self.now_s
+            if left_s <= 0.0:
+                return
+            self.run_for(min(COMMAND_PERIOD_S, left_s))
+
+    def ground_truth(self) -> SE2:
+        """The robot's true pose in the map, as last told: at most 1/30 s ago."""
+        odom = self.latest(GROUND_TRUTH_ODOM)
+        if odom is not None:
+            return msg.se2_from_pose(odom.pose.pose)
+        world = self.latest(WORLD)
+        assert world is not None
+        return world.start.se2()
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """The last message on a topic; None where there was none since the beginning."""
+        return cast("M | None", self._wire.latest.get(topic.name))
+
+    @contextmanager
+    def watching(self, topic: Topic[M]) -> Iterator[list[M]]:
+        """A list to which every message on a topic is added while the context lasts."""
+        seen: list[M] = []
+        watcher = (topic.name, seen)
+        self._wire.watchers.append(watcher)
+        try:
+            yield seen
+        finally:
+            self._wire.watchers = [one for one in self._wire.watchers if one is not watcher]
+
+    def put(self, topic: Topic[M], message: M) -> None:
+        """Send a message on a topic of people's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
+
+        Raises PermissionError on another topic, RefusedError where the message is not finite.
+        """
+        self._outbox.now_ns = self._executive.now_ns
+        rejected = self._outbox.rejected.copy()
+        self._outbox.put(topic, message)
+        for (name, reason), _ in (self._outbox.rejected - rejected).items():
+            raise RefusedError(f"{name}: {reason}")
+
+    def _is_loaded(self) -> bool:
+        status = self.latest(WORLD_STATUS)
+        if status is not None and status.error:
+            raise ConfigError(status.error)
+        return self.latest(SIMULATION_STATS) is not None
+
+    def _is_active(self) -> bool:
+        status = self.latest(NAVIGATION_STATUS)
+        return status is not None and status.navigation_active
+
+    def _run_while(self, goes_on: Callable[[], bool], limit_s: float) -> bool:
+        """Let time pass until a condition holds no more; False where the limit came first."""
+        end_s = self.now_s + limit_s
+        if not goes_on():
+            return True
+        self.resume()
+        try:
+            while goes_on():
+                if self.now_s >= end_s:
+                    return False
+                self._executive.turn()
+        finally:
+            self.pause()
+        return True
+
+    def _control(self, **fields: object) -> SimulationStats:
+        reply = self._ask(SIMULATION_CONTROL, _built(SimulationControl, **fields))
+        if reply.error:
+            raise RefusedError(reply.error)
+        assert reply.stats is not None
+        return reply.stats
+
+    def _done(self, reply: EntityReply) -> EntityReply:
+        if reply.error:
+            raise RefusedError(reply.error)
+        return reply
+
+    def _ask(self, query: Query[Q, A], message: Q) -> A:
+        answers: list[A] = []
+        if not self._wire.ask(query, message, answers.append):
+            raise RefusedError(f"{query.name}: too many requests wait")
+        self._turn_until(lambda: bool(answers), query.name)
+        return answers[0]
+
+    def _turn_until(self, done: Callable[[], bool], what: str) -> None:
+        """Turn until something is there; time may pass on the way."""
+        turns, now_ns = 0, self._executive.now_ns
+        while not done():
+            if not self._executive.turn() and not done():
+                raise StalledError(f"{what}: the simulation stands still")
+            turns = turns + 1 if self._executive.now_ns == now_ns else 0
+            now_ns = self._executive.now_ns
+            if turns > _MAX_TURNS:
+                raise StalledError(f"{what}: no answer")
+
+
+def _built(kind: type[Q], **fields: object) -> Q:
+    """A document of what a person gave.
+
+    Raises RefusedError, in one line, where it is none.
+    """
+    try:
+        return kind(**fields)
+    except ValidationError as error:
+        raise RefusedError(one_line(error)) from error

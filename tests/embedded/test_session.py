@@ -1,0 +1,194 @@
+"""A program that leads a simulation: time, reset, seed, goals, and what it is told."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services.common import messages as msg
+from services.common.config import ConfigError
+from services.common.documents import NavigationStatus
+from services.common.topics import (
+    AMCL_POSE,
+    CMD_VEL,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    ODOM,
+    SCAN,
+)
+from services.embedded.session import RefusedError, Session
+from tests.worldgen import folder
+
+WORLD_RESTARTED = 9011
+
+
+@pytest.fixture
+def worlds_dir(tmp_path: Path) -> Path:
+    return folder.make(tmp_path / "worlds")
+
+
+@pytest.fixture
+def session(worlds_dir: Path) -> Iterator[Session]:
+    with Session("room", camera=False, worlds_dir=worlds_dir) as opened:
+        yield opened
+
+
+def drive(session: Session) -> str:
+    """Five seconds with a goal and with commands; the hash of all states."""
+    session.command(0.2, 0.4, for_s=1.5)
+    session.goal(0.6, 0.0, 0.5)
+    return session.run_until(15.0).state_hash
+
+
+def test_it_begins_at_time_zero_and_time_passes_only_when_told(session: Session) -> None:
+    assert (session.stats.sim_time_s, session.stats.iterations, session.stats.paused) == (
+        0,
+        0,
+        True,
+    )
+    assert session.latest(SCAN) is None
+    assert session.step().iterations == 1
+    assert session.step(9).iterations == 10
+    assert session.run_for(0.5).iterations == 130
+    assert session.run_until(1.0).sim_time_s == 1.0
+    assert session.now_s == 1.0
+    assert session.stats.paused
+    assert session.latest(SCAN) is not None
+
+
+def test_a_reset_is_a_fresh_start_to_the_last_bit(session: Session, worlds_dir: Path) -> None:
+    first = drive(session)
+    with session.watching(ODOM) as seen:
+        stats = session.reset()
+    assert (stats.sim_time_s, stats.iterations, stats.seed, stats.epoch) == (0.0, 0, 7, 2)
+    assert seen == []
+    assert session.ground_truth() == (0.0, 0.0, 0.0)
+    assert drive(session) == first
+    assert session.reset(seed=8).seed == 8
+    other = drive(session)
+    assert other != first
+    assert session.reset(seed=7).epoch == 4
+    assert drive(session) == first
+    with Session("room", seed=8, camera=False, worlds_dir=worlds_dir) as fresh:
+        assert drive(fresh) == other
+
+
+def test_a_reset_of_time_moves_nothing(session: Session) -> None:
+    session.command(0.3, 0.0, for_s=1.02)
+    odom, here = session.latest(ODOM), session.ground_truth()
+    assert odom is not None
+    assert here.x_m > 0.1
+    with session.watching(NAVIGATION_STATUS) as told:
+        stats = session.reset(scope="time")
+    assert (stats.sim_time_s, stats.iterations, stats.epoch) == (0.0, 0, 2)
+    assert not told[-1].localization_active
+    with session.watching(ODOM) as odometry:
+        session.command(0.3, 0.0, for_s=0.5)
+    assert [msg.ns_from_time(one.header.stamp) for one in odometry][0] == 33_333_333
+    speeds = [one.twist.twist.linear.x for one in odometry]
+    assert speeds == pytest.approx([0.3] * len(speeds), abs=0.03)
+    assert odometry[-1].pose.pose.position.x == pytest.approx(
+        odom.pose.pose.position.x + 0.155, abs=0.02
+    )
+    assert session.ground_truth().x_m == pytest.approx(here.x_m + 0.155, abs=0.02)
+    session.run_for(1.0)
+    estimate = session.latest(AMCL_POSE)
+    assert estimate is not None
+    assert estimate.pose.pose.position.x == pytest.approx(session.ground_truth().x_m, abs=0.05)
+
+
+def test_the_watchdog_counts_on_through_a_reset_of_time(session: Session) -> None:
+    session.run_for(0.5)
+    session.command(0.3, 0.0)
+    session.run_for(0.1)
+    session.reset(scope="time")
+    session.run_for(0.09)
+    assert session.stats.watchdog_stops == 0
+    session.run_for(0.02)
+    assert session.stats.watchdog_stops == 1
+
+
+def test_a_goal_is_driven_to_and_a_bad_one_is_answered(session: Session) -> None:
+    result = session.goal(0.6, 0.0, 0.5)
+    assert result.error_code == 0
+    x_m, y_m, yaw_rad = session.ground_truth()
+    assert math.hypot(x_m - 0.6, y_m) < 0.25
+    assert yaw_rad == pytest.approx(0.5, abs=0.3)
+    assert session.stats.paused
+    assert session.goal(50.0, 0.0).error_code == 204
+    with pytest.raises(TimeoutError, match=r"not ended within 0\.5 s"):
+        session.goal(-0.6, 0.0, timeout_s=0.5)
+    assert session.stats.paused
+
+
+def test_a_reset_ends_the_goal(session: Session) -> None:
+    with pytest.raises(TimeoutError):
+        session.goal(0.9, 0.0, timeout_s=1.0)
+    with session.watching(NAVIGATION_RESULT) as results:
+        session.reset()
+    assert [result.error_code for result in results] == [WORLD_RESTARTED]
+    status = session.latest(NAVIGATION_STATUS)
+    assert status == NavigationStatus(localization_active=False, navigation_active=False)
+    session.run_for(2.0)
+    assert math.hypot(*session.ground_truth()[:2]) < 0.001
+
+
+def test_a_pause_in_mid_drive_jumps_in_no_command(session: Session) -> None:
+    with session.watching(CMD_VEL) as commands:
+        with pytest.raises(TimeoutError):
+            session.goal(0.9, 0.0, timeout_s=1.0)
+        moving = session.ground_truth()
+        for _ in range(500):
+            session.turn()
+        assert session.ground_truth() == moving
+        session.run_for(2.0)
+    assert session.stats.watchdog_stops == 0
+    speeds = [command.twist.linear.x for command in commands]
+    stamps_s = [msg.ns_from_time(command.header.stamp) * 1e-9 for command in commands]
+    assert max(speeds) > 0.1
+    for i in range(1, len(speeds)):
+        assert stamps_s[i] - stamps_s[i - 1] == pytest.approx(0.05, abs=0.01)
+        assert abs(speeds[i] - speeds[i - 1]) <= 1.0 * 0.05 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s: s.run_until(-1.0), "run_until_s"),
+        (lambda s: s.run_until(math.inf), "run_until_s"),
+        (lambda s: s.run_until(1e300), "run_until_s"),
+        (lambda s: s.run_until(0.1), "must not be before now, 0.25 s"),
+        (lambda s: s.step(0), "step"),
+        (lambda s: s.step(10**12), "step"),
+        (lambda s: s.reset(seed=-1), "seed"),
+        (lambda s: s.reset(seed=3, scope="time"), "seed: 3: needs reset: all"),
+        (lambda s: s.reset(scope="space"), "reset"),
+        (lambda s: s.command(math.nan, 0.0), "/cmd_vel: not finite"),
+        (lambda s: s.remove("nothing"), "nothing"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_one_line(call, words, session: Session) -> None:  # type: ignore[no-untyped-def]
+    session.run_for(0.25)
+    before = session.stats
+    with pytest.raises(RefusedError) as refused:
+        call(session)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert session.stats == before
+
+
+def test_a_world_or_an_option_that_is_none_is_one_line(worlds_dir: Path) -> None:
+    with pytest.raises(ConfigError, match="atlantis"):
+        Session("atlantis", worlds_dir=worlds_dir, camera=False)
+    with pytest.raises(ConfigError, match="scan-nois"):
+        Session("room", worlds_dir=worlds_dir, camera=False, scan_nois_m=0.0)
+
+
+def test_fields_of_physics_are_given_by_name(worlds_dir: Path) -> None:
+    with Session("room", camera=False, worlds_dir=worlds_dir, scan_noise_m=0.0) as session:
+        session.run_for(0.25)
+        with session.watching(SCAN) as scans:
+            session.run_for(0.2)
+        first, second = (scan.ranges.tolist() for scan in scans)
+        assert first == pytest.approx(second, abs=1e-5)
