@@ -11,7 +11,14 @@ from services.common import messages as msg
 from services.common.frames import SCAN_FRAME, Array, inverse_matrix
 from services.physics.bodies import Bodies
 from services.physics.collision import Solid
-from services.physics.raycast import RayTargets, cast_scan, joined, ray_directions, targets_of
+from services.physics.raycast import (
+    RayTargets,
+    cast_scan,
+    compile_kernels,
+    joined,
+    ray_directions,
+    targets_of,
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,7 @@ class Lidar:
         self._groups: tuple[tuple[Solid, ...], ...] = ()
         self._targets_of: dict[tuple[Solid, ...], RayTargets] = {}
         self._targets = joined(())
+        compile_kernels()
 
     def read(self, stamp_ns: int) -> msg.LaserScan:
         """The scan now."""

@@ -3,7 +3,7 @@
 All rays start in one point and lie in one plane. So the plane cuts a solid with flat faces into
 line segments, which a ray meets in the plane, and a round one is met in space by the rays within
 the angle under which its bounding sphere appears. What a ray meets does not depend on the order of
-the solids. A surface is met from both sides.
+the solids. A convex solid is met from outside only, a surface of triangles from both sides.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 from services.common.frames import Array
 from services.physics.collision import Solid, hull_triangles
 
-_FACES, _SPHERE, _CYLINDER, _CAPSULE = range(4)
+_Vector = tuple[float, float, float]
+_Row = tuple[float, float, float, float]
+
+_CONVEX, _SURFACE, _SPHERE, _CYLINDER, _CAPSULE = range(5)
 _ROUND = {"sphere": _SPHERE, "cylinder": _CYLINDER, "capsule": _CAPSULE}
 _FACES_A_BLOCK = 16
 """Of a surface of many triangles: neighbours that are looked at together or not at all."""
@@ -47,7 +50,9 @@ class RayTargets:
     faces: NDArray[np.int32]
     """(b, 2), of the others: the first face, and the one after the last"""
     corners: NDArray[np.int32]
-    """(f, 4) convex faces by their corners, in order; of a triangle the last one stands twice"""
+    """(f, 4) convex faces by their corners, counter-clockwise as seen from outside; of a triangle
+    the last one stands twice
+    """
     vertices_m: Array
     """(v, 3)"""
 
@@ -59,7 +64,7 @@ def targets_of(solids: Sequence[Solid]) -> RayTargets:
     parts = [_boxes(boxes), _rounds(rounds)]
     for solid in solids:
         if solid.kind in ("hull", "triangles"):
-            parts.append(_surface(solid))
+            parts.append(_triangles(solid))
     return joined((part, 0) for part in parts)
 
 
@@ -107,6 +112,11 @@ def cast_scan(
         ranges,
     )
     return ranges
+
+
+def compile_kernels() -> None:
+    """Leave nothing to compile for the first scan."""
+    cast_scan(joined(()), np.eye(4)[None], ray_directions(1), 1.0)
 
 
 def ray_directions(samples: int) -> Array:
@@ -157,7 +167,7 @@ def _rounds(solids: Sequence[Solid]) -> RayTargets:
     poses = np.array([solid.body_from_solid for solid in solids]).reshape(count, 4, 4)
     radii = np.array([solid.radius_m for solid in solids])
     halves = np.array([solid.length_m / 2.0 for solid in solids])
-    reach = np.choose(kinds, (radii, radii, np.hypot(radii, halves), radii + halves))
+    reach = np.choose(kinds - _SPHERE, (radii, np.hypot(radii, halves), radii + halves))
     return _blocks(
         count,
         kinds,
@@ -166,11 +176,14 @@ def _rounds(solids: Sequence[Solid]) -> RayTargets:
     )
 
 
-def _surface(solid: Solid) -> RayTargets:
-    """A hull or a surface of triangles, in blocks of neighbours."""
+def _triangles(solid: Solid) -> RayTargets:
+    """A hull or a surface, in blocks of neighbours."""
     points = solid.vertices_m if solid.vertices_m is not None else np.zeros((0, 3))
-    triangles = solid.triangles if solid.kind == "triangles" else hull_triangles(points)
-    assert triangles is not None
+    triangles = solid.triangles
+    if triangles is None:
+        triangles = hull_triangles(points)
+        inwards = np.linalg.det(points[triangles] - points.mean(axis=0)) < 0.0
+        triangles[inwards] = triangles[inwards][:, ::-1]
     pose = solid.body_from_solid
     vertices = points @ pose[:3, :3].T + pose[:3, 3]
     triangles = triangles[_along_a_curve(vertices[triangles].mean(axis=1))]
@@ -178,8 +191,10 @@ def _surface(solid: Solid) -> RayTargets:
     corners = vertices[triangles]
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
+    kind = _CONVEX if solid.kind == "hull" else _SURFACE
     return _blocks(
         len(first),
+        np.full(len(first), kind, np.int32),
         spheres_m=np.column_stack(((low + high) / 2.0, np.linalg.norm(high - low, axis=1) / 2.0)),
         faces=np.stack((first, np.append(first[1:], len(triangles))), axis=1).astype(np.int32),
         corners=triangles[:, [0, 1, 2, 2]].astype(np.int32),
@@ -213,47 +228,69 @@ def _cast(
     ranges: Array,
 ) -> None:
     for block in range(kinds.size):
-        pose = scan_from_groups[groups[block]]
-        sphere = spheres_m[block]
-        x = _moved(pose, 0, sphere[0], sphere[1], sphere[2])
-        y = _moved(pose, 1, sphere[0], sphere[1], sphere[2])
-        z = _moved(pose, 2, sphere[0], sphere[1], sphere[2])
+        group = groups[block]
+        rows = (
+            _row(scan_from_groups, group, 0),
+            _row(scan_from_groups, group, 1),
+            _row(scan_from_groups, group, 2),
+        )
+        bound = spheres_m[block, 3]
+        centre = spheres_m[block, 0], spheres_m[block, 1], spheres_m[block, 2]
+        z = _coordinate(rows[2], centre)
         # The plane cuts the sphere around the block in a circle of this radius, or not at all.
-        squared = sphere[3] * sphere[3] - z * z
+        squared = bound * bound - z * z
         if squared < 0.0:
             continue
         reach = math.sqrt(squared)
-        away = math.hypot(x, y)
+        x, y = _coordinate(rows[0], centre), _coordinate(rows[1], centre)
+        away = math.sqrt(x * x + y * y)
         if away - reach > range_max_m:
             continue
-        if kinds[block] != _FACES:
-            axis = rounds_m[block, 0], rounds_m[block, 1], rounds_m[block, 2]
-            turned = (
-                pose[0, 0] * axis[0] + pose[0, 1] * axis[1] + pose[0, 2] * axis[2],
-                pose[1, 0] * axis[0] + pose[1, 1] * axis[1] + pose[1, 2] * axis[2],
-                pose[2, 0] * axis[0] + pose[2, 1] * axis[1] + pose[2, 2] * axis[2],
+        if kinds[block] <= _SURFACE:
+            convex = kinds[block] == _CONVEX
+            for face in range(faces[block, 0], faces[block, 1]):
+                _meet_face(
+                    *(rows, vertices_m, corners, face, convex),
+                    *(directions, range_max_m, ranges),
+                )
+        else:
+            along = rounds_m[block, 0], rounds_m[block, 1], rounds_m[block, 2]
+            axis = (
+                _coordinate(rows[0], along) - rows[0][3],
+                _coordinate(rows[1], along) - rows[1][3],
+                _coordinate(rows[2], along) - rows[2][3],
             )
             size = rounds_m[block, 3], rounds_m[block, 4]
-            seen = away, reach
             _meet_round(
-                kinds[block], (x, y, z), turned, size, seen, directions, range_max_m, ranges
+                *(kinds[block], (x, y, z), axis, size, (away, reach)),
+                *(directions, range_max_m, ranges),
             )
-            continue
-        for face in range(faces[block, 0], faces[block, 1]):
-            _meet_face(pose, vertices_m, corners[face], directions, range_max_m, ranges)
 
 
-@numba.njit(cache=True)
-def _moved(pose: Array, row: int, x: float, y: float, z: float) -> float:
-    """One coordinate of a point in the frame of the scan."""
-    return float(pose[row, 0] * x + pose[row, 1] * y + pose[row, 2] * z + pose[row, 3])
+@numba.njit(cache=True, inline="always")
+def _row(poses: Array, group: int, row: int) -> _Row:
+    return poses[group, row, 0], poses[group, row, 1], poses[group, row, 2], poses[group, row, 3]
+
+
+@numba.njit(cache=True, inline="always")
+def _coordinate(row: _Row, point: _Vector) -> float:
+    """One coordinate of a point of a group in the frame of the scan."""
+    return row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]
+
+
+@numba.njit(cache=True, inline="always")
+def _vertex(vertices_m: Array, corners: NDArray[np.int32], face: int, corner: int) -> _Vector:
+    index = corners[face, corner]
+    return vertices_m[index, 0], vertices_m[index, 1], vertices_m[index, 2]
 
 
 @numba.njit(cache=True)
 def _meet_face(
-    pose: Array,
+    rows: tuple[_Row, _Row, _Row],
     vertices_m: Array,
     corners: NDArray[np.int32],
+    face: int,
+    convex: bool,
     directions: Array,
     range_max_m: float,
     ranges: Array,
@@ -261,28 +298,33 @@ def _meet_face(
     """Cut a convex face with the plane, and let the rays meet the segment that is left of it."""
     x0 = y0 = x1 = y1 = 0.0
     cuts = 0
-    before = vertices_m[corners[3]]
-    z_before = _moved(pose, 2, before[0], before[1], before[2])
-    for k in range(4):
-        after = vertices_m[corners[k]]
-        z_after = _moved(pose, 2, after[0], after[1], after[2])
+    before = _vertex(vertices_m, corners, face, 3)
+    z_before = _coordinate(rows[2], before)
+    for corner in range(4):
+        after = _vertex(vertices_m, corners, face, corner)
+        z_after = _coordinate(rows[2], after)
         # An end in the plane counts as above it, so that a face is cut twice or not at all.
         if (z_before < 0.0) != (z_after < 0.0):
             # From the lower end, so that two faces cut their common edge in the very same point.
-            share = z_before / (z_before - z_after)
-            low, high = before, after
+            low, high, z_low, z_high = before, after, z_before, z_after
             if z_after < 0.0:
-                share = z_after / (z_after - z_before)
-                low, high = after, before
-            x = low[0] + share * (high[0] - low[0])
-            y = low[1] + share * (high[1] - low[1])
-            z = low[2] + share * (high[2] - low[2])
-            x1, y1 = _moved(pose, 0, x, y, z), _moved(pose, 1, x, y, z)
-            if cuts == 0:
-                x0, y0 = x1, y1
+                low, high, z_low, z_high = after, before, z_after, z_before
+            share = z_low / (z_low - z_high)
+            point = (
+                low[0] + share * (high[0] - low[0]),
+                low[1] + share * (high[1] - low[1]),
+                low[2] + share * (high[2] - low[2]),
+            )
+            x = _coordinate(rows[0], point)
+            y = _coordinate(rows[1], point)
+            if z_after < 0.0:
+                x1, y1 = x, y
+            else:
+                x0, y0 = x, y
             cuts += 1
         before, z_before = after, z_after
-    if cuts == 2:
+    # From outside, a face's edge that comes up is to the right of the one that goes down.
+    if cuts == 2 and not (convex and x0 * y1 <= x1 * y0):
         _meet_segment(x0, y0, x1, y1, directions, range_max_m, ranges)
 
 
@@ -300,31 +342,40 @@ def _meet_segment(
     if cross < 0.0:
         x0, y0, x1, y1, cross = x1, y1, x0, y0, -cross
     along_x, along_y = x1 - x0, y1 - y0
-    # Seen from its edge; or the line is out of range.
-    if cross <= 1e-15 or cross > range_max_m * math.hypot(along_x, along_y):
+    length_squared = along_x * along_x + along_y * along_y
+    # Seen from its edge; or all of its line is out of range.
+    if cross <= 1e-15 or cross * cross > range_max_m * range_max_m * length_squared:
         return
     rays = len(directions)
     per_rad = rays / (2.0 * math.pi)
     start = math.atan2(y0, x0)
-    end = start + math.atan2(cross, x0 * x1 + y0 * y1)
-    farthest = max(math.hypot(x0, y0), math.hypot(x1, y1))
+    spread = math.atan2(cross, x0 * x1 + y0 * y1)
     # A ray through the end of two segments must not slip through between them.
     first = math.ceil(start * per_rad - 1e-9)
-    last = math.floor(end * per_rad + 1e-9)
-    for index in range(first, last + 1):
-        ray = index % rays
+    last = math.floor((start + spread) * per_rad + 1e-9)
+    if last < first:
+        return
+    # With a little room, so that what is nearest does not depend on the order.
+    nearly = cross * (1.0 - 1e-12)
+    farthest = math.sqrt(max(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1))
+    ray = first if first >= 0 else first + rays
+    for _ in range(last - first + 1):
+        if ray >= rays:
+            ray -= rays
         across = directions[ray, 0] * along_y - directions[ray, 1] * along_x
-        if across > 0.0:
+        # A division only where the ray has met nothing nearer so far.
+        if nearly < across * ranges[ray]:
             distance = min(cross / across, farthest)
             if distance < ranges[ray] and distance <= range_max_m:
                 ranges[ray] = distance
+        ray += 1
 
 
 @numba.njit(cache=True)
 def _meet_round(
     kind: int,
-    centre: tuple[float, float, float],
-    axis: tuple[float, float, float],
+    centre: _Vector,
+    axis: _Vector,
     size: tuple[float, float],
     seen: tuple[float, float],
     directions: Array,
@@ -350,7 +401,7 @@ def _meet_round(
         ux, uy = directions[ray, 0], directions[ray, 1]
         slope = ux * axis[0] + uy * axis[1]
         forward = -(ux * centre[0] + uy * centre[1])
-        enter, leave = math.inf, -math.inf
+        enter = math.inf
         if kind != _CYLINDER:
             ends = half if kind == _CAPSULE else 0.0
             for end in (-ends, ends):
@@ -359,8 +410,7 @@ def _meet_round(
                 c = square - 2.0 * end * start + end * end - radius * radius
                 under = b * b - c
                 if under >= 0.0:
-                    root = math.sqrt(under)
-                    enter, leave = min(enter, -b - root), max(leave, -b + root)
+                    enter = min(enter, -b - math.sqrt(under))
         if kind != _SPHERE:
             a = 1.0 - slope * slope
             b = forward - start * slope
@@ -381,7 +431,6 @@ def _meet_round(
             elif abs(start) > half:
                 low, high = math.inf, -math.inf
             if low <= high:
-                enter, leave = min(enter, low), max(leave, high)
-        distance = enter if enter >= 0.0 else leave
-        if 0.0 <= distance <= range_max_m and distance < ranges[ray]:
-            ranges[ray] = distance
+                enter = min(enter, low)
+        if 0.0 <= enter <= range_max_m and enter < ranges[ray]:
+            ranges[ray] = enter
