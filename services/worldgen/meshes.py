@@ -61,18 +61,21 @@ class MeshPart:
     """File name, for people; empty where there is no texture."""
 
 
-def load_mesh(path: Path, submesh: str | None = None, center: bool = False) -> tuple[MeshPart, ...]:
+def load_mesh(
+    path: Path, submesh: str | None = None, center: bool = False, data: bytes | None = None
+) -> tuple[MeshPart, ...]:
     """The parts of a mesh in a file, one for each material, in metres.
 
     `submesh` is the name of a node or geometry: only its parts are taken. `center` moves the middle
     of the box around what is taken to the origin. Triangles without area are dropped; where the
     file has no normals they are the triangles' own. Files that it names are read from its model's
-    folder, the one with a model.config; else from the folder above its own.
+    folder, the one with a model.config; else from the folder above its own. `data` is what the file
+    holds where it need not be read.
 
     Raises ConfigError with one line for a file that is missing, too large or damaged.
     """
     try:
-        return _load(path, submesh, center)
+        return _load(path, submesh, center, data)
     except _MeshError as error:
         raise ConfigError(words(f"{path}: {error}")) from error
     except OSError as error:
@@ -116,11 +119,14 @@ class _Piece:
     texture_name: str
 
 
-def _load(path: Path, submesh: str | None, center: bool) -> tuple[MeshPart, ...]:
+def _load(
+    path: Path, submesh: str | None, center: bool, data: bytes | None
+) -> tuple[MeshPart, ...]:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise _MeshError(f"must be one of {', '.join(SUFFIXES)}")
-    data = _read(path)
+    if data is None:
+        data = _read(path)
     files = _Files(path)
     with warnings.catch_warnings(), _quiet():
         warnings.simplefilter("ignore")

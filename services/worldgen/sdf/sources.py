@@ -11,6 +11,7 @@ from lxml import etree
 from services.worldgen.sdf.expansion import StoppedError, expanded, needs_expansion
 from services.worldgen.sdf.findings import Source, local_name
 from services.worldgen.sdf.locate import LocateError, Locator
+from services.worldgen.sdf.urdf import sdf_of
 from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of, tree_of
 
 FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
@@ -124,6 +125,8 @@ class Sources:
             root = tree_of(data)
         except UnreadableError as error:
             raise SourceError("FILE_READ", f"{shown} {error}") from None
+        if local_name(root.tag) == "robot":
+            root = sdf_of(root)
         return Source(path, shown, through_xacro, root, _version(root, shown))
 
     def _expanded(self, path: Path) -> bytes:
@@ -159,6 +162,9 @@ class Sources:
             version = int(match.group(1)), int(match.group(2))
             if version <= LAST_VERSION and (best is None or version > best[0]):
                 best = version, folder / name
+        urdf = (root.findtext("urdf") or "").strip()
+        if best is None and urdf and "\0" not in urdf:
+            best = FIRST_VERSION, folder / urdf
         if best is None:
             raise SourceError("ELEMENT_MISSING", f"{shown}/model.config must name an <sdf> file")
         if not best[1].is_file():
@@ -187,16 +193,10 @@ def _size(source: Source) -> int:
 
 
 def _version(root: etree._Element, shown: str) -> tuple[int, int]:
-    if local_name(root.tag) == "robot":
-        raise SourceError(
-            "ELEMENT_MISSING",
-            f"{shown} is URDF, must be SDF: `gz sdf -p {shown}` converts it",
-            root.sourceline or 0,
-        )
     if local_name(root.tag) != "sdf":
         raise SourceError(
             "ELEMENT_MISSING",
-            f"{shown} must have the root <sdf>, has <{local_name(root.tag)[:60]}>",
+            f"{shown} must have the root <sdf> or <robot>, has <{local_name(root.tag)[:60]}>",
             root.sourceline or 0,
         )
     text = root.get("version")

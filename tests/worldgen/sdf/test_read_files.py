@@ -272,11 +272,17 @@ def test_lines_are_those_of_the_file_behind_a_late_declaration(tmp_path: Path) -
     assert error.where.startswith("w.sdf:4: ")
 
 
-def test_urdf_is_called_by_its_name(tmp_path: Path) -> None:
-    (tmp_path / "r.urdf").write_text('<robot name="r"><link name="a"/></robot>')
-    (error,) = read_sdf(tmp_path / "r.urdf").report.errors
-    assert error.kind == "ELEMENT_MISSING"
-    assert "is URDF, must be SDF" in error.message
+def test_urdf_is_read_as_the_model_it_means(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(
+        '<robot name="r"><link name="a"/><link name="b"><visual><geometry><sphere radius="0.1"/>'
+        '</geometry></visual></link>\n<joint name="j" type="fixed"><parent link="a"/>'
+        '<child link="b"/><origin xyz="0 0 1"/></joint></robot>'
+    )
+    world = read_sdf(tmp_path / "r.urdf")
+    assert world.report.errors == ()
+    assert [(link.name, link.world_from_link[2, 3]) for link in world.links] == [
+        ("r::a", 0.0), ("r::b", 1.0),
+    ]  # fmt: skip
 
 
 def test_xacro_is_known_by_any_address_and_in_any_encoding(tmp_path: Path) -> None:
