@@ -53,7 +53,7 @@ def worlds_sheet() -> Picture:
         entities, pictures = furnish(loaded.world)
         assets = {**loaded.assets, **pictures}
         renderer.set_scene(build_scene(loaded.world, assets, entities.markers))
-        seen = renderer.render(map_from_camera.matrix(_CAMERA_HEIGHT_M) @ LINK_FROM_OPTICAL)
+        seen = renderer.render(map_from_camera.matrix(_CAMERA_HEIGHT_M) @ LINK_FROM_OPTICAL).rgb
         cells.append(np.vstack([_name(name), _plan(loaded), seen]))
     renderer.close()
     gap = 12

@@ -17,7 +17,8 @@ from services.physics.scene import Scene
 RendererKind = Literal["auto", "gl", "tiny", "none"]
 
 NEAR_M = 0.02
-FAR_M = 50.0
+FAR_M = 300.0
+"""Between them things show: as the camera of ROBOTIS' simulated waffle."""
 MAX_SIDE_PX = 4096
 
 _log = logging.getLogger("physics")
@@ -81,6 +82,20 @@ class Intrinsics:
         )
 
 
+DepthRange = tuple[float, float]
+"""Nearest and farthest depth that a camera measures, in metres along the optical axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Colour and depth of one render: arrays of the caller's own, contiguous, top row first."""
+
+    rgb: NDArray[np.uint8]
+    """(h, w, 3)"""
+    depth_m: NDArray[np.float32] | None
+    """(h, w): along the optical axis; 0 where nothing is within range. None: not asked for."""
+
+
 class Renderer(Protocol):
     """Makes pictures of a scene: a function of the scene and of poses alone."""
 
@@ -91,13 +106,11 @@ class Renderer(Protocol):
     def set_scene(self, scene: Scene) -> None:
         """Show this scene from now on. What the last one held is released."""
 
-    def render(
-        self, map_from_optical: Array, map_from_movers: Array | None = None
-    ) -> NDArray[np.uint8]:
-        """The picture: (height, width, 3) RGB, top row first, contiguous, the caller's own.
+    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
+        """What is seen from there.
 
         `map_from_movers`, (k, 4, 4), are poses of the scene's movers; None: as at the start. Before
-        the first scene it is black. Raises ValueError where a pose is not finite.
+        the first scene it is black and without depth. Raises ValueError where a pose is not finite.
         """
 
     def close(self) -> None:
@@ -121,15 +134,20 @@ def mover_poses(scene: Scene, map_from_movers: Array | None) -> Array:
     return map_from_movers
 
 
-def make_renderer(kind: RendererKind, intrinsics: Intrinsics) -> Renderer | None:
-    """The renderer asked for; None for `none`.
+def make_renderer(
+    kind: RendererKind, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None
+) -> Renderer | None:
+    """The renderer asked for; None for `none`. Its pictures have depth where a range is given.
 
     `auto` takes OpenGL where a context can be made, else PyBullet's TinyRenderer, and logs why.
     Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
     """
     if kind == "none":
         return None
-    renderer = _tiny_camera(intrinsics) if kind == "tiny" else _gl_camera(kind, intrinsics)
+    if kind == "tiny":
+        renderer = _tiny_camera(intrinsics, depth_range_m)
+    else:
+        renderer = _gl_camera(kind, intrinsics, depth_range_m)
     _log.info("Rendering with %s", renderer.name)
     return renderer
 
@@ -137,19 +155,21 @@ def make_renderer(kind: RendererKind, intrinsics: Intrinsics) -> Renderer | None
 # Imported where they are used: they know this module, and a machine may lack the other's libraries.
 
 
-def _gl_camera(kind: RendererKind, intrinsics: Intrinsics) -> Renderer:
+def _gl_camera(
+    kind: RendererKind, intrinsics: Intrinsics, depth_range_m: DepthRange | None
+) -> Renderer:
     from services.physics.gl_camera import GlCamera  # noqa: PLC0415
 
     try:
-        return GlCamera(intrinsics)
+        return GlCamera(intrinsics, depth_range_m)
     except ConfigError as error:
         if kind == "gl":
             raise
         _log.warning("%s; using tiny_renderer, which is slower", error)
-        return _tiny_camera(intrinsics)
+        return _tiny_camera(intrinsics, depth_range_m)
 
 
-def _tiny_camera(intrinsics: Intrinsics) -> Renderer:
+def _tiny_camera(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
     from services.physics.tiny_camera import TinyCamera  # noqa: PLC0415
 
-    return TinyCamera(intrinsics)
+    return TinyCamera(intrinsics, depth_range_m)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +24,31 @@ def image_message(stamp_ns: int, rgb: NDArray[np.uint8]) -> msg.Image:
         is_bigendian=0,
         step=3 * width,
         data=rgb.reshape(-1),
+    )
+
+
+def depth_message(stamp_ns: int, depth_m: NDArray[np.float32]) -> msg.Image:
+    """32FC1 message of (h, w) metres, which it takes over."""
+    height, width = depth_m.shape
+    return msg.Image(
+        header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=int(sys.byteorder == "big"),
+        step=4 * width,
+        data=depth_m.reshape(-1).view(np.uint8),
+    )
+
+
+def compressed_message(stamp_ns: int, rgb: NDArray[np.uint8], quality: int) -> msg.CompressedImage:
+    """JPEG of an (h, w, 3) picture, named as ROS' compressed_image_transport names it."""
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return msg.CompressedImage(
+        header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
+        format="rgb8; jpeg compressed bgr8",
+        data=np.asarray(jpeg, np.uint8).reshape(-1),
     )
 
 

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from services.common.config import ROOT, ConfigError, ServiceConfig
 from services.common.documents import Speed
-from services.common.topics import CAMERA_IMAGE
-from services.physics.sensor_profiles import SCAN_PROFILES, filled_in
+from services.physics.camera import FAR_M
+from services.physics.sensor_profiles import (
+    CAMERA_PROFILES,
+    SCAN_PROFILES,
+    CameraProfile,
+    ScanProfile,
+    filled_in,
+)
 
 STEPS_PER_SECOND = 240
 """Physics steps in one second of simulation: PyBullet's own rate, for which its solver is tuned."""
 
-_PROFILES = {"scan_profile": SCAN_PROFILES}
+_PROFILES: dict[str, Mapping[str, ScanProfile | CameraProfile]] = {
+    "scan_profile": SCAN_PROFILES,
+    "camera_profile": CAMERA_PROFILES,
+}
 _LDS01 = SCAN_PROFILES["lds01"]
+_D435I = CAMERA_PROFILES["d435i"]
 
 
 class PhysicsConfig(ServiceConfig):
@@ -107,14 +118,36 @@ class PhysicsConfig(ServiceConfig):
         "auto",
         description="gl: OpenGL, no display; tiny: PyBullet's TinyRenderer; auto: gl or else tiny",
     )
+    camera_profile: Literal["d435i", "waffle", "small"] = Field(
+        "d435i", description="camera whose figures the camera_ fields have where they are not set"
+    )
     camera_rate_hz: float = Field(
-        CAMERA_IMAGE.rate_hz or 10.0, gt=0.0, description="pictures a second; divides 240"
+        _D435I.camera_rate_hz, gt=0.0, description="pictures a second; divides 240"
     )
-    camera_width_px: int = Field(640, ge=16, le=4096, description="width of a picture")
-    camera_height_px: int = Field(480, ge=16, le=4096, description="height of a picture")
+    camera_width_px: int = Field(
+        _D435I.camera_width_px, ge=16, le=4096, description="width of a picture"
+    )
+    camera_height_px: int = Field(
+        _D435I.camera_height_px, ge=16, le=4096, description="height of a picture"
+    )
     camera_horizontal_fov_rad: float = Field(
-        1.047, gt=0.1, lt=3.0, description="horizontal field of view"
+        _D435I.camera_horizontal_fov_rad, gt=0.1, lt=3.0, description="horizontal field of view"
     )
+    camera_noise: float = Field(
+        _D435I.camera_noise,
+        ge=0.0,
+        le=1.0,
+        description="standard deviation of a colour as a share of full scale; 0: none",
+    )
+    camera_depth_enabled: bool = Field(True, description="send depth images too")
+    camera_depth_min_m: float = Field(
+        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are 0"
+    )
+    camera_depth_max_m: float = Field(
+        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are 0"
+    )
+    camera_compressed_enabled: bool = Field(False, description="send pictures as JPEG too")
+    camera_jpeg_quality: int = Field(80, ge=1, le=100, description="of the pictures sent as JPEG")
 
     clear_view_m: float = Field(
         0.5, gt=0.0, le=10.0, description="depth in front of a marker that must be free"
@@ -131,6 +164,15 @@ class PhysicsConfig(ServiceConfig):
         if rate_hz > STEPS_PER_SECOND or (STEPS_PER_SECOND / rate_hz) % 1.0 != 0.0:
             raise ValueError(f"must divide {STEPS_PER_SECOND} steps a second")
         return rate_hz
+
+    @model_validator(mode="after")
+    def _has_depths(self) -> PhysicsConfig:
+        if self.camera_depth_max_m <= self.camera_depth_min_m:
+            raise ValueError(
+                f"camera_depth_max_m: must be more than camera_depth_min_m, "
+                f"{self.camera_depth_min_m:g} (got {self.camera_depth_max_m:g})"
+            )
+        return self
 
     def robot_urdf(self) -> str:
         """The text of the robot's URDF.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -13,7 +14,13 @@ from numpy.typing import NDArray
 
 from services.common.config import ConfigError
 from services.common.frames import Array
-from services.physics.camera import Intrinsics, mover_poses, optical_from_map
+from services.physics.camera import (
+    DepthRange,
+    Intrinsics,
+    Picture,
+    mover_poses,
+    optical_from_map,
+)
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
 _VERTEX_SHADER = """
@@ -57,7 +64,11 @@ void main() {
 _FRAGMENT_SHADER = """
 in vec2 fragment_uv;
 SHADE in vec3 fragment_tint;
-out vec4 colour;
+layout(location = 0) out vec4 colour;
+#ifdef DEPTH
+layout(location = 1) out float depth_m;
+uniform vec2 depth_range_m;
+#endif
 #ifdef TEXTURED
 uniform sampler2D picture;
 #endif
@@ -88,8 +99,17 @@ void main() {
     shade *= texture(picture, fragment_uv).rgb;
 #endif
     colour = vec4(shade, 1.0);
+#ifdef DEPTH
+    // A perspective's w is the depth along the optical axis.
+    float along_m = 1.0 / gl_FragCoord.w;
+    bool within = along_m >= depth_range_m.x && along_m <= depth_range_m.y;
+    depth_m = within ? along_m : 0.0;
+#endif
 }
 """
+
+_ALL_COLOURS = True, True, True, True
+_NO_COLOURS = False, False, False, False
 
 _VERTEX_FORMAT = "3f 2f 3f 3f 3f"
 _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
@@ -103,12 +123,14 @@ class _Shading:
     smooth: bool
     moves: bool
     lamps: int
+    depth: bool
 
     def source(self, shader: str) -> str:
         """GLSL of one stage."""
         flags = [f"#define LAMPS {self.lamps}"]
         flags += ["#define TEXTURED"] if self.textured else []
         flags += ["#define MOVES"] if self.moves else []
+        flags += ["#define DEPTH"] if self.depth else []
         # Flat tints are not interpolated: faster, and the same for each pixel.
         flags += ["#define SHADE smooth" if self.smooth else "#define SHADE flat"]
         return "\n".join(("#version 330", *flags, shader))
@@ -182,8 +204,9 @@ class _Shown:
 class GlCamera:
     """A renderer with an OpenGL context of its own, used from the thread that made it."""
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    def __init__(self, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None) -> None:
         """Raises ConfigError where no context can be made."""
+        self._depth_range_m = depth_range_m
         self._context: Any = _make_context()
         self._clip_from_optical = intrinsics.clip_from_optical()
         size = intrinsics.width, intrinsics.height
@@ -193,9 +216,13 @@ class GlCamera:
         self._programs: dict[_Shading, Any] = {}
         with self._context as context:
             self.name = f"moderngl ({context.info['GL_RENDERER']})"
-            self._colour: Any = context.renderbuffer(size)
-            self._depth: Any = context.depth_renderbuffer(size)
-            self._framebuffer: Any = context.framebuffer(self._colour, self._depth)
+            self._buffers: list[Any] = [context.renderbuffer(size)]
+            if depth_range_m is not None:
+                # Written by the shaders in metres, it is read four times as fast as the depth
+                # buffer, and needs no linearising.
+                self._buffers.append(context.renderbuffer(size, 1, dtype="f4"))
+            self._z_buffer: Any = context.depth_renderbuffer(size)
+            self._framebuffer: Any = context.framebuffer(self._buffers, self._z_buffer)
 
     def set_scene(self, scene: Scene) -> None:
         """Upload a scene; textures that the last one had as well stay where they are."""
@@ -209,9 +236,7 @@ class GlCamera:
                     self._textures[sha256] = self._upload(texture)
             self._shown = _Shown(context, scene)
 
-    def render(
-        self, map_from_optical: Array, map_from_movers: Array | None = None
-    ) -> NDArray[np.uint8]:
+    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
         """See Renderer."""
         clip_from_map = self._clip_from_optical @ optical_from_map(map_from_optical)
         shown = self._shown
@@ -220,16 +245,31 @@ class GlCamera:
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             # The projection turns the picture over, and with it the sense of every face.
             context.front_face = "cw"
-            sky = shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0)
-            self._framebuffer.clear(*sky, 1.0, depth=1.0)
+            self._clear(shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0))
             if shown:
                 poses = mover_poses(shown.scene, map_from_movers)
                 self._draw(shown, map_from_optical[:3, 3], clip_from_map, poses)
             # Four components are read as they lie; three would be converted by the driver, slowly.
             self._framebuffer.read_into(self._rgba, components=4, alignment=1)
+            depth_m = None
+            if self._depth_range_m is not None:
+                depth_m = np.empty(self._rgba.shape[:2], np.float32)
+                self._framebuffer.read_into(depth_m, components=1, attachment=1, dtype="f4")
         rgb = np.empty((*self._rgba.shape[:2], 3), np.uint8)
         cv2.cvtColor(self._rgba, cv2.COLOR_RGBA2RGB, dst=rgb)
-        return rgb
+        return Picture(rgb, depth_m)
+
+    def _clear(self, sky: Sequence[float]) -> None:
+        buffer = self._framebuffer
+        if self._depth_range_m is None:
+            buffer.clear(*sky, 1.0, depth=1.0)
+            return
+        # A clear gives all buffers that it may write one value.
+        buffer.color_mask = _ALL_COLOURS, _NO_COLOURS
+        buffer.clear(*sky, 1.0, depth=1.0)
+        buffer.color_mask = _NO_COLOURS, _ALL_COLOURS
+        buffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+        buffer.color_mask = _ALL_COLOURS, _ALL_COLOURS
 
     def _draw(
         self, shown: _Shown, eye_m: Array, clip_from_map: Array, map_from_movers: Array
@@ -276,7 +316,8 @@ class GlCamera:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
     def _shading(self, shown: _Shown, texture: int, smooth: bool, moves: bool) -> _Shading:
-        return _Shading(texture != PLAIN, smooth, moves, len(shown.scene.lamps))
+        depth = self._depth_range_m is not None
+        return _Shading(texture != PLAIN, smooth, moves, len(shown.scene.lamps), depth)
 
     def _array(self, shown: _Shown, shading: _Shading, of_quads: bool, matrix: bytes) -> Any:
         """The vertices as a program takes them; made where it is first needed."""
@@ -296,9 +337,12 @@ class GlCamera:
 
     def _program(self, shading: _Shading) -> Any:
         if shading not in self._programs:
-            self._programs[shading] = self._context.program(
+            program = self._context.program(
                 shading.source(_VERTEX_SHADER), shading.source(_FRAGMENT_SHADER)
             )
+            if shading.depth:
+                program["depth_range_m"] = self._depth_range_m
+            self._programs[shading] = program
         return self._programs[shading]
 
     def close(self) -> None:
@@ -309,7 +353,12 @@ class GlCamera:
             self._release_shown()
             for texture in self._textures.values():
                 texture.release()
-            for thing in (*self._programs.values(), self._framebuffer, self._colour, self._depth):
+            for thing in (
+                *self._programs.values(),
+                self._framebuffer,
+                *self._buffers,
+                self._z_buffer,
+            ):
                 thing.release()
         self._textures.clear()
         self._programs.clear()

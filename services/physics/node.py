@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from services.common import messages as msg
 from services.common.config import ConfigError
@@ -23,11 +24,14 @@ from services.common.placement import Placement
 from services.common.surfaces import Surface, surfaces
 from services.common.topics import (
     ASSETS,
+    CAMERA_COMPRESSED,
     CAMERA_IMAGE,
     CAMERA_INFO,
     CLOCK,
     CMD_VEL,
     CONTACTS,
+    DEPTH_IMAGE,
+    DEPTH_INFO,
     DESIRED_ENTITIES,
     ENTITIES,
     GROUND_TRUTH_ODOM,
@@ -40,10 +44,16 @@ from services.common.topics import (
     TF,
     TF_STATIC,
     WORLD,
+    Topic,
 )
 from services.physics.assets import Assets, mesh_sha256s, meshes_of
 from services.physics.camera import Intrinsics, make_renderer
-from services.physics.camera_messages import camera_info, image_message
+from services.physics.camera_messages import (
+    camera_info,
+    compressed_message,
+    depth_message,
+    image_message,
+)
 from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from services.physics.entities import review
 from services.physics.ground_truth import ground_truth, joint_states, mover_frames
@@ -83,7 +93,10 @@ class PhysicsNode(ClockNode):
             config.camera_width_px, config.camera_height_px, config.camera_horizontal_fov_rad
         )
         kind = config.renderer if config.camera_enabled else "none"
-        self._renderer = make_renderer(kind, self._intrinsics)
+        depth_range_m = config.camera_depth_min_m, config.camera_depth_max_m
+        self._renderer = make_renderer(
+            kind, self._intrinsics, depth_range_m if config.camera_depth_enabled else None
+        )
         self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
         self._steps = 0
         self._epoch = 0
@@ -129,7 +142,10 @@ class PhysicsNode(ClockNode):
         rates = {topic.name: topic.rate_hz or 1.0 for topic in fixed}
         rates[SCAN.name] = config.scan_rate_hz
         if self._renderer is not None:
-            rates[CAMERA_IMAGE.name] = rates[CAMERA_INFO.name] = config.camera_rate_hz
+            sent: list[Topic[Any]] = [CAMERA_IMAGE, CAMERA_INFO]
+            sent += [DEPTH_IMAGE, DEPTH_INFO] if config.camera_depth_enabled else []
+            sent += [CAMERA_COMPRESSED] if config.camera_compressed_enabled else []
+            rates |= {topic.name: config.camera_rate_hz for topic in sent}
         return rates
 
     def waiting_for(self) -> str | None:
@@ -403,9 +419,18 @@ class PhysicsNode(ClockNode):
         if self._renderer is None:
             return
         map_from_optical = simulation.bodies.map_from_footprint() @ self._footprint_from_optical
-        outbox.put(CAMERA_INFO, camera_info(now_ns, self._intrinsics))
         picture = self._renderer.render(map_from_optical, simulation.bodies.map_from_movers())
-        outbox.put(CAMERA_IMAGE, image_message(now_ns, picture))
+        simulation.camera_noise.add_to(picture.rgb)
+        simulation.image_hash.add(picture.rgb)
+        info = camera_info(now_ns, self._intrinsics)
+        outbox.put(CAMERA_INFO, info)
+        outbox.put(CAMERA_IMAGE, image_message(now_ns, picture.rgb))
+        if self._config.camera_compressed_enabled:
+            quality = self._config.camera_jpeg_quality
+            outbox.put(CAMERA_COMPRESSED, compressed_message(now_ns, picture.rgb, quality))
+        if picture.depth_m is not None:
+            outbox.put(DEPTH_INFO, info)
+            outbox.put(DEPTH_IMAGE, depth_message(now_ns, picture.depth_m))
 
     def _put_stats(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.put(SIMULATION_STATS, self._stats(simulation))
@@ -434,3 +459,4 @@ def _digests(sha256s: list[str]) -> str:
     """The first few, short enough for a line."""
     more = f" and {len(sha256s) - 3} more" if len(sha256s) > 3 else ""
     return ", ".join(sha256[:16] for sha256 in sha256s[:3]) + more
+            image_hash="" if self._renderer is None else simulation.image_hash.hex(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -61,6 +61,51 @@ SCAN_PROFILES: Mapping[str, ScanProfile] = MappingProxyType(
             scan_noise_share=0.0,
             scan_resolution_m=0.0,
         ),
+    }
+)
+
+
+@dataclass(frozen=True)
+class CameraProfile:
+    """A colour and depth camera. Its fields are the configuration's, by the same names."""
+
+    camera_rate_hz: float
+    camera_width_px: int
+    camera_height_px: int
+    camera_horizontal_fov_rad: float
+    camera_depth_min_m: float
+    camera_depth_max_m: float
+    camera_noise: float
+
+
+_D435I = CameraProfile(
+    camera_rate_hz=10.0,
+    camera_width_px=640,
+    camera_height_px=480,
+    camera_horizontal_fov_rad=1.047,
+    camera_depth_min_m=0.175,
+    camera_depth_max_m=10.0,
+    camera_noise=0.0,
+)
+
+CAMERA_PROFILES: Mapping[str, CameraProfile] = MappingProxyType(
+    {
+        # The field of view is that of nav2_minimal_turtlebot_simulation's gz_waffle, whose camera
+        # is named D435i. The least depth is the one in Intel's D400 data sheet at 640 x 480; the
+        # greatest is where the real one's depth gets useless.
+        "d435i": _D435I,
+        # ROBOTIS' simulated waffle.
+        "waffle": CameraProfile(
+            camera_rate_hz=30.0,
+            camera_width_px=1920,
+            camera_height_px=1080,
+            camera_horizontal_fov_rad=1.02974,
+            camera_depth_min_m=0.02,
+            camera_depth_max_m=300.0,
+            camera_noise=0.007,
+        ),
+        # A quarter of the pixels: gz_waffle's size.
+        "small": replace(_D435I, camera_width_px=320, camera_height_px=240),
     }
 )
 

@@ -9,9 +9,11 @@ from services.common.frames import BASE_FOOTPRINT_FRAME, IMU_FRAME, SCAN_FRAME
 from services.common.geometry import TriangleMesh
 from services.common.node import random_generator
 from services.physics.bodies import Bodies
+from services.physics.camera_noise import CameraNoise
 from services.physics.config import STEPS_PER_SECOND, PhysicsConfig
 from services.physics.contacts import ContactEvents
 from services.physics.drive import Drive, DriveLimits
+from services.physics.image_hash import ImageHash
 from services.physics.imu import Imu
 from services.physics.lidar import Lidar, LidarFigures
 from services.physics.odometry import WheelOdometry
@@ -37,6 +39,7 @@ class Simulation:
         self._model = model
         self._config = config
         self.state_hash = StateHash()
+        self.image_hash = ImageHash()
         self.watchdog_stops_before = 0
         """Of the robots that stood here before the last rebuild."""
         self._build()
@@ -67,6 +70,11 @@ class Simulation:
             LidarFigures(
                 config.scan_samples,
                 config.scan_rate_hz,
+        self.camera_noise = CameraNoise(
+            config.camera_noise,
+            3 * config.camera_width_px * config.camera_height_px,
+            random_generator(config.seed, "physics/camera"),
+        )
                 config.scan_range_min_m,
                 config.scan_range_max_m,
                 config.scan_noise_m,
@@ -99,13 +107,12 @@ class Simulation:
             self.state_hash.add(self.bodies.state, self.bodies.mover_states)
             return None
         self.state_hash.add(state, movers)
+        self.image_hash = ImageHash()
         touches = self.bodies.touches()
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
 
     def restart_clock(self, now_ns: int) -> None:
-        """Time goes on from 0 instead of `now_ns`, and the hash of the states begins again; nothing
-        moves.
-        """
+        """Time goes on from 0 instead of `now_ns`, and the hashes begin again; nothing moves."""
         self.drive.restart_clock(now_ns)
         self.contacts.restart_clock(now_ns)
         self.state_hash = StateHash()

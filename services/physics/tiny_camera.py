@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +17,15 @@ from numpy.typing import NDArray
 
 from services.common.frames import Array, quaternion_from_rotation
 from services.physics.bullet import pybullet
-from services.physics.camera import Intrinsics, mover_poses, optical_from_map
+from services.physics.camera import (
+    FAR_M,
+    NEAR_M,
+    DepthRange,
+    Intrinsics,
+    Picture,
+    mover_poses,
+    optical_from_map,
+)
 from services.physics.scene import PLAIN, STATIC, Scene, Texture, lamp_light
 
 MAX_TEXTURE_SIDE_PX = 256
@@ -38,7 +47,8 @@ class TinyCamera:
 
     name = "tiny_renderer"
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    def __init__(self, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None) -> None:
+        self._depth_range_m = depth_range_m
         self._size = intrinsics.width, intrinsics.height
         clip_from_gl = (
             np.diag([1.0, -1.0, 1.0, 1.0])
@@ -70,15 +80,13 @@ class TinyCamera:
                 if mover != STATIC:
                     self._bodies_of_mover[mover].append(body)
 
-    def render(
-        self, map_from_optical: Array, map_from_movers: Array | None = None
-    ) -> NDArray[np.uint8]:
+    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
         """See Renderer."""
         if self._scene is not None:
             self._move(mover_poses(self._scene, map_from_movers))
         gl_from_map = _GL_FROM_OPTICAL @ optical_from_map(map_from_optical)
         width, height = self._size
-        _, _, rgba, _, bodies = pybullet.getCameraImage(
+        _, _, rgba, buffer, bodies = pybullet.getCameraImage(
             width,
             height,
             viewMatrix=_column_major(gl_from_map),
@@ -94,8 +102,14 @@ class TinyCamera:
         )
         picture = np.asarray(rgba, np.uint8).reshape(height, width, 4)
         rgb = cv2.cvtColor(picture, cv2.COLOR_RGBA2RGB)
-        rgb[np.asarray(bodies).reshape(height, width) < 0] = self._sky
-        return np.asarray(rgb, np.uint8)
+        nothing = np.asarray(bodies).reshape(height, width) < 0
+        rgb[nothing] = self._sky
+        depth_m = None
+        if self._depth_range_m is not None:
+            depth_m = _depth_from_buffer(np.asarray(buffer).reshape(height, width))
+            nearest_m, farthest_m = self._depth_range_m
+            depth_m[nothing | (depth_m < nearest_m) | (depth_m > farthest_m)] = 0.0
+        return Picture(np.asarray(rgb, np.uint8), depth_m)
 
     def close(self) -> None:
         """See Renderer."""
@@ -185,6 +199,12 @@ def _tints(
     tints[many] = np.round(tints[many] * _SHADES) / _SHADES
     tints[~many] = np.round(tints[~many], 9)
     return np.asarray(tints)
+
+
+def _depth_from_buffer(buffer: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """Metres along the optical axis from OpenGL's depth, which grows from 0 to 1."""
+    depth_m = FAR_M * NEAR_M / (FAR_M - (FAR_M - NEAR_M) * buffer.astype(np.float64))
+    return np.asarray(depth_m, np.float32)
 
 
 def _column_major(matrix: Array) -> list[float]:

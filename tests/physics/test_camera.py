@@ -196,7 +196,7 @@ def test_panel_shows_where_opencv_projects_it(renderer: Renderer, pose: Array) -
     renderer.set_scene(build_scene(world(), {sha256: data}, [panel(sha256, map_from_panel)]))
     corners = np.array([[-0.2, -0.2, 0], [0.2, -0.2, 0], [0.2, 0.2, 0], [-0.2, 0.2, 0]])
     corners_m = corners @ map_from_panel[:3, :3].T + map_from_panel[:3, 3]
-    white = (renderer.render(pose) == 255).all(axis=2)
+    white = (renderer.render(pose).rgb == 255).all(axis=2)
     assert_fills(white, projected(corners_m, pose), tolerance_px=0.05)
 
 
@@ -211,7 +211,7 @@ def test_wall_shows_where_opencv_projects_it(renderer: Renderer, pose: Array) ->
         for sy in (-1, 1)
         for z in (0.0, 0.6)
     ]
-    picture = renderer.render(pose).astype(int)
+    picture = renderer.render(pose).rgb.astype(int)
     red = (picture[:, :, 0] > 60) & (picture[:, :, 1] == 0)
     assert_fills(red, projected(np.array(corners_m)[:, :3], pose), tolerance_px=0.05)
 
@@ -227,7 +227,7 @@ def test_marker_is_read_with_its_pose(kind: str, distance_m: float) -> None:
     renderer.set_scene(
         build_scene(world(), {sha256: data}, [panel(sha256, map_from_panel, side_m=side_m * 8 / 6)])
     )
-    picture = renderer.render(view())
+    picture = renderer.render(view()).rgb
     renderer.close()
 
     parameters = cv2.aruco.DetectorParameters()
@@ -260,7 +260,7 @@ def test_texture_repeats_by_the_metre_from_the_bottom_left(renderer: Renderer) -
     renderer.set_scene(
         build_scene(world((wall(),), (material,), light_diffuse=0.0), {sha256: data})
     )
-    picture = renderer.render(view(z_m=0.3))
+    picture = renderer.render(view(z_m=0.3)).rgb
     # As one looks along +x, the face's left end is at y = 0.5.
     for column in range(5):
         for row in range(4):
@@ -279,14 +279,14 @@ def test_plain_wall_has_its_colour_under_the_light(renderer: Renderer) -> None:
         "light_direction": (0.6, 0.0, -0.8),
     }
     renderer.set_scene(build_scene(world((wall(),), (plain,), **lit_by), {}))
-    seen = colour_at(renderer.render(view()), (2.0, 0.0, 0.3), view()).astype(int)
+    seen = colour_at(renderer.render(view()).rgb, (2.0, 0.0, 0.3), view()).astype(int)
     # The light falls on the near face at a cosine of 0.6, as much as on any upright face.
     expected = [
         255 * (0.5 * a + 0.5 * 0.6 * d) / 0.8 for a, d in ((0.2, 0.8), (0.4, 0.4), (0.6, 0.2))
     ]
     assert np.abs(seen - expected).max() <= 1
     behind = view(4.0, yaw_rad=math.pi)
-    seen = colour_at(renderer.render(behind), (2.15, 0.0, 0.3), behind).astype(int)
+    seen = colour_at(renderer.render(behind).rgb, (2.15, 0.0, 0.3), behind).astype(int)
     assert np.abs(seen - [255 * 0.5 * a / 0.8 for a in (0.2, 0.4, 0.6)]).max() <= 1
 
 
@@ -294,7 +294,7 @@ def test_sky_and_floor_have_the_colours_of_the_world(renderer: Renderer) -> None
     floor = (0.1, 0.5, 0.3, 1.0)
     plains = world(light_diffuse=0.0, floor=floor, sky=(0.2, 0.4, 0.8, 1.0))
     renderer.set_scene(build_scene(plains, {}))
-    picture = renderer.render(view())
+    picture = renderer.render(view()).rgb
     assert (picture[:118] == (51, 102, 204)).all()
     assert np.abs(picture[130:].astype(int) - (25.5, 127.5, 76.5)).max() <= 1
 
@@ -305,12 +305,12 @@ def test_panel_is_not_lit_and_has_a_plain_back(renderer: Renderer) -> None:
     sha256, data = png(half_black)
     dim = world(light_ambient=0.1, light_diffuse=0.0)
     renderer.set_scene(build_scene(dim, {sha256: data}, [panel(sha256, facing_back(1.0))]))
-    picture = renderer.render(view())
+    picture = renderer.render(view()).rgb
     # The picture's left is the viewer's left, at +y.
     assert colour_at(picture, (1.0, 0.1, 0.25), view()).tolist() == [0, 0, 0]
     assert colour_at(picture, (1.0, -0.1, 0.25), view()).tolist() == [255, 255, 255]
     behind = view(2.0, yaw_rad=math.pi)
-    back = colour_at(renderer.render(behind), (1.0, 0.1, 0.25), behind).astype(int)
+    back = colour_at(renderer.render(behind).rgb, (1.0, 0.1, 0.25), behind).astype(int)
     assert np.abs(back - 255 * np.array(PANEL_BACK[:3])).max() <= 1
 
 
@@ -322,7 +322,7 @@ def test_faces_in_one_plane_show_the_first_wall_only(renderer: Renderer) -> None
         wall("second", "green", y_m=0.4, x_m=2.075 + 1e-5, yaw_rad=-1.5708),
     )
     renderer.set_scene(build_scene(world(walls, (red, green)), {}))
-    picture = renderer.render(view())
+    picture = renderer.render(view()).rgb
     row = round(projected(np.array([[2.0, 0.0, 0.3]]), view())[0, 1])
     u_of = {y: projected(np.array([[2.0, y, 0.3]]), view())[0, 0] for y in (0.9, 0.5, -0.5)}
     second = picture[row, math.ceil(u_of[0.9]) : math.floor(u_of[0.5])]
@@ -355,7 +355,7 @@ def test_bodies_show_where_opencv_projects_them(renderer: Renderer, mass_kg: flo
     places = [(1.5, 0.1, 0.4), (2.0, -0.3, 0.6)] if mass_kg else [(1.5, 0.1, 0.4)]
     for place in places:
         poses = np.array([transform_matrix(turn, place)]) if mass_kg else None
-        picture = renderer.render(view(), poses).astype(int)
+        picture = renderer.render(view(), poses).rgb.astype(int)
         corners = triangles_of(Box(size_m=(0.3, 0.4, 0.5)), {}).vertices_m @ turn.T + place
         red = (picture[:, :, 0] > 40) & (picture[:, :, 1] == 0)
         assert_fills(red, projected(corners, view()), tolerance_px=0.05)
@@ -374,7 +374,7 @@ def test_a_body_that_has_turned_is_lit_where_it_stands() -> None:
         ),
     ):
         renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(body,)), {}))
-        pictures.append(renderer.render(view(), poses).astype(int))
+        pictures.append(renderer.render(view(), poses).rgb.astype(int))
     renderer.close()
     assert np.abs(pictures[0] - pictures[1]).max() <= 1
 
@@ -384,7 +384,7 @@ def test_what_is_round_is_shaded_evenly_and_lighter_towards_the_sun() -> None:
     lit_by: dict[str, Any] = {"light_direction": (0.0, 0.0, -1.0), "light_ambient": 0.4}
     ball = thing(Sphere(radius_m=0.3))
     renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(ball,), **lit_by), {}))
-    picture = renderer.render(view(z_m=0.2)).astype(int)
+    picture = renderer.render(view(z_m=0.2)).rgb.astype(int)
     renderer.close()
     middle = picture[80:160, 160, 0]
     assert middle[5] > middle[40] + 40
@@ -412,7 +412,7 @@ def test_a_lamp_lights_what_is_near_after_lambert() -> None:
     of = world((wall(length_m=4.0),), (GREY,), **lamps((1.0, 0.5, 0.5), quadratic=1.0))
     renderer.set_scene(build_scene(of, {}))
     pose = view(z_m=0.4)
-    picture = renderer.render(pose)
+    picture = renderer.render(pose).rgb
     renderer.close()
     for y in (0.5, 0.0, -0.6):
         distance = math.hypot(1.0, y - 0.5, 0.0)
@@ -426,7 +426,7 @@ def test_a_lamp_does_not_reach_beyond_its_range_or_behind_a_face(renderer: Rende
     for place, changes in (((0.0, 0.0, 0.4), {"range_m": 1.5}), ((3.0, 0.0, 0.4), {})):
         of = world((wall(),), (GREY,), **lamps(place, **changes))
         renderer.set_scene(build_scene(of, {}))
-        seen = colour_at(renderer.render(view()), (2.0, 0.1, 0.3), view())
+        seen = colour_at(renderer.render(view()).rgb, (2.0, 0.1, 0.3), view())
         assert float(seen[0]) == pytest.approx(dark, abs=9.0)
 
 
@@ -435,7 +435,7 @@ def test_lamps_do_not_light_markers() -> None:
     sha256, data = png(flat((0, 100, 200)))
     of = world((wall(),), (GREY,), **lamps((0.5, 0.0, 0.3)))
     renderer.set_scene(build_scene(of, {sha256: data}, [panel(sha256, facing_back(1.9))]))
-    seen = colour_at(renderer.render(view()), (1.9, 0.05, 0.25), view())
+    seen = colour_at(renderer.render(view()).rgb, (1.9, 0.05, 0.25), view())
     renderer.close()
     assert seen.tolist() == [0, 100, 200]
 
@@ -453,7 +453,7 @@ def test_floor_and_ceiling_have_their_textures(renderer: Renderer) -> None:
     )
     renderer.set_scene(build_scene(of, {sha256: data}))
     pose = view(x_m=-1.0, z_m=0.4)
-    picture = renderer.render(pose)
+    picture = renderer.render(pose).rgb
     # A tile lies from the map's origin on, its first quarter towards -x and +y as seen from above;
     # the ceiling's towards -x and -y.
     for x, y in ((0.25, 0.25), (0.75, 0.25), (0.25, -0.25), (0.75, -0.25)):
@@ -470,7 +470,7 @@ def test_a_mesh_is_shown_and_one_that_is_missing_is_named() -> None:
     of = world(materials=(RED,), bodies=(thing(Mesh(sha256=sha256), "red"),))
     renderer = new_renderer("gl")
     renderer.set_scene(build_scene(of, {sha256: data}))
-    assert (renderer.render(view())[:, :, 0] > 100).sum() > 1000
+    assert (renderer.render(view()).rgb[:, :, 0] > 100).sum() > 1000
     renderer.close()
     assert build_scene(of, {}).problems == (
         f"body thing: mesh {sha256[:12]} is not there; not shown",
@@ -499,7 +499,7 @@ def test_renderers_agree() -> None:
     for kind in ("gl", "tiny"):
         renderer = new_renderer(kind)
         renderer.set_scene(textured_room())
-        pictures.append(renderer.render(TILTED_VIEW).astype(int))
+        pictures.append(renderer.render(TILTED_VIEW).rgb.astype(int))
         renderer.close()
     gl, tiny = pictures
     # TinyRenderer rounds down, and shows one pixel of a texture where OpenGL mixes several.
@@ -511,43 +511,43 @@ def test_renderers_agree() -> None:
 
 def test_pictures_are_the_callers_own(renderer: Renderer) -> None:
     renderer.set_scene(textured_room())
-    first = renderer.render(view())
+    first = renderer.render(view()).rgb
     assert first.shape == (240, 320, 3)
     assert first.dtype == np.uint8
     assert first.flags.c_contiguous
     copy = first.copy()
-    second = renderer.render(view(yaw_rad=0.5))
+    second = renderer.render(view(yaw_rad=0.5)).rgb
     assert (first == copy).all()
     assert (second != first).any()
-    assert (renderer.render(view()) == first).all()
+    assert (renderer.render(view()).rgb == first).all()
 
 
 def test_there_is_nothing_to_see_before_the_first_scene(renderer: Renderer) -> None:
-    assert not renderer.render(view()).any()
+    assert not renderer.render(view()).rgb.any()
 
 
 def test_a_new_scene_takes_the_place_of_the_old(renderer: Renderer) -> None:
     renderer.set_scene(build_scene(world(), {}))
-    empty = renderer.render(view())
+    empty = renderer.render(view()).rgb
     renderer.set_scene(textured_room())
-    room = renderer.render(view())
+    room = renderer.render(view()).rgb
     renderer.set_scene(build_scene(world(), {}))
-    assert (renderer.render(view()) == empty).all()
+    assert (renderer.render(view()).rgb == empty).all()
     renderer.set_scene(textured_room())
-    assert (renderer.render(view()) == room).all()
+    assert (renderer.render(view()).rgb == room).all()
 
 
 def test_two_cameras_of_one_process_do_not_mix(renderer: Renderer) -> None:
     other = new_renderer("gl" if renderer.name.startswith("moderngl") else "tiny")
     renderer.set_scene(textured_room())
-    alone = renderer.render(view())
+    alone = renderer.render(view()).rgb
     other.set_scene(build_scene(world(), {}))
-    empty = other.render(view())
-    assert (renderer.render(view()) == alone).all()
-    assert (other.render(view()) == empty).all()
+    empty = other.render(view()).rgb
+    assert (renderer.render(view()).rgb == alone).all()
+    assert (other.render(view()).rgb == empty).all()
     other.close()
     other.close()
-    assert (renderer.render(view()) == alone).all()
+    assert (renderer.render(view()).rgb == alone).all()
 
 
 def resident_mb() -> float:
@@ -600,7 +600,7 @@ def picture_hash(kind: str) -> str:
     renderer.set_scene(textured_room())
     digest = hashlib.sha256()
     for yaw_rad in (-0.6, 0.0, 0.6):
-        digest.update(renderer.render(view(yaw_rad=yaw_rad)).tobytes())
+        digest.update(renderer.render(view(yaw_rad=yaw_rad)).rgb.tobytes())
     renderer.close()
     return digest.hexdigest()
 
