@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common import messages as msg
-from services.common.documents import Mesh, World
+from services.common.documents import Entities, Mesh, Thing
 from services.common.geometry import TriangleMesh, mesh_from_bytes
 
 MAX_ASSETS = 512
@@ -59,22 +59,29 @@ class Assets:
         return [sha for sha in dict.fromkeys(wanted) if sha and sha not in self.files]
 
 
-def mesh_sha256s(world: World) -> list[str]:
-    """The meshes of a world, each once."""
+def mesh_sha256s(things: Iterable[Thing]) -> list[str]:
+    """The meshes of some things, each once."""
     return list(
         dict.fromkeys(
             shape.geometry.sha256
-            for body in world.bodies
-            for shape in body.shapes
+            for thing in things
+            for shape in thing.shapes
             if isinstance(shape.geometry, Mesh)
         )
     )
 
 
-def meshes_of(world: World, files: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
-    """The world's meshes by sha256. Raises ValueError, in one line, where one cannot be had."""
+def texture_sha256s(entities: Entities) -> list[str]:
+    """The textures of some entities, each once."""
+    of_markers = [marker.texture_sha256 for marker in entities.markers]
+    of_bodies = [one.texture_sha256 for body in entities.bodies for one in body.materials]
+    return [sha256 for sha256 in dict.fromkeys((*of_markers, *of_bodies)) if sha256]
+
+
+def meshes_of(things: Iterable[Thing], files: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
+    """The things' meshes by sha256. Raises ValueError, in one line, where one cannot be had."""
     meshes = {}
-    for sha256 in mesh_sha256s(world):
+    for sha256 in mesh_sha256s(things):
         if sha256 not in files:
             raise ValueError(f"mesh {sha256:.12} is not there")
         try:

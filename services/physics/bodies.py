@@ -210,7 +210,12 @@ class Bodies:
     ) -> None:
         """Raises ValueError, in one line, where world or model cannot be built."""
         meshes = meshes or {}
-        check(world, meshes, (MAP_FRAME, ODOM_FRAME, *model.links))
+        self.frames = (MAP_FRAME, ODOM_FRAME, *model.links)
+        """The robot's: nothing else that moves may have such a name."""
+        self.fixed_names = {FLOOR, *(wall.name for wall in world.walls)}
+        self.fixed_names |= {thing.name for thing in world.bodies}
+        """Of what the world itself holds."""
+        check(world, meshes, self.frames)
         self._torques = [wheel_torque_n_m, wheel_torque_n_m]
         self.solid_groups: tuple[tuple[Solid, ...], ...] = ()
         """Solids that stand or move together, with `body_from_solid` seen from the group's frame.
@@ -618,8 +623,13 @@ class Bodies:
                 points = pybullet.getClosestPoints(number, other, 0.0, physicsClientId=client)
                 depth_m = -min((point[8] for point in points), default=0.0)
                 if depth_m > PENETRATION_M:
-                    return f"reaches {depth_m:.3f} m into {self._names.get(other, 'the robot')}"
+                    return f"reaches {depth_m:.3f} m into {self._called(other)}"
         return ""
+
+    def _called(self, number: int) -> str:
+        if number in (self._robot, self._floor):
+            return "the robot" if number == self._robot else "the floor"
+        return self._names[number]
 
     def _add_solid(self, name: str, solid: Solid, map_from_body: Array) -> int:
         """A piece of what stands."""
@@ -797,7 +807,7 @@ def _solid(shape: Shape, a_from_shape: Array) -> Solid:
 
 def _differ_in_pose_only(old: _Placed, new: _Placed) -> bool:
     """Whether a thing is another only by being moved."""
-    pose = ("position_m", "orientation_xyzw")
+    pose = ("position_m", "orientation_xyzw", "placed")
     moved = old.thing.model_copy(update={field: getattr(new.thing, field) for field in pose})
     # A level plane on the floor is the floor, and no solid of its own.
     planes = any(isinstance(shape.geometry, Plane) for shape in new.thing.shapes)

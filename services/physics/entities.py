@@ -1,45 +1,113 @@
-"""Which of the desired entities can stand in the world, and why the others cannot."""
+"""Makes the entities that stand those that are desired, and says why the others cannot stand."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Container
+from collections.abc import Container, Iterator, Mapping
 
-from services.common.documents import Entities, MarkerEntity, Refusal
-from services.common.placement import Panel, Placement, panel_of
+from services.common.documents import (
+    BodyEntity,
+    Entities,
+    Entity,
+    MarkerEntity,
+    Material,
+    Mesh,
+    Polyline,
+    Refusal,
+)
+from services.common.placement import Placement, panel_of
+from services.physics.assets import meshes_of
+from services.physics.bodies import Bodies
+from services.physics.scripted_path import Route
+from services.physics.world_limits import MAX_LENGTH_M, body_problems
 
-MAX_ENTITIES = 200
+MAX_MARKERS = 200
+MAX_BODIES = 200
+MAX_SHAPES = 200
+"""Of one body"""
+MAX_CORNERS = 5_000
+"""Of the polylines of one body"""
+MAX_TRIANGLES = 200_000
+"""Of the meshes of all bodies: PyBullet takes 0.4 s to make so many solid."""
+MAX_WAY_M = 200.0
+"""Of a path, from the start back to the start"""
 MAX_PANEL_SIDE_M = 3.0
 MAX_COORDINATE_M = 1_000.0
+_MAX_NAME = 100
 
 
-def review(desired: Entities, textures: Container[str], placement: Placement) -> Entities:
-    """The entities that exist where `desired` is what should: same input, same set.
+def establish(
+    desired: Entities,
+    standing: Entities | None,
+    files: Mapping[str, bytes],
+    placement: Placement,
+    bodies: Bodies,
+) -> Entities:
+    """Add, move and remove what has changed from `standing`, and tell what stands now.
 
-    `textures` are the sha256 of the assets at hand. A panel hangs where `placement` lets it, beside
-    those before it. Order is kept; of two with one name the first stands.
+    What stays as it is is not judged again, so that a robot may drive up to it. A change that is
+    refused leaves things as they were; so does a name that is there twice: the first stands.
+    `files` are the assets at hand by their sha256. Panels hang where `placement` lets them.
     """
-    accepted: list[MarkerEntity] = []
+    before = {one.name: one for one in standing.entities} if standing is not None else {}
+    wanted: dict[str, Entity] = {}
+    for entity in desired.entities:
+        wanted.setdefault(entity.name, entity)
+    for name in bodies.entities:
+        if not isinstance(wanted.get(name), BodyEntity):
+            bodies.remove(name)
+    now = {
+        name: one for name, one in before.items() if name in wanted and _alike(one, wanted[name])
+    }
+    """What stands until it is its turn."""
+    stands: dict[str, Entity] = {}
     refused: list[Refusal] = []
-    names: set[str] = set()
-    hanging: list[Panel] = []
-    for entity in desired.markers:
-        reason = _reason(entity, names, textures)
-        if not reason and len(accepted) >= MAX_ENTITIES:
-            reason = f"there are {MAX_ENTITIES} entities already: no more fit"
-        panel = panel_of(entity)
-        reason = reason or placement.problem(panel, hanging)
-        if reason:
-            refused.append(Refusal(name=entity.name, reason=reason))
+    for entity in desired.entities:
+        name = entity.name
+        if name in stands:
+            reason = f"name: {name!r:.60} is there already"
+        elif now.get(name) == entity:
+            reason = ""
         else:
-            names.add(entity.name)
-            hanging.append(panel)
-            accepted.append(entity)
-    return Entities(world_hash=desired.world_hash, entities=tuple(accepted), refused=tuple(refused))
+            others = {**now, **stands}
+            others.pop(name, None)
+            if isinstance(entity, MarkerEntity):
+                reason = _hang(entity, others, files, placement)
+            else:
+                reason = _put(entity, others, files, bodies)
+        if not reason:
+            stands[name] = entity
+        else:
+            refused.append(Refusal(name=name, reason=reason))
+            if name in now:
+                stands.setdefault(name, now[name])
+    bodies.arrange(stands)
+    return Entities(
+        world_hash=desired.world_hash,
+        revision=desired.revision,
+        entities=tuple(stands.values()),
+        refused=tuple(refused),
+    )
 
 
-def _reason(entity: MarkerEntity, names: Container[str], textures: Container[str]) -> str:
-    """Why an entity cannot stand; empty where it can."""
+def _alike(one: Entity, other: Entity) -> bool:
+    return one.kind == other.kind
+
+
+def _hang(
+    entity: MarkerEntity,
+    others: Mapping[str, Entity],
+    files: Container[str],
+    placement: Placement,
+) -> str:
+    """Why a marker cannot hang; empty where it can."""
+    hanging = [panel_of(one) for one in others.values() if isinstance(one, MarkerEntity)]
+    if len(hanging) >= MAX_MARKERS:
+        return f"there are {MAX_MARKERS} markers already: no more fit"
+    return _marker_problem(entity, files) or placement.problem(panel_of(entity), hanging)
+
+
+def _marker_problem(entity: MarkerEntity, files: Container[str]) -> str:
     numbers = (
         *entity.position_m,
         *entity.orientation_xyzw,
@@ -48,8 +116,6 @@ def _reason(entity: MarkerEntity, names: Container[str], textures: Container[str
     )
     if not all(map(math.isfinite, numbers)):
         return "position_m, orientation_xyzw, panel_side_m, marker_size_m: must be finite"
-    if entity.name in names:
-        return f"name: {entity.name!r} is there already"
     if max(map(abs, entity.position_m)) > MAX_COORDINATE_M:
         return f"position_m: {entity.position_m} is farther than {MAX_COORDINATE_M:g} m"
     norm = math.hypot(*entity.orientation_xyzw)
@@ -62,6 +128,103 @@ def _reason(entity: MarkerEntity, names: Container[str], textures: Container[str
             f"marker_size_m: {entity.marker_size_m:g} is more than the panel's "
             f"{entity.panel_side_m:g}"
         )
-    if entity.texture_sha256 not in textures:
+    if entity.texture_sha256 not in files:
         return f"texture_sha256: there is no asset {entity.texture_sha256[:16]!r}"
     return ""
+
+
+def _put(
+    entity: BodyEntity, others: Mapping[str, Entity], files: Mapping[str, bytes], bodies: Bodies
+) -> str:
+    """Have a body stand where it is wanted; empty, or why it cannot."""
+    there = [one for one in others.values() if isinstance(one, BodyEntity)]
+    if len(there) >= MAX_BODIES:
+        return f"there are {MAX_BODIES} bodies already: no more fit"
+    for problem in (*_name_problems(entity, bodies), *_size_problems(entity)):
+        return problem
+    try:
+        meshes = meshes_of([entity], files)
+    except ValueError as error:
+        return str(error)
+    triangles = sum(
+        len(mesh.triangles) for one in (*there, entity) for mesh in meshes_of([one], files).values()
+    )
+    if triangles > MAX_TRIANGLES:
+        return f"shapes: {triangles} triangles of meshes in all bodies: at most {MAX_TRIANGLES}"
+    for problem in (
+        *body_problems(entity, meshes, bodies.frames),
+        *_path_problems(entity),
+        *_material_problems(entity, files),
+    ):
+        return problem
+    return bodies.put(entity, meshes)
+
+
+def _name_problems(entity: BodyEntity, bodies: Bodies) -> Iterator[str]:
+    name = entity.name
+    if not (0 < len(name) <= _MAX_NAME and name.isprintable()):
+        yield f"name: {name!r:.60}: must be 1 to {_MAX_NAME} printable characters"
+    if name in bodies.fixed_names:
+        yield f"name: {name!r:.60}: is that of something in the world"
+
+
+def _size_problems(entity: BodyEntity) -> Iterator[str]:
+    if not 0 < len(entity.shapes) <= MAX_SHAPES:
+        yield f"shapes: {len(entity.shapes)} of them: must be 1 to {MAX_SHAPES}"
+    corners = sum(
+        len(polygon)
+        for shape in entity.shapes
+        if isinstance(shape.geometry, Polyline)
+        for polygon in shape.geometry.polygons_m
+    )
+    if corners > MAX_CORNERS:
+        yield f"shapes: {corners} corners of polylines: at most {MAX_CORNERS}"
+    meshes = sum(isinstance(shape.geometry, Mesh) for shape in entity.shapes)
+    if meshes > MAX_SHAPES:
+        yield f"shapes: {meshes} meshes: at most {MAX_SHAPES}"
+
+
+def _path_problems(entity: BodyEntity) -> Iterator[str]:
+    path = entity.path
+    if path is None:
+        return
+    if entity.mass_kg > 0.0:
+        yield f"mass_kg: {entity.mass_kg}: must be 0 in a body that follows a path"
+    for place in path.waypoints_m:
+        if not all(abs(value) <= MAX_LENGTH_M for value in place):
+            yield f"path: waypoints_m: {place}: must be within {MAX_LENGTH_M:g} m"
+            return
+    try:
+        length_m = Route(entity.position_m[:2], path).length_m
+    except ValueError as error:
+        yield f"path: {error}"
+        return
+    if length_m > MAX_WAY_M:
+        yield f"path: waypoints_m: make a way of {length_m:.0f} m: at most {MAX_WAY_M:g} m"
+
+
+def _material_problems(entity: BodyEntity, files: Container[str]) -> Iterator[str]:
+    names = [material.name for material in entity.materials]
+    if len(set(names)) < len(names):
+        yield "materials: must have names of their own"
+    for shape in entity.shapes:
+        if shape.material and shape.material not in names:
+            yield (
+                f"shape {shape.name!r:.60}: material: {shape.material!r:.60}: "
+                "must be one of its materials"
+            )
+    for material in entity.materials:
+        for problem in _look_problems(material, files):
+            yield f"material {material.name!r:.60}: {problem}"
+
+
+def _look_problems(material: Material, files: Container[str]) -> Iterator[str]:
+    for field in ("ambient", "diffuse"):
+        colour = getattr(material, field)
+        if not all(0.0 <= value <= 1.0 for value in colour):
+            yield f"{field}: {colour}: must be 0 to 1"
+    side_m = material.texture_side_m
+    if not (side_m == 0.0 or 1e-3 <= side_m <= MAX_LENGTH_M):
+        yield f"texture_side_m: {side_m}: must be 0, or 0.001 to {MAX_LENGTH_M:g} m"
+    if material.texture_sha256 and material.texture_sha256 not in files:
+        yield f"texture_sha256: there is no asset {material.texture_sha256[:16]!r}"

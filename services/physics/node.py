@@ -46,7 +46,7 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
-from services.physics.assets import Assets, mesh_sha256s, meshes_of
+from services.physics.assets import Assets, mesh_sha256s, meshes_of, texture_sha256s
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.camera_messages import (
     camera_info,
@@ -55,7 +55,7 @@ from services.physics.camera_messages import (
     image_message,
 )
 from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
-from services.physics.entities import review
+from services.physics.entities import establish
 from services.physics.ground_truth import ground_truth, joint_states, mover_frames
 from services.physics.robot_model import ModelError, robot_model_from_urdf
 from services.physics.run_control import ControlRequest, RunControl
@@ -187,7 +187,7 @@ class PhysicsNode(ClockNode):
         stops = simulation.watchdog_stops
         contacts = simulation.step(now_ns)
         if contacts is None:
-            _log.error("a body's state was not physical: world '%s' built anew", self._name())
+            self._begin_anew(simulation, outbox)
         else:
             for contact in contacts:
                 _log.info("%s touches %s", contact.robot_link, contact.body)
@@ -197,6 +197,14 @@ class PhysicsNode(ClockNode):
             _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
         for report in self._schedule[self._steps % len(self._schedule)]:
             report(simulation, now_ns, outbox)
+
+    def _begin_anew(self, simulation: Simulation, outbox: Outbox) -> None:
+        """Tell that PyBullet's state had gone bad, and put the entities into the world again."""
+        _log.error("a body's state was not physical: world '%s' built anew", self._name())
+        self._epoch += 1
+        self._entities = None
+        self._place_entities(simulation.world, outbox)
+        self._tell_stats(outbox)
 
     def _take_in_control(self, request: ControlRequest, inbox: Inbox, outbox: Outbox) -> None:
         asked = request.message
@@ -289,10 +297,7 @@ class PhysicsNode(ClockNode):
         if world is not None:
             self._take_in_newest_world(world, inbox)
         for desired in inbox.new(DESIRED_ENTITIES):
-            self._desired.pop(desired.world_hash, None)
-            self._desired[desired.world_hash] = desired
-            while len(self._desired) > _MAX_DESIRED_SETS:
-                del self._desired[next(iter(self._desired))]
+            self._take_in_desired(desired)
         epoch = self._epoch
         if self._next_world is not None and self._missing(self._next_world) is None:
             self._load(self._next_world, now_ns, inbox, outbox)
@@ -301,6 +306,18 @@ class PhysicsNode(ClockNode):
             self._place_entities(self._simulation.world, outbox)
         if self._epoch != epoch:
             self._tell_stats(outbox)
+
+    def _take_in_desired(self, desired: Entities) -> None:
+        """Keep the newest set of each of the last few worlds."""
+        if desired.revision == 0 and desired.world_hash == self.world_hash and self._entities:
+            # A spawner that has just begun does not know of the bodies that stand already.
+            names = {entity.name for entity in desired.entities}
+            kept = [body for body in self._entities.bodies if body.name not in names]
+            desired = desired.model_copy(update={"entities": (*desired.entities, *kept)})
+        self._desired.pop(desired.world_hash, None)
+        self._desired[desired.world_hash] = desired
+        while len(self._desired) > _MAX_DESIRED_SETS:
+            del self._desired[next(iter(self._desired))]
 
     def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
         if world.hash == self.world_hash:
@@ -314,20 +331,21 @@ class PhysicsNode(ClockNode):
     def _missing(self, world: World) -> str | None:
         """The first thing without which a world cannot begin, in words."""
         textures = [material.texture_sha256 for material in world.materials]
-        missing = self._assets.missing([*textures, *mesh_sha256s(world)])
+        missing = self._assets.missing([*textures, *mesh_sha256s(world.bodies)])
         if missing:
             return f"assets of the world on {ASSETS.name}: {_digests(missing)}"
         desired = self._desired.get(world.hash)
         if desired is None:
             return f"the entities on {DESIRED_ENTITIES.name}"
-        missing = self._assets.missing(entity.texture_sha256 for entity in desired.markers)
+        wanted = [*texture_sha256s(desired), *mesh_sha256s(desired.bodies)]
+        missing = self._assets.missing(wanted)
         if missing:
             return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
         return None
 
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         try:
-            meshes = meshes_of(world, self._assets.files)
+            meshes = meshes_of(world.bodies, self._assets.files)
             simulation = self._simulation_of(world, meshes, self._seed)
             try:
                 seen = surfaces(world, meshes) if self._renderer is not None else ()
@@ -362,20 +380,23 @@ class PhysicsNode(ClockNode):
     def _place_entities(self, world: World, outbox: Outbox) -> None:
         """Make the set that exists the one desired, as far as can be; say nothing where it is."""
         desired = self._desired.get(world.hash)
-        if desired is None or self._placement is None:
+        if desired is None or self._placement is None or self._simulation is None:
             return
-        entities = review(desired, self._assets.files, self._placement)
-        if entities == self._entities:
+        before, files = self._entities, self._assets.files
+        entities = establish(desired, before, files, self._placement, self._simulation.bodies)
+        if entities == before:
             return
         self._entities = entities
-        if self._renderer is not None:
-            scene = build_scene(world, self._assets.files, entities.markers, self._surfaces)
-            for problem in scene.problems:
-                _log.warning("%s", problem)
-            self._renderer.set_scene(scene)
+        if before is None or entities.entities != before.entities:
+            if self._renderer is not None:
+                scene = build_scene(world, files, entities.entities, self._surfaces)
+                for problem in scene.problems:
+                    _log.warning("%s", problem)
+                self._renderer.set_scene(scene)
+            _log.info("%d entities stand in world '%s'", len(entities.entities), world.name)
         for refusal in entities.refused:
-            _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
-        _log.info("%d entities stand in world '%s'", len(entities.entities), world.name)
+            if before is None or refusal not in before.refused:
+                _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
         outbox.put(ENTITIES, entities)
 
     def _name(self) -> str:
@@ -448,6 +469,7 @@ class PhysicsNode(ClockNode):
             entities=len(self._entities.entities) if self._entities is not None else 0,
             renderer="none" if self._renderer is None else self._renderer.name,
             state_hash=simulation.state_hash.hex(),
+            image_hash="" if self._renderer is None else simulation.image_hash.hex(),
             watchdog_stops=simulation.watchdog_stops,
         )
 
@@ -459,4 +481,3 @@ def _digests(sha256s: list[str]) -> str:
     """The first few, short enough for a line."""
     more = f" and {len(sha256s) - 3} more" if len(sha256s) > 3 else ""
     return ", ".join(sha256[:16] for sha256 in sha256s[:3]) + more
-            image_hash="" if self._renderer is None else simulation.image_hash.hex(),

@@ -14,12 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.documents import MarkerEntity, Material, Mesh, PointLight, Rgba, World
+from services.common.documents import (
+    BodyEntity,
+    Entity,
+    MarkerEntity,
+    Material,
+    PointLight,
+    Rgba,
+    Thing,
+    World,
+)
 from services.common.frames import Array, pose_matrix
 from services.common.geometry import TriangleMesh, joined, quad_triangles
 from services.common.surfaces import PLAIN as PLAIN_MATERIAL
-from services.common.surfaces import Surface, surfaces
-from services.physics.assets import decoded_mesh, decoded_png
+from services.common.surfaces import Surface, body_surfaces, surfaces
+from services.physics.assets import decoded_mesh, decoded_png, mesh_sha256s
 
 MAX_LAMPS = 8
 PLAIN = -1
@@ -103,10 +112,10 @@ class Scene:
 def build_scene(
     world: World,
     assets: Mapping[str, bytes],
-    entities: Iterable[MarkerEntity] = (),
+    entities: Iterable[Entity] = (),
     seen: Sequence[Surface] | None = None,
 ) -> Scene:
-    """The scene of a world and of the panels in it.
+    """The scene of a world and of the entities in it; what moves of them comes after the world's.
 
     `assets` are PNG files and meshes by their sha256. A surface whose texture is missing or damaged
     gets its plain colour, and a line in `problems`; a mesh that is missing is not shown. `seen` are
@@ -116,7 +125,10 @@ def build_scene(
     for surface in seen if seen is not None else builder.surfaces():
         builder.add_surface(surface)
     for entity in entities:
-        builder.add_panel(entity)
+        if isinstance(entity, MarkerEntity):
+            builder.add_panel(entity)
+        else:
+            builder.add_body(entity)
     return builder.scene()
 
 
@@ -147,30 +159,42 @@ class _Look:
     background: bool
 
 
+def _by_name(materials: Iterable[Material]) -> dict[str, Material]:
+    return {material.name: material for material in materials}
+
+
 class _Builder:
     def __init__(self, world: World, assets: Mapping[str, bytes]) -> None:
         self._assets = assets
         self._world = world
         self._textures: dict[str, Texture] = {}
         self._problems: dict[str, None] = {}
-        self._materials = {material.name: material for material in world.materials}
+        self._materials = _by_name(world.materials)
         self._meshes: list[TriangleMesh] = []
         self._looks: list[_Look] = []
-        self._movers = {
-            body.name: index
-            for index, body in enumerate(body for body in world.bodies if body.mass_kg > 0.0)
-        }
+        self._movers: dict[str, int] = {}
+        """Numbers of the bodies that move, by name"""
+        self._map_from_movers: list[Array] = []
+        """Where they are at the start"""
+        for body in world.bodies:
+            self._add_mover(body)
         norm = math.hypot(*world.light_direction)
         self._towards_light = -np.array(world.light_direction) / (norm or 1.0)
 
     def surfaces(self) -> tuple[Surface, ...]:
-        meshes = {}
-        for body in self._world.bodies:
-            for shape in body.shapes:
-                if isinstance(shape.geometry, Mesh):
-                    sha256 = shape.geometry.sha256
-                    meshes[sha256] = self._mesh(sha256, body.name)
-        return surfaces(self._world, meshes)
+        return surfaces(self._world, self._meshes_of(self._world.bodies))
+
+    def _add_mover(self, body: Thing) -> None:
+        if body.moves:
+            self._movers[body.name] = len(self._movers)
+            self._map_from_movers.append(pose_matrix(body))
+
+    def _meshes_of(self, bodies: Iterable[Thing]) -> dict[str, TriangleMesh]:
+        return {
+            sha256: self._mesh(sha256, body.name)
+            for body in bodies
+            for sha256 in mesh_sha256s([body])
+        }
 
     def _mesh(self, sha256: str, body: str) -> TriangleMesh:
         try:
@@ -182,8 +206,19 @@ class _Builder:
         self._problems[f"body {body}: mesh {sha256:.12} {reason}; not shown"] = None
         return joined(())
 
-    def add_surface(self, surface: Surface) -> None:
-        material = self._materials.get(surface.material)
+    def add_body(self, entity: BodyEntity) -> None:
+        """A body, with materials of its own."""
+        self._add_mover(entity)
+        tiles = {material.name: material.texture_side_m for material in entity.materials}
+        meshes = self._meshes_of([entity])
+        for surface in body_surfaces(entity, meshes, tiles, moves=entity.moves):
+            self.add_surface(surface, _by_name(entity.materials))
+
+    def add_surface(
+        self, surface: Surface, materials: Mapping[str, Material] | None = None
+    ) -> None:
+        """Triangles of the world, or of something that brings its own materials."""
+        material = (self._materials if materials is None else materials).get(surface.material)
         if material is None:
             material = _UNKNOWN_MATERIAL if surface.material else PLAIN_MATERIAL
             if surface.material:
@@ -235,7 +270,6 @@ class _Builder:
         facing = np.where(moving, 0.0, np.maximum(whole.normals @ self._towards_light, 0.0))
         tints = (light_ambient * ambient + light_diffuse * facing[:, None] * diffuse) / exposure
         tints[~lit] = ambient[~lit]
-        bodies = [body for body in world.bodies if body.mass_kg > 0.0]
         if len(world.lights) > MAX_LAMPS:
             self._problems[f"lights: {len(world.lights)}: the first {MAX_LAMPS} shine"] = None
         return Scene(
@@ -248,7 +282,7 @@ class _Builder:
             parts=self._parts(whole),
             textures=tuple(self._textures.values()),
             movers=tuple(self._movers),
-            map_from_movers=np.array([pose_matrix(body) for body in bodies]).reshape(-1, 4, 4),
+            map_from_movers=np.array(self._map_from_movers).reshape(-1, 4, 4),
             sun=light_diffuse * self._towards_light,
             lamps=world.lights[:MAX_LAMPS],
             sky=np.clip(np.array(world.sky[:3]), 0.0, 1.0),

@@ -19,6 +19,7 @@ from services.common.documents import (
     Polyline,
     Shape,
     Sphere,
+    Thing,
     World,
 )
 from services.common.frames import Array, pose_matrix
@@ -74,7 +75,7 @@ def _check_bodies(
     if len(shapes) > MAX_SHAPES:
         raise ValueError(f"bodies: {len(shapes)} shapes: at most {MAX_SHAPES}")
     for body in bodies:
-        for problem in _body_problems(body, meshes, frames):
+        for problem in body_problems(body, meshes, frames):
             raise ValueError(f"body {body.name!r:.60}: {problem}")
     triangles = sum(
         len(meshes[shape.geometry.sha256].triangles)
@@ -98,23 +99,24 @@ def _check_bodies(
         _check_heaps(movers, meshes)
 
 
-def _body_problems(
-    body: Body, meshes: Mapping[str, TriangleMesh], frames: Collection[str]
+def body_problems(
+    body: Thing, meshes: Mapping[str, TriangleMesh], frames: Collection[str]
 ) -> Iterator[str]:
-    moves = body.mass_kg > 0.0
+    """What of a body cannot be simulated, each in a phrase. `frames` are the robot's."""
+    moves = body.moves
     yield from _pose_problems(body)
     if not 0.0 <= body.mass_kg <= MAX_MASS_KG or 0.0 < body.mass_kg < MIN_MASS_KG:
         yield f"mass_kg: {body.mass_kg}: must be 0, or {MIN_MASS_KG:g} to {MAX_MASS_KG:g}"
     if moves and body.name in frames:
         yield "name: is that of a frame of the robot: a body that moves must have another"
-    if moves and not any(shape.solid for shape in body.shapes):
+    if body.mass_kg > 0.0 and not any(shape.solid for shape in body.shapes):
         yield f"mass_kg: {body.mass_kg}: must be 0: none of its shapes is solid"
     for shape in body.shapes:
         for problem in (*_pose_problems(shape), *_shape_problems(shape, meshes, moves)):
             yield f"shape {shape.name!r:.60}: {problem}"
 
 
-def _pose_problems(thing: Body | Shape) -> Iterator[str]:
+def _pose_problems(thing: Thing | Shape) -> Iterator[str]:
     if not all(abs(value) <= MAX_LENGTH_M for value in thing.position_m):
         yield f"position_m: {thing.position_m}: must be within {MAX_LENGTH_M:g} m"
     if not abs(math.hypot(*thing.orientation_xyzw) - 1.0) <= 1e-3:
