@@ -203,15 +203,21 @@ class Inbox:
 
         Raises KeyError where the table does not name this node as a reader.
         """
+        return [message for message, _, _ in self.arrivals(topic)]
+
+    def arrivals(self, topic: Topic[M]) -> list[tuple[M, Envelope, bytes | None]]:
+        """As `new()`, each message with its envelope and its bytes; None where it never had any."""
         queue = self._queues[topic.name]
         if not queue:
             return []
         with self._lock:
             waiting = list(queue)
             queue.clear()
-        messages: list[M] = []
+        arrivals: list[tuple[M, Envelope, bytes | None]] = []
         for raw, envelope in waiting:
+            data = None
             if isinstance(raw, bytes):
+                data = raw
                 try:
                     message = wire.decode(topic, raw)
                     wire.validate(topic, message)
@@ -226,8 +232,8 @@ class Inbox:
                 if topic.delivery is not Delivery.LATCHED:
                     self.reject(topic, "other world")
                     continue
-            messages.append(message)
-        return messages
+            arrivals.append((message, envelope, data))
+        return arrivals
 
     def latest(self, topic: Topic[M]) -> M | None:
         """The newest message since the last call, or None."""
