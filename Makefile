@@ -6,6 +6,8 @@ SEED ?= 7
 # `field=value` put over the world's recipe, with spaces between.
 SET ?=
 GOAL ?= 1.0 0.0 0.0
+JSON ?= bench.json
+HOURS ?= 1
 # A local uv where the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
@@ -15,7 +17,7 @@ space := $(subst ,, )
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench seeds image clean
+.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench soak seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -89,9 +91,19 @@ lock: $(STAMP) ## resolve the dependencies anew
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
+	@echo 'ir-sim==2.12.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-bench.lock
 
-bench: $(STAMP) ## measure the speed that the README tells of
-	@.venv/bin/python -m services.embedded.bench
+bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=bench.json)
+	@$(MAKE) --silent .venv-bench/.installed || echo "ir-sim cannot be had: its rows stay empty"
+	@.venv/bin/python -m services.embedded.bench --json $(JSON)
+
+.venv-bench/.installed: requirements-bench.lock | $(filter .tools/bin/uv,$(UV))
+	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-bench
+	@$(UV) pip sync --quiet --python .venv-bench/bin/python --require-hashes requirements-bench.lock
+	@touch $@
+
+soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced)
+	@.venv/bin/python -m services.embedded.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD)
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m services.embedded.seeds
@@ -100,5 +112,5 @@ image: ## build the container image
 	@docker compose --profile original --profile enhanced build
 
 clean: ## remove the environment and caches; recordings stay
-	@rm -rf .venv .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find services tests -name __pycache__ -type d -prune -exec rm -rf {} +
