@@ -70,14 +70,15 @@ def furnish(
         textures[sha256] = data
         on_wall[marker.id] = marker.wall
         hanging.append(panel)
-        entities.append(_entity(marker, panel, sha256))
+        entities.append(marker_entity(marker, panel, sha256))
     return (
         Entities(world_hash=world.hash, entities=tuple(entities), refused=tuple(refused)),
         textures,
     )
 
 
-def _entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
+def marker_entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
+    """A marker on its panel, of the panel's name, with the texture of this sha256."""
     x, y, z = (float(value) for value in panel.centre_m)
     return MarkerEntity(
         name=panel.name,

@@ -85,7 +85,8 @@ class DesiredSet:
         self._placement = placement
         self._known = {material.texture_sha256 for material in world.materials}
         self._known |= set(mesh_sha256s(world))
-        self._refused = hung.refused
+        self.refused = hung.refused
+        """Markers of the world that cannot hang."""
         self._fixed = {wall.name for wall in world.walls} | {body.name for body in world.bodies}
         self._things = {one.name: _Thing(one, one, 0) for one in hung.entities}
         self._changes: dict[str, _Change] = {}
@@ -97,7 +98,7 @@ class DesiredSet:
             world_hash=self._world.hash,
             revision=self.revision,
             entities=tuple(thing.entity for thing in self._things.values()),
-            refused=self._refused,
+            refused=self.refused,
         )
 
     def adopt(self, standing: Entities) -> None:

@@ -201,7 +201,7 @@ class SpawnerNode(Node):
         outbox.put(DESIRED_ENTITIES, desired.entities())
 
     def _tell_what_stands(self, inbox: Inbox) -> None:
-        if self._standing is None or not self._getting:
+        if self._standing is None or self._desired is None or not self._getting:
             return
         self._follow(inbox)
         entities = [
@@ -210,7 +210,8 @@ class SpawnerNode(Node):
             else one
             for one in self._standing.entities
         ]
-        found = self._standing.model_copy(update={"entities": tuple(entities)})
+        refused = (*self._desired.refused, *self._standing.refused)
+        found = self._standing.model_copy(update={"entities": tuple(entities), "refused": refused})
         for request in self._getting:
             request.respond(found)
         self._getting = []

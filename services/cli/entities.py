@@ -1,0 +1,551 @@
+"""`mazebot spawn`, `move`, `remove` and `entities`: what stands in the world of a running stack."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import json
+import math
+import os
+import queue
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import numpy as np
+import typer
+from pydantic import ValidationError
+
+from services.cli.number_options import NumbersCommand, numbers
+from services.cli.options import ROUTER, Connect
+from services.common import documents as doc
+from services.common.config import ConfigError, one_line
+from services.common.frames import (
+    quaternion_from_rotation,
+    quaternion_from_yaw,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    transform_matrix,
+    yaw_from_quaternion,
+)
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from services.common.topics import Query
+    from services.worldgen.model_entity import Model
+
+Q = TypeVar("Q")
+A = TypeVar("A")
+S = TypeVar("S", bound=doc.Document)
+
+_TILTED = 1e-6
+"""Sine of the angle from which on a thing does not stand upright."""
+
+Timeout = Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait for an answer")]
+At = Annotated[str | None, typer.Option("--at", metavar="X Y [Z]", help="metres in the map")]
+Yaw = Annotated[float | None, typer.Option(help="heading, rad; of a marker: where it faces")]
+Rpy = Annotated[
+    str | None, typer.Option(metavar="R P Y", help="roll, pitch and yaw, rad, instead of --yaw")
+]
+Wall = Annotated[str | None, typer.Option(help="hang the marker on this wall")]
+Side = Annotated[str, typer.Option(help="left (towards the wall's +y axis) or right")]
+Offset = Annotated[float, typer.Option(help="along the wall's x axis, from its centre, m")]
+Height = Annotated[float, typer.Option(help="of the marker's centre above the floor, m")]
+
+
+def spawn(
+    name: Annotated[str, typer.Argument(help="under which it will stand")],
+    box: Annotated[str | None, typer.Option(metavar="X Y Z", help="sides, m")] = None,
+    cylinder: Annotated[
+        str | None, typer.Option(metavar="R L", help="radius and length, m")
+    ] = None,
+    sphere: Annotated[str | None, typer.Option(metavar="R", help="radius, m")] = None,
+    mesh: Annotated[Path | None, typer.Option(help=".dae, .obj, .stl, .glb or .gltf")] = None,
+    scale: Annotated[str, typer.Option(metavar="S | X Y Z", help="of the mesh")] = "1",
+    model: Annotated[
+        str | None,
+        typer.Option(help="folder of a model, its name, or an SDF, URDF or xacro file"),
+    ] = None,
+    models: Annotated[
+        list[Path] | None,
+        typer.Option(help="folder of models, as in GZ_SIM_RESOURCE_PATH; may be given again"),
+    ] = None,
+    marker: Annotated[int | None, typer.Option(min=0, help="id of an ArUco marker")] = None,
+    size_m: Annotated[float, typer.Option("--size", help="side of its black square, m")] = 0.3,
+    dictionary: Annotated[str, typer.Option(help="OpenCV's name of one")] = "DICT_4X4_100",
+    at: At = None,
+    yaw: Yaw = None,
+    rpy: Rpy = None,
+    wall: Wall = None,
+    side: Side = "left",
+    offset: Offset = 0.0,
+    height: Height = 0.4,
+    mass: Annotated[
+        float | None, typer.Option(help="kg; 0: it never moves [default: 0, or the model's]")
+    ] = None,
+    colour: Annotated[str | None, typer.Option(metavar="R G B", help="0 to 1 each")] = None,
+    texture: Annotated[Path | None, typer.Option(help="PNG, once over each face")] = None,
+    path: Annotated[
+        str | None,
+        typer.Option(metavar="X Y X Y ...", help="go from place to place, over and over"),
+    ] = None,
+    speed: Annotated[float, typer.Option(help="on the path, m/s")] = 0.5,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="from the last place to the first, not the same way back")
+    ] = False,
+    yields: Annotated[
+        bool, typer.Option("--yield/--no-yield", help="wait while the robot is in the way")
+    ] = True,
+    allow_renaming: Annotated[
+        bool, typer.Option("--allow-renaming", help="where the name is taken, take one like it")
+    ] = False,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """Put a thing into the world of a running stack, and print where it stands."""
+    what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
+            "--model": model, "--marker": marker}  # fmt: skip
+    given = [option for option, value in what.items() if value is not None]
+    if len(given) != 1:
+        raise ConfigError(f"spawn: must be given one of {', '.join(what)}")
+    made: Model | None = None
+    on_panel = _MarkerAsked(marker, size_m, dictionary, 1) if marker is not None else None
+    if mesh is not None or model is not None:
+        made = _from_files(mesh, scale, model, models)
+        if made.marker:
+            on_panel = _marker_of_model(made.marker)
+    pose = _Pose.of(at, yaw, rpy)
+    if on_panel is not None:
+        place = _WallPlace(wall, side, offset, height)
+        with _session(connect) as session:
+            panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
+            _tell(_ask_spawn(session, panel, assets, allow_renaming, timeout_s))
+        return
+    if wall is not None:
+        raise ConfigError("--wall: is for markers: must be --at")
+    if made is None:
+        made = _primitive(box, cylinder, sphere)
+    made = _painted(made, colour, texture)
+    route = None if path is None else _route(path, speed, loop, yields)
+    if mass is not None or route is not None:
+        made = replace(made, mass_kg=mass or 0.0)
+    entity = _body(name, made, pose, route)
+    with _session(connect) as session:
+        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s))
+
+
+def move(
+    name: str,
+    at: At = None,
+    yaw: Yaw = None,
+    rpy: Rpy = None,
+    wall: Wall = None,
+    side: Side = "left",
+    offset: Offset = 0.0,
+    height: Height = 0.4,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """Put a thing of a running stack elsewhere; what is not said stays as it is."""
+    from services.common.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
+
+    pose = _Pose.of(at, yaw, rpy)
+    if pose == _Pose() and wall is None:
+        raise ConfigError("move: must be given --at, --yaw, --rpy or --wall")
+    with _session(connect) as session:
+        standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+        entity = next((one for one in standing.entities if one.name == name), None)
+        if entity is None:
+            raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
+        if wall is not None:
+            if not isinstance(entity, doc.MarkerEntity):
+                raise ConfigError("--wall: is for markers: must be --at")
+            place = _WallPlace(wall, side, offset, height)
+            matrix = place.map_from_panel(_world(session, timeout_s), entity.marker_size_m)
+        else:
+            matrix = pose.map_from_thing(entity)
+        position_m, orientation_xyzw = _split(matrix)
+        state = _document(
+            doc.SetEntityState,
+            name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
+        )  # fmt: skip
+        _tell(_ask(session, SET_ENTITY_STATE, state, timeout_s))
+
+
+def remove(
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="all but the world's own markers")
+    ] = False,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """Take things out of the world of a running stack."""
+    from services.common.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
+
+    if bool(names) == everything:
+        raise ConfigError("remove: must be given names, or --all")
+    wrong = []
+    with _session(connect) as session:
+        if everything:
+            standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+            own = {f"aruco_{one.id}" for one in _world(session, timeout_s).markers}
+            names = [one.name for one in standing.entities if one.name not in own]
+        for name in names or ():
+            reply = _ask(session, DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
+            if reply.error:
+                wrong.append(reply.error)
+            else:
+                sys.stdout.write(f"{name}: removed\n")
+    if wrong:
+        raise ConfigError("; ".join(wrong))
+
+
+def entities(
+    as_json: Annotated[bool, typer.Option("--json", help="as the document that travels")] = False,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """List what stands in the world of a running stack, and what was refused."""
+    from services.common.topics import GET_ENTITIES  # noqa: PLC0415
+
+    with _session(connect) as session:
+        standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    if as_json:
+        sys.stdout.write(json.dumps(standing.model_dump(mode="json"), indent=2) + "\n")
+        return
+    rows: list[tuple[str, ...]] = [
+        ("name", "kind", "x m", "y m", "z m", "yaw rad", "mass kg", "path")
+    ]
+    rows += [_row(one) for one in standing.entities]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        sys.stdout.write("  ".join(cells).rstrip() + "\n")
+    for refusal in standing.refused:
+        sys.stdout.write(f"refused: {refusal.name}: {refusal.reason}\n")
+
+
+def register(app: typer.Typer) -> None:
+    """Give the command what is here."""
+    for command in (spawn, move, remove, entities):
+        app.command(cls=NumbersCommand)(command)
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """What a person says of a pose; None: not said."""
+
+    at_m: tuple[float, ...] | None = None
+    yaw_rad: float | None = None
+    rpy_rad: tuple[float, ...] | None = None
+
+    @classmethod
+    def of(cls, at: str | None, yaw: float | None, rpy: str | None) -> _Pose:
+        if yaw is not None and rpy is not None:
+            raise ConfigError("--yaw: must not be given with --rpy")
+        if yaw is not None and not math.isfinite(yaw):
+            raise ConfigError(f"--yaw: {yaw}: must be a finite number")
+        return cls(
+            numbers("--at", at, 2, 3) if at is not None else None,
+            yaw,
+            numbers("--rpy", rpy, 3) if rpy is not None else None,
+        )
+
+    def rotation(self, is_marker: bool) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+        """(3, 3) map_from_thing; None where nothing is said of it."""
+        if self.rpy_rad is not None:
+            return rotation_from_rpy(*self.rpy_rad)
+        if self.yaw_rad is None:
+            return None
+        if not is_marker:
+            return rotation_from_quaternion(*quaternion_from_yaw(self.yaw_rad))
+        normal = np.array([math.cos(self.yaw_rad), math.sin(self.yaw_rad), 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        return np.stack([np.cross(up, normal), up, normal], axis=1)
+
+    def map_from_thing(self, entity: doc.Entity) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """(4, 4): as said, the rest as the entity stands."""
+        rotation = self.rotation(isinstance(entity, doc.MarkerEntity))
+        if rotation is None:
+            rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+        x, y, z = (*(self.at_m or ()), *entity.position_m[len(self.at_m or ()) :])
+        return transform_matrix(rotation, (x, y, z))
+
+
+@dataclass(frozen=True)
+class _WallPlace:
+    """A place on a wall, as a recipe's markers have it."""
+
+    wall: str | None
+    side: str
+    offset_m: float
+    height_m: float
+
+    def marker(self, id_: int, size_m: float, dictionary: str, quiet_zone: int) -> doc.Marker:
+        """The marker there. Raises ConfigError."""
+        return _document(
+            doc.Marker, id=id_, size_m=size_m, dictionary=dictionary, side=self.side,
+            quiet_zone_modules=quiet_zone, wall=self.wall or "", offset_m=self.offset_m,
+            height_m=self.height_m,
+        )  # fmt: skip
+
+    def map_from_panel(
+        self, world: doc.World, size_m: float
+    ) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """(4, 4). Raises ConfigError where there is no such wall."""
+        from services.common.furnish import PanelStyle  # noqa: PLC0415
+        from services.common.placement import hang  # noqa: PLC0415
+
+        host = next((one for one in world.walls if one.name == self.wall), None)
+        if host is None:
+            known = ", ".join(one.name for one in world.walls)
+            raise ConfigError(f"--wall: {self.wall!r:.60}: must be one of {known:.300}")
+        marker = self.marker(0, size_m, "DICT_4X4_100", 1)
+        return hang("", marker, host, size_m, PanelStyle().gap_m).map_from_panel
+
+
+@dataclass(frozen=True)
+class _MarkerAsked:
+    """An ArUco marker to hang."""
+
+    id: int
+    size_m: float
+    dictionary: str
+    quiet_zone: int
+
+    def entity(
+        self, name: str, pose: _Pose, place: _WallPlace, session: zenoh.Session, timeout_s: float
+    ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
+        """The entity and its texture. Raises ConfigError."""
+        from services.common import marker_picture  # noqa: PLC0415
+        from services.common.furnish import PanelStyle, marker_entity  # noqa: PLC0415
+        from services.common.placement import Panel  # noqa: PLC0415
+
+        marker = place.marker(self.id, self.size_m, self.dictionary, self.quiet_zone)
+        problem = marker_picture.identity_problem(marker)
+        if problem:
+            raise ConfigError(f"spawn: {problem}")
+        if place.wall is not None:
+            if pose != _Pose():
+                raise ConfigError("--wall: must not be given with a pose")
+            matrix = place.map_from_panel(_world(session, timeout_s), self.size_m)
+        else:
+            rotation = pose.rotation(is_marker=True)
+            if pose.at_m is None or len(pose.at_m) != 3 or rotation is None:
+                raise ConfigError("--marker: must be given --wall, or --at X Y Z and --yaw")
+            x, y, z = pose.at_m
+            matrix = transform_matrix(rotation, (x, y, z))
+        side_m = marker_picture.panel_side_m(marker)
+        texture = marker_picture.draw(marker, PanelStyle().module_px)
+        sha256 = hashlib.sha256(texture).hexdigest()
+        return marker_entity(marker, Panel(name, matrix, side_m), sha256), {sha256: texture}
+
+
+def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:
+    try:
+        return _MarkerAsked(
+            int(noted["marker"]),
+            float(noted["size_m"]),
+            noted["dictionary"],
+            int(noted.get("quiet_zone_modules", "1")),
+        )
+    except (KeyError, ValueError) as error:
+        raise ConfigError(
+            "--model: is a marker's, but does not say of which size and id"
+        ) from error
+
+
+def _from_files(
+    mesh: Path | None, scale: str, model: str | None, models: list[Path] | None
+) -> Model:
+    from services.worldgen.model_entity import find_model, read_mesh, read_model  # noqa: PLC0415
+
+    if mesh is not None:
+        factors = numbers("--scale", scale, 1, 3)
+        return read_mesh(mesh, factors * 3 if len(factors) == 1 else factors)
+    listed = os.environ.get("GZ_SIM_RESOURCE_PATH", "").split(os.pathsep)
+    roots = [*(models or ()), *(Path(folder) for folder in listed if folder)]
+    return read_model(find_model(model or "", roots), roots)
+
+
+def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Model:
+    from services.worldgen.model_entity import Model  # noqa: PLC0415
+
+    geometry: doc.Geometry
+    if box is not None:
+        geometry = _document(doc.Box, "--box", size_m=numbers("--box", box, 3))
+    elif cylinder is not None:
+        radius_m, length_m = numbers("--cylinder", cylinder, 2)
+        geometry = _document(doc.Cylinder, "--cylinder", radius_m=radius_m, length_m=length_m)
+    else:
+        (radius_m,) = numbers("--sphere", sphere or "", 1)
+        geometry = _document(doc.Sphere, "--sphere", radius_m=radius_m)
+    shape = doc.Shape(name=geometry.kind, geometry=geometry, material="plain")
+    plain = doc.Material(name="plain", ambient=(0.7, 0.7, 0.7, 1.0), diffuse=(0.7, 0.7, 0.7, 1.0))
+    return Model((shape,), (plain,), 0.0, {}, {}, {})
+
+
+def _painted(made: Model, colour: str | None, texture: Path | None) -> Model:
+    """With one material for all that is seen, where a colour or a texture is given."""
+    from services.worldgen.model_entity import texture_asset  # noqa: PLC0415
+
+    if colour is None and texture is None:
+        return made
+    red, green, blue = numbers("--colour", colour or "1 1 1", 3)
+    if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
+        raise ConfigError(f"--colour: {colour!r:.60}: must be 0 to 1 each")
+    files: dict[str, bytes] = {}
+    sha256 = ""
+    if texture is not None:
+        data = texture_asset(texture)
+        sha256 = hashlib.sha256(data).hexdigest()
+        files[sha256] = data
+    rgba = red, green, blue, 1.0
+    paint = doc.Material(
+        name="paint", texture_sha256=sha256, texture_name=texture.name if texture else "",
+        texture_side_m=0.0, ambient=rgba, diffuse=rgba,
+    )  # fmt: skip
+    shapes = tuple(
+        shape.model_copy(update={"material": "paint"}) if shape.material else shape
+        for shape in made.shapes
+    )
+    meshes = {sha: data for sha, data in made.assets.items() if sha in made.meshes}
+    return replace(made, shapes=shapes, materials=(paint,), assets=meshes | files)
+
+
+def _route(path: str, speed: float, loop: bool, yields: bool) -> doc.ScriptedPath:
+    values = numbers("--path", path)
+    if not values or len(values) % 2:
+        raise ConfigError(f"--path: {len(values)} numbers: must be pairs of x and y")
+    places = tuple(zip(values[::2], values[1::2], strict=True))
+    return _document(
+        doc.ScriptedPath, "--path", waypoints_m=places, speed_m_s=speed, loop=loop, yields=yields
+    )
+
+
+def _body(name: str, made: Model, pose: _Pose, route: doc.ScriptedPath | None) -> doc.BodyEntity:
+    """The entity, on the floor where nothing is said of its height. Raises ConfigError."""
+    from services.worldgen.model_entity import lowest_m  # noqa: PLC0415
+
+    if pose.at_m is None:
+        raise ConfigError("spawn: must be given --at X Y [Z]")
+    rotation = pose.rotation(is_marker=False)
+    orientation = quaternion_from_rotation(np.eye(3) if rotation is None else rotation)
+    x, y = pose.at_m[:2]
+    z = pose.at_m[2] if len(pose.at_m) > 2 else -lowest_m(made.shapes, made.meshes, orientation)
+    return _document(
+        doc.BodyEntity,
+        name=name, position_m=(x, y, z), orientation_xyzw=orientation, mass_kg=made.mass_kg,
+        shapes=made.shapes, materials=made.materials, path=route,
+    )  # fmt: skip
+
+
+def _document(kind: type[S], option: str = "spawn", **values: Any) -> S:
+    """Raises ConfigError, in one line, where a value is wrong."""
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        raise ConfigError(f"{option}: {one_line(error)}") from error
+
+
+@contextlib.contextmanager
+def _session(endpoint: str) -> Iterator[zenoh.Session]:
+    from services.cli.session import connect_to  # noqa: PLC0415
+
+    session = connect_to(endpoint)
+    try:
+        yield session
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def _ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
+    from services.common.bus import NoAnswerError, ask  # noqa: PLC0415
+
+    try:
+        return ask(session, query, message, timeout_s)
+    except NoAnswerError as error:
+        raise ConfigError(str(error)) from error
+
+
+def _ask_spawn(
+    session: zenoh.Session,
+    entity: doc.Entity,
+    assets: dict[str, bytes],
+    allow_renaming: bool,
+    timeout_s: float,
+) -> doc.EntityReply:
+    from services.common.topics import SPAWN_ENTITY  # noqa: PLC0415
+
+    encoded = {sha256: base64.b64encode(data).decode() for sha256, data in assets.items()}
+    request = doc.SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=encoded)
+    return _ask(session, SPAWN_ENTITY, request, timeout_s)
+
+
+def _world(session: zenoh.Session, timeout_s: float) -> doc.World:
+    """The world that runs. Raises ConfigError where none comes."""
+    from services.common import wire  # noqa: PLC0415
+    from services.common.bus import subscribe  # noqa: PLC0415
+    from services.common.topics import WORLD  # noqa: PLC0415
+
+    come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    subscription = subscribe(session, WORLD, lambda payload, _: come.put(payload))
+    try:
+        return wire.decode(WORLD, come.get(timeout=timeout_s))
+    except queue.Empty:
+        raise ConfigError(f"{WORLD.name}: no world within {timeout_s:g} s") from None
+    finally:
+        del subscription
+
+
+def _none_of(standing: doc.Entities) -> str:
+    names = ", ".join(one.name for one in standing.entities)
+    return f"there is none of this name: must be one of {names:.300}" if names else "nothing stands"
+
+
+def _split(
+    matrix: np.ndarray[Any, np.dtype[np.float64]],
+) -> tuple[doc.Vector, doc.Quaternion]:
+    x, y, z = (float(value) for value in matrix[:3, 3])
+    return (x, y, z), quaternion_from_rotation(matrix[:3, :3])
+
+
+def _heading(position: Sequence[float], orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
+    """Of a body's x axis, or of a marker's face, in the map."""
+    if is_marker:
+        normal = rotation_from_quaternion(*orientation_xyzw)[:, 2]
+        return math.atan2(normal[1], normal[0])
+    return yaw_from_quaternion(*orientation_xyzw)
+
+
+def _row(entity: doc.Entity) -> tuple[str, ...]:
+    is_marker = isinstance(entity, doc.MarkerEntity)
+    yaw_rad = _heading(entity.position_m, entity.orientation_xyzw, is_marker)
+    what, mass, path = "body", "", ""
+    if isinstance(entity, doc.MarkerEntity):
+        what = f"marker {entity.marker_id} ({entity.dictionary})"
+    else:
+        mass = f"{entity.mass_kg:g}"
+        if entity.path is not None:
+            kind = "loop" if entity.path.loop else "to and fro"
+            path = f"{len(entity.path.waypoints_m)} places, {entity.path.speed_m_s:g} m/s, {kind}"
+    place = (f"{value + 0.0:.3f}" for value in (*entity.position_m, yaw_rad))
+    return (entity.name, what, *place, mass, path)
+
+
+def _tell(reply: doc.EntityReply) -> None:
+    """Print where a thing stands. Raises ConfigError where it does not."""
+    if reply.error:
+        raise ConfigError(reply.error if reply.error.startswith("name:") else
+                          f"{reply.name}: {reply.error}")  # fmt: skip
+    rotation = rotation_from_quaternion(*reply.orientation_xyzw)
+    x, y, z = (value + 0.0 for value in reply.position_m)
+    turned = f"yaw {yaw_from_quaternion(*reply.orientation_xyzw) + 0.0:.3f} rad"
+    if math.hypot(rotation[2, 0], rotation[2, 1]) > _TILTED:
+        turned = "quaternion ({:.4f}, {:.4f}, {:.4f}, {:.4f})".format(*reply.orientation_xyzw)
+    sys.stdout.write(f"{reply.name}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {turned}\n")
