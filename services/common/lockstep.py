@@ -161,7 +161,9 @@ class HeldInbox(Inbox):
         self._on_outside = on_outside
         self._arrival = threading.Condition()
         self._held: dict[tuple[str, str], deque[tuple[Any, Envelope]]] = {}
-        self._outside: dict[str, deque[tuple[Any, Envelope]]] = {}
+        self._outside: dict[str, deque[tuple[Any, Envelope]]] = {
+            topic.name: deque(maxlen=MAX_OUTSIDE) for topic in read_by(node.name)
+        }
         self._arrived: dict[tuple[str, str], int] = {}
         self._sources: frozenset[str] = frozenset()
 
@@ -173,8 +175,7 @@ class HeldInbox(Inbox):
             if inside:
                 self._held.setdefault(key, deque()).append((message, envelope))
             else:
-                waiting = self._outside.setdefault(topic.name, deque(maxlen=MAX_OUTSIDE))
-                waiting.append((message, envelope))
+                self._outside[topic.name].append((message, envelope))
             if inside or topic.delivery is Delivery.LATCHED:
                 self._arrived[key] = max(envelope.sequence, self._arrived.get(key, -1))
                 self._arrival.notify()
@@ -190,7 +191,11 @@ class HeldInbox(Inbox):
 
     def wakes(self) -> bool:
         """See Inbox. A message from outside counts before it is taken in."""
-        return super().wakes() or any(self._outside.get(name) for name in self._waking_names)
+        return super().wakes() or any(self._outside[name] for name in self._waking_names)
+
+    def outside(self) -> bool:
+        """Whether a message from outside waits."""
+        return any(self._outside.values())
 
     def forget(self) -> None:
         """Let go of what was held for an executive that is gone, but for what is latched."""
@@ -221,26 +226,22 @@ class HeldInbox(Inbox):
                 held = self._held.get(key, ())
                 while held and held[0][1].sequence <= last:
                     super().deliver(BY_NAME[name], *held.popleft())
-            outside = {}
             if and_outside:
-                outside, self._outside = self._outside, {}
-        for name, waiting in outside.items():
-            for message, envelope in waiting:
-                super().deliver(BY_NAME[name], message, envelope)
+                for name, waiting in self._outside.items():
+                    while waiting:
+                        super().deliver(BY_NAME[name], *waiting.popleft())
         return ""
 
     def _sort_out_newcomers(self) -> None:
         """Hold what has come from a service before it was known to be one."""
         for name, waiting in self._outside.items():
-            for message, envelope in waiting:
+            for _ in range(len(waiting)):
+                message, envelope = waiting.popleft()
                 if envelope.source in self._sources:
-                    self._held.setdefault((name, envelope.source), deque()).append(
-                        (message, envelope)
-                    )
-            self._outside[name] = deque(
-                (one for one in waiting if one[1].source not in self._sources),
-                maxlen=MAX_OUTSIDE,
-            )
+                    held = self._held.setdefault((name, envelope.source), deque())
+                    held.append((message, envelope))
+                else:
+                    waiting.append((message, envelope))
 
 
 _owned_by = functools.cache(owned_by)
@@ -314,7 +315,8 @@ class _OwnSeat(LocalSeat):
         self._timeout_s = timeout_s
 
     def due(self, now_ns: int) -> bool:
-        self.take_in(now_ns, and_outside=True)
+        if self._ledger.waiting(self.name) or self._held.outside():
+            self.take_in(now_ns, and_outside=True)
         return super().due(now_ns)
 
     def take_in(self, now_ns: int, and_outside: bool) -> None:
