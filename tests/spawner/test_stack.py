@@ -1,0 +1,144 @@
+"""Spawner and physics as services of their own on a real router: what is asked is answered soon,
+and outlives either.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import pytest
+import zenoh
+
+from services.common import documents as doc
+from services.common.bus import BusConfig, ask, open_session, publish, wait_until_alive
+from services.common.bus import pack_attachment as packed
+from services.common.node import Envelope
+from services.common.topics import (
+    DELETE_ENTITY,
+    GET_ENTITIES,
+    SET_ENTITY_STATE,
+    SIMULATION_CONTROL,
+    SPAWN_ENTITY,
+    WORLD,
+)
+from services.common.wire import encode
+from tests.common.house import marker, wall, world
+from tests.router import running_router
+from tests.spawner.stage import box
+
+DEADLINE_S = 30.0
+FLAGS = {"physics": ("--camera-enabled", "false"), "spawner": ()}
+
+
+class Stack:
+    """A router, and the services that a test starts and ends."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self.session: zenoh.Session = open_session(BusConfig(connect=endpoint))
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.numbers = itertools.count()
+        self.world_publisher = publish(self.session, WORLD)
+
+    def start(self, name: str) -> None:
+        self.processes[name] = subprocess.Popen(
+            [sys.executable, "-m", f"services.{name}", *FLAGS[name]],
+            env={**os.environ, "MAZEBOT_BUS_CONNECT": self.endpoint},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def end(self, name: str) -> None:
+        process = self.processes.pop(name)
+        process.send_signal(signal.SIGKILL)
+        process.wait(DEADLINE_S)
+
+    def load(self, house: doc.World) -> None:
+        envelope = Envelope("ab" * 16, next(self.numbers), 0, house.hash)
+        self.world_publisher.put(encode(WORLD, house), attachment=packed(envelope))
+
+    def names(self) -> list[str]:
+        found = ask(self.session, GET_ENTITIES, doc.GetEntities(), DEADLINE_S)
+        return [one.name for one in found.entities]
+
+    def spawn(self, entity: doc.BodyEntity) -> doc.EntityReply:
+        return ask(self.session, SPAWN_ENTITY, doc.SpawnEntity(entity=entity), DEADLINE_S)
+
+    def close(self) -> None:
+        for name in list(self.processes):
+            self.end(name)
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline_s, "it never came to be"
+
+
+@pytest.fixture(scope="module")
+def stack() -> Iterator[Stack]:
+    with ExitStack() as exits:
+        made = Stack(exits.enter_context(running_router()))
+        exits.callback(made.close)
+        for name in ("physics", "spawner"):
+            made.start(name)
+        made.load(world([wall(length_m=4.0)], [marker(id=7)]))
+        assert wait_until_alive(made.session, "spawner", DEADLINE_S)
+        until(lambda: made.names() == ["aruco_7"])
+        yield made
+
+
+def test_requests_are_answered_soon_running_or_paused(stack: Stack) -> None:
+    took_s = []
+    for number in range(20):
+        if number == 10:
+            pause = doc.SimulationControl(pause=True)
+            assert ask(stack.session, SIMULATION_CONTROL, pause, DEADLINE_S).error == ""
+        began_s = time.perf_counter()
+        reply = stack.spawn(box(f"box_{number}", 0.5 * number - 5.0))
+        took_s.append(time.perf_counter() - began_s)
+        assert reply == doc.EntityReply(
+            name=f"box_{number}", position_m=(0.5 * number - 5.0, 2.0, 0.2)
+        )
+    go_on = doc.SimulationControl(pause=False)
+    assert ask(stack.session, SIMULATION_CONTROL, go_on, DEADLINE_S).error == ""
+    for number in range(20):
+        gone = doc.DeleteEntity(name=f"box_{number}")
+        assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
+    assert stack.names() == ["aruco_7"]
+    print(f"median {statistics.median(took_s) * 1e3:.1f} ms")  # noqa: T201 - a figure to look at
+    assert statistics.median(took_s) < 1.0
+
+
+def test_what_physics_refuses_is_told_with_the_reason(stack: Stack) -> None:
+    reply = stack.spawn(box("in_wall", 0.0).model_copy(update={"position_m": (0.0, 0.0, 0.2)}))
+    assert "wall" in reply.error
+    assert stack.spawn(box()).error == ""
+    state = doc.SetEntityState(name="box", position_m=(0.0, 0.0, 0.2))
+    assert "wall" in ask(stack.session, SET_ENTITY_STATE, state, DEADLINE_S).error
+    found = ask(stack.session, GET_ENTITIES, doc.GetEntities(), DEADLINE_S)
+    assert [one.position_m for one in found.bodies] == [(1.0, 2.0, 0.2)]
+    gone = doc.DeleteEntity(name="box")
+    assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
+
+
+def test_things_outlive_the_spawner_and_the_physics(stack: Stack) -> None:
+    assert stack.spawn(box()).error == ""
+    stack.end("spawner")
+    stack.start("spawner")
+    assert stack.names() == ["aruco_7", "box"]
+    assert stack.spawn(box()).error == ""
+    stack.end("physics")
+    stack.start("physics")
+    # Not answered by what the physics said before it ended.
+    assert stack.spawn(box("other", 3.0)).error == ""
+    assert stack.names() == ["aruco_7", "box", "other"]
