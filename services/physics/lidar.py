@@ -11,6 +11,7 @@ from services.common import messages as msg
 from services.common.frames import SCAN_FRAME, Array, inverse_matrix
 from services.physics.bodies import Bodies
 from services.physics.collision import Solid
+from services.physics.config import PhysicsConfig
 from services.physics.raycast import (
     RayTargets,
     cast_scan,
@@ -35,6 +36,19 @@ class LidarFigures:
     """Standard deviation of a range as a share of it, where that is more"""
     resolution_m: float
     """Ranges are whole multiples of it; 0: not rounded"""
+
+
+def lidar_figures(config: PhysicsConfig) -> LidarFigures:
+    """Those of a configuration."""
+    return LidarFigures(
+        config.scan_samples,
+        config.scan_rate_hz,
+        config.scan_range_min_m,
+        config.scan_range_max_m,
+        config.scan_noise_m,
+        config.scan_noise_share,
+        config.scan_resolution_m,
+    )
 
 
 class Lidar:

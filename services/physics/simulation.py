@@ -15,7 +15,7 @@ from services.physics.contacts import ContactEvents
 from services.physics.drive import Drive, DriveLimits
 from services.physics.image_hash import ImageHash
 from services.physics.imu import Imu
-from services.physics.lidar import Lidar, LidarFigures
+from services.physics.lidar import Lidar, lidar_figures
 from services.physics.odometry import WheelOdometry
 from services.physics.robot_model import RobotModel
 from services.physics.state_hash import StateHash
@@ -38,8 +38,6 @@ class Simulation:
         self.meshes = meshes or {}
         self._model = model
         self._config = config
-        self.state_hash = StateHash()
-        self.image_hash = ImageHash()
         self.watchdog_stops_before = 0
         """Of the robots that stood here before the last rebuild."""
         self._build()
@@ -48,6 +46,8 @@ class Simulation:
         config, model = self._config, self._model
         bodies = Bodies(self.world, model, config.wheel_torque_n_m, self.meshes)
         self.bodies = bodies
+        self.state_hash = StateHash()
+        self.image_hash = ImageHash()
         self.drive = Drive(_limits(config))
         self.contacts = ContactEvents()
         self.odometry = WheelOdometry(
@@ -67,21 +67,13 @@ class Simulation:
         self.lidar = Lidar(
             bodies,
             model.transform(BASE_FOOTPRINT_FRAME, SCAN_FRAME),
-            LidarFigures(
-                config.scan_samples,
-                config.scan_rate_hz,
+            lidar_figures(config),
+            random_generator(config.seed, "physics/scan"),
+        )
         self.camera_noise = CameraNoise(
             config.camera_noise,
             3 * config.camera_width_px * config.camera_height_px,
             random_generator(config.seed, "physics/camera"),
-        )
-                config.scan_range_min_m,
-                config.scan_range_max_m,
-                config.scan_noise_m,
-                config.scan_noise_share,
-                config.scan_resolution_m,
-            ),
-            random_generator(config.seed, "physics/scan"),
         )
 
     @property
@@ -93,7 +85,7 @@ class Simulation:
         """Advance to `now_ns`, one step on; the touches that began.
 
         None: PyBullet had brought robot or things into a state that they cannot be in, and
-        everything was built anew, as at the start.
+        everything was built anew, as at the start and without entities.
         """
         speeds = self.drive.step(now_ns, STEP_S)
         if speeds is not None:
@@ -107,7 +99,6 @@ class Simulation:
             self.state_hash.add(self.bodies.state, self.bodies.mover_states)
             return None
         self.state_hash.add(state, movers)
-        self.image_hash = ImageHash()
         touches = self.bodies.touches()
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
 
@@ -116,6 +107,7 @@ class Simulation:
         self.drive.restart_clock(now_ns)
         self.contacts.restart_clock(now_ns)
         self.state_hash = StateHash()
+        self.image_hash = ImageHash()
 
     def close(self) -> None:
         """Remove the world. Calling it again does nothing."""
