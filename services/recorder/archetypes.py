@@ -513,6 +513,9 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
             ),
         )
         _scalar(canvas, "simulation/stats/watchdog_stops", stats.watchdog_stops)
+    if stats.paused:
+        # A pause says nothing of how fast the simulation is.
+        canvas.real_time = None
     if canvas.changed("simulation/stats/renderer", stats.renderer):
         _say(canvas, "simulation/stats", f"renderer: {stats.renderer}")
 

@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from services.common import documents as doc
-from services.common.node import Inbox, Node, Outbox
+from services.common.node import Envelope, Inbox, Node, Outbox
 from services.common.topics import (
     ASSETS,
     DESIRED_ENTITIES,
@@ -21,6 +21,7 @@ from services.common.topics import (
     NAVIGATION_RESULT,
     PARAMETERS,
     ROSOUT,
+    SIMULATION_STATS,
     TF_STATIC,
     WORLD,
     WORLD_REQUEST,
@@ -28,6 +29,7 @@ from services.common.topics import (
     Topic,
     read_by,
 )
+from services.recorder.beginnings import Beginnings
 from services.recorder.config import RecorderConfig
 from services.recorder.repair import Repair
 from services.recorder.run import Run, Setting
@@ -40,13 +42,13 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("recorder")
 
 EVALUATION_PERIOD_NS = 1_000_000_000
-NEW_RUN_NS = 1_000_000_000
-"""A clock that goes back by more than this belongs to another run."""
-
 _EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, PARAMETERS, DIAGNOSTICS, ROSOUT)
 """What is kept for the run until there is one."""
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
 """What is said once and holds until it is said anew, in the next run as well."""
+
+_Arrival = tuple[Any, Envelope, bytes | None]
+# As Inbox.arrivals() has it.
 
 
 class RecorderNode(Node):
@@ -89,9 +91,9 @@ class RecorderNode(Node):
             self._repair = Repair(config.recordings_dir)
             self._repair.start()
         self._request: doc.WorldRequest | None = None
-        self._early: deque[tuple[Topic[Any], Any]] = deque(maxlen=1000)
+        self._early: deque[tuple[Topic[Any], _Arrival]] = deque(maxlen=1000)
         self._run: Run | None = None
-        self._newest_ns = 0
+        self._beginnings = Beginnings()
         self._evaluated_ns: int | None = None
 
     def waiting_for(self) -> str | None:
@@ -100,20 +102,30 @@ class RecorderNode(Node):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in everything that came, and say how the run goes."""
-        if now_ns < self._newest_ns - NEW_RUN_NS and self._run is not None:
+        stats = inbox.arrivals(SIMULATION_STATS)
+        told_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
+        begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
+        now_ns = self._beginnings.now_ns
+        ended = inbox.pending(NAVIGATION_RESULT)
+        later: list[tuple[Topic[Any], _Arrival]] = []
+        for topic in read_by(self.name):
+            for arrival in stats if topic is SIMULATION_STATS else inbox.arrivals(topic):
+                if not begins:
+                    self._take(topic, arrival, now_ns)
+                elif self._beginnings.is_before(arrival[1].sent_ns):
+                    self._take(topic, arrival, self._beginnings.ended_ns)
+                else:
+                    later.append((topic, arrival))
+        if begins and self._run is not None:
             _LOG.info("the simulation began anew")
             self._begin(self._run.world, now_ns)
-        self._newest_ns = now_ns
-        goal_ended = False
-        for topic in read_by(self.name):
-            for message in inbox.new(topic):
-                self._take(topic, message, now_ns)
-                goal_ended = goal_ended or topic is NAVIGATION_RESULT
+            for topic, arrival in later:
+                self._take(topic, arrival, now_ns)
         if self._run is None:
             return
         self._run.tick(now_ns, inbox.counts)
         last_ns = self._evaluated_ns
-        if goal_ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
+        if ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
             self._evaluated_ns = now_ns
             outbox.put(EVALUATION, self._run.evaluation())
 
@@ -128,7 +140,8 @@ class RecorderNode(Node):
             self._live.close()
             self._live = None
 
-    def _take(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
+    def _take(self, topic: Topic[Any], arrival: _Arrival, now_ns: int) -> None:
+        message = arrival[0]
         if topic is WORLD:
             if self._run is None or message.hash != self._run.world.hash:
                 self._begin(message, now_ns)
@@ -144,9 +157,9 @@ class RecorderNode(Node):
             self._parameters[message.service] = message.values
             self._write_config()
         if self._run is not None:
-            self._run.take(topic, message, now_ns)
+            self._run.take(topic, arrival, now_ns)
         elif topic in _EARLY:
-            self._early.append((topic, message))
+            self._early.append((topic, arrival))
 
     def _begin(self, world: doc.World, now_ns: int) -> None:
         """Begin a new run in a folder of its own, with what is known already."""
@@ -163,8 +176,8 @@ class RecorderNode(Node):
         self._write_config()
         _LOG.info("recording to %s", folder.path)
         while self._early:
-            topic, message = self._early.popleft()
-            self._run.take(topic, message, now_ns)
+            topic, arrival = self._early.popleft()
+            self._run.take(topic, arrival, now_ns)
 
     def _write_config(self) -> None:
         """Write config.yaml: what was asked for, what runs, and how every service is configured."""

@@ -13,7 +13,7 @@ import yaml
 from services.common import documents as doc
 from services.common.config import ROOT
 from services.common.diagnostics import REJECTED_KEY
-from services.common.node import TopicCounts
+from services.common.node import Envelope, TopicCounts
 from services.common.topics import (
     AMCL_POSE,
     CLOCK,
@@ -30,10 +30,18 @@ from services.common.topics import (
     Topic,
 )
 from services.recorder.config import RecorderConfig
+from services.recorder.digests import DigestWriter
 from services.recorder.evaluation import RunEvaluation
 from services.recorder.obstacles import read_meshes
 from services.recorder.repair import Rewriting
-from services.recorder.run_folder import CONFIG, RECORDING, SUMMARY, RunFolder, write_atomically
+from services.recorder.run_folder import (
+    CONFIG,
+    DIGESTS,
+    RECORDING,
+    SUMMARY,
+    RunFolder,
+    write_atomically,
+)
 from services.recorder.scenery import parts
 from services.recorder.summary import build_summary, summary_text
 
@@ -91,9 +99,14 @@ class Run:
             SIMULATION_STATS: self._take_stats,
             DIAGNOSTICS: self._take_diagnostics,
         }
+        self._digests = self._open_digests()
         self._canvas: Canvas | None = None
         self._parts = 0
         self._stats: doc.SimulationStats | None = None
+        self._rebuilds = 0
+        self._pauses = 0
+        self._paused_s = 0.0
+        self._paused_since_s: float | None = None
         self._rejected: dict[tuple[str, str, str], int] = {}
         self._counts: Mapping[str, TopicCounts] = {}
         self._start: tuple[float, int] | None = None
@@ -104,12 +117,17 @@ class Run:
             self._judge_one(topic, message)
         self._open_recording(now_ns)
 
-    def take(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
-        """Judge and draw one message."""
+    def take(
+        self, topic: Topic[Any], arrival: tuple[Any, Envelope, bytes | None], now_ns: int
+    ) -> None:
+        """Judge, draw and digest one message, as Inbox.arrivals() has it."""
+        message, envelope, data = arrival
         self._end = self._setting.wall_clock_s(), now_ns
         if self._start is None and topic is CLOCK:
             self._start = self._end
         self._judge_one(topic, message)
+        if self._digests is not None:
+            self._digests.add(topic, message, envelope, data)
         if self._canvas is not None:
             self._draw(self._canvas, topic, message, now_ns)
 
@@ -143,6 +161,7 @@ class Run:
     def close(self) -> None:
         """Write the summary, end the recording, and say that the run is whole."""
         self._write_summary()
+        self._write_digests(close=True)
         if self._canvas is not None:
             self._close_recording(self._canvas)
             self._compact()
@@ -158,8 +177,24 @@ class Run:
             self._evaluation.set_entities(entities)
 
     def _take_stats(self, stats: doc.SimulationStats) -> None:
-        if stats.world_hash == self.world.hash:
-            self._stats = stats
+        if stats.world_hash != self.world.hash:
+            return
+        before, self._stats = self._stats, stats
+        if before is not None and before.epoch != stats.epoch and stats.sim_time_s > 0.0:
+            self._rebuilds += abs(stats.epoch - before.epoch)
+        if stats.paused and self._paused_since_s is None:
+            self._pauses += 1
+            self._paused_since_s = self._setting.wall_clock_s()
+        elif not stats.paused:
+            self._paused_s = self._paused_until_s(self._setting.wall_clock_s())
+            self._paused_since_s = None
+
+    def _paused_until_s(self, now_s: float) -> float:
+        """Wall time for which the simulation has been paused, since the clock first came."""
+        since_s = self._paused_since_s
+        if since_s is None or self._start is None:
+            return self._paused_s
+        return self._paused_s + max(now_s - max(since_s, self._start[0]), 0.0)
 
     def _take_diagnostics(self, array: Any) -> None:
         for status in array.status:
@@ -226,7 +261,30 @@ class Run:
         canvas.now_ns = now_ns
         DRAW[topic](canvas, message)
 
+    def _open_digests(self) -> DigestWriter | None:
+        if not self._setting.config.record:
+            return None
+        path = self.folder.path / DIGESTS
+        try:
+            return DigestWriter(path)
+        except OSError as error:
+            _LOG.error("%s: %s", path, error.strerror)
+            return None
+
+    def _write_digests(self, close: bool = False) -> None:
+        if self._digests is None:
+            return
+        try:
+            if close:
+                self._digests.close()
+            else:
+                self._digests.flush()
+        except OSError as error:
+            _LOG.error("%s: %s", self.folder.path / DIGESTS, error.strerror)
+            self._digests = None
+
     def _flush(self) -> None:
+        self._write_digests()
         canvas = self._canvas
         if canvas is None:
             return
@@ -276,13 +334,17 @@ class Run:
     def _write_summary(self) -> None:
         end_s, end_ns = self._end
         start_s, start_ns = self._start or self._end
+        paused_s = self._paused_until_s(end_s)
         summary = build_summary(
             world=self.world,
-            seed=self._setting.config.seed,
+            seed=self._stats.seed if self._stats else self._setting.config.seed,
             stats=self._stats,
+            rebuilds=self._rebuilds,
+            pauses=self._pauses,
+            paused_s=paused_s,
             sim_time_s=end_ns * 1e-9,
             recorded_s=(end_ns - start_ns) * 1e-9,
-            wall_time_s=end_s - start_s,
+            wall_time_s=end_s - start_s - paused_s,
             evaluation=self.evaluation(),
             totals=self._evaluation.totals(),
             counts=self._counts,

@@ -14,6 +14,7 @@ from typing import IO
 from services.common.config import ConfigError
 
 RECORDING = "run.rrd"
+DIGESTS = "digests.bin"
 SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 LOCK = ".recording"

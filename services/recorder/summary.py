@@ -19,6 +19,9 @@ def build_summary(
     world: World,
     seed: int,
     stats: SimulationStats | None,
+    rebuilds: int,
+    pauses: int,
+    paused_s: float,
     sim_time_s: float,
     recorded_s: float,
     wall_time_s: float,
@@ -30,10 +33,12 @@ def build_summary(
 ) -> Summary:
     """Everything about a run that a script may want, as JSON values.
 
-    `wall_time_s` runs from the first tick of the clock that came here to the newest message, and
-    `recorded_s` is the simulation time between them; the real time factor is None before any has
-    passed. `messages` counts by topic what its publishers sent, what came here, what was lost on
-    the way here, and what any service rejected, with the service and the reason.
+    `wall_time_s` runs from the first tick of the clock that came here to the newest message, but
+    for the time in which the simulation was paused, and `recorded_s` is the simulation time between
+    them; the real time factor is None before any has passed. `rebuilds` counts how often the world
+    was built anew while time went on. `messages` counts by topic what its publishers sent, what
+    came here, what was lost on the way here, and what any service rejected, with the service and
+    the reason.
     """
     judged = evaluation.model_dump(mode="json")
     contacts = judged.pop("contacts")
@@ -41,10 +46,14 @@ def build_summary(
         "world": world.name,
         "world_hash": world.hash,
         "seed": seed,
+        "epoch": stats.epoch if stats else 0,
+        "rebuilds": rebuilds,
         "state_hash": stats.state_hash if stats else "",
+        "image_hash": stats.image_hash if stats else "",
         "sim_time_s": sim_time_s,
         "wall_time_s": wall_time_s,
         "real_time_factor": recorded_s / wall_time_s if wall_time_s > 0.0 else None,
+        "pauses": {"count": pauses, "wall_time_s": paused_s},
         "renderer": stats.renderer if stats else "",
         "goals": judged.pop("goals"),
         "contacts": {"count": len(contacts), "list": contacts},

@@ -238,7 +238,7 @@ def _slow(world: doc.World, now_ns: int, step: int) -> Iterator[Said]:
     )  # fmt: skip
     yield now_ns, table.SIMULATION_STATS, doc.SimulationStats(
         world_hash=world.hash, sim_time_s=now_ns * 1e-9, iterations=step, step_size_s=1 / 240,
-        renderer="moderngl (hand-made)", state_hash=f"{step:08x}",
+        renderer="moderngl (hand-made)", state_hash=f"{step:08x}", seed=7, epoch=1,
     )  # fmt: skip
     yield (
         now_ns,

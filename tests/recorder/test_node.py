@@ -67,7 +67,9 @@ def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path
     bench.node.close()
     (run,) = tmp_path.iterdir()
     assert run.name == "2026-11-21_12-00-00_room"
-    assert {path.name for path in run.iterdir()} == {"run.rrd", "summary.json", "config.yaml"}
+    assert {path.name for path in run.iterdir()} == {
+        "run.rrd", "summary.json", "config.yaml", "digests.bin",
+    }  # fmt: skip
     verify(run / "run.rrd")
     drawn = entities_of(run / "run.rrd")
     for entity in ("world/walls/bricks", "world/walls_above/plain", "entities/marker_60",

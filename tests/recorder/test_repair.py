@@ -61,7 +61,9 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
     drawn = entities_of(run / "run.rrd")
     assert "/camera/color/image_raw: " in drawn
     assert "/ground_truth/odom: " in drawn
-    assert {path.name for path in run.iterdir()} == {"run.rrd", "config.yaml", "summary.json"}
+    assert {path.name for path in run.iterdir()} == {
+            "run.rrd", "config.yaml", "summary.json", "digests.bin",
+        }  # fmt: skip
 
 
 def test_sigterm_ends_a_recording_whole(tmp_path: Path) -> None:

@@ -1,0 +1,50 @@
+"""Tells one run from the next by the simulation's time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+NEW_RUN_NS = 1_000_000_000
+"""A clock that goes back by more than this belongs to another run."""
+
+
+class Beginnings:
+    """Notices where time goes back: on the clock, or in what the simulation says of itself.
+
+    The latter knows of every beginning, also of one within the first second. The clock may show
+    it earlier, or later.
+    """
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        """Time in the run that goes on."""
+        self.ended_ns = 0
+        """The newest time of the run before."""
+        self._told_ns: int | None = None
+        self._stale_ns: int | None = None
+
+    def look(self, clock_ns: int, told_ns: Iterable[int]) -> bool:
+        """Whether a run begins, by the clock and the times that the simulation told of since."""
+        if self._stale_ns is not None:
+            if clock_ns >= self._stale_ns:
+                clock_ns = self.now_ns
+            else:
+                self._stale_ns = None
+        begun_ns = None
+        for time_ns in told_ns:
+            if self._told_ns is not None and time_ns < self._told_ns:
+                begun_ns = time_ns
+            self._told_ns = time_ns
+        if begun_ns is None and clock_ns < self.now_ns - NEW_RUN_NS:
+            begun_ns, self._told_ns = clock_ns, None
+        if begun_ns is not None:
+            self.ended_ns = self.now_ns
+            if clock_ns > (self.ended_ns + begun_ns) // 2:
+                # It will show the new time in a moment.
+                self._stale_ns, clock_ns = clock_ns, begun_ns
+        self.now_ns = clock_ns
+        return begun_ns is not None
+
+    def is_before(self, sent_ns: int) -> bool:
+        """Whether what was sent at a time was sent in the run before, of what came at once."""
+        return sent_ns > (self.ended_ns + self.now_ns) // 2
