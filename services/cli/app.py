@@ -8,7 +8,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from services.cli import markers, world
+from services.cli import entities, markers, sim, world
+from services.cli.options import ROUTER as _ROUTER
+from services.cli.options import Connect
 from services.common.config import ConfigError
 
 app = typer.Typer(
@@ -24,17 +26,13 @@ app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 app.add_typer(world.app, name="world")
 app.add_typer(markers.app, name="markers")
+app.add_typer(sim.app, name="sim")
 
-Connect = Annotated[
-    str,
-    typer.Option(envvar="MAZEBOT_BUS_CONNECT", help="Zenoh endpoint of the stack's router"),
-]
 RecordingsDir = Annotated[
     Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
 ]
 # typer keeps click to itself: this is click's UsageError.
 _UsageMistake: type[Exception] = typer.BadParameter.__mro__[1]
-_ROUTER = "tcp/127.0.0.1:7447"
 _TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
 
 
@@ -104,6 +102,18 @@ def demo(
     raise typer.Exit(embedded.run(options))
 
 
+@app.command()
+def diff(
+    first: Annotated[str, typer.Argument(help="a run's folder or its name")],
+    second: Annotated[str, typer.Argument(help="another's")],
+    directory: RecordingsDir = None,
+) -> None:
+    """Name the first message in which two runs differ; exit code 0 where none does, else 1."""
+    from services.cli.diff import diff_runs  # noqa: PLC0415
+
+    raise typer.Exit(diff_runs(directory or Path("recordings"), first, second))
+
+
 @app.command(context_settings={"ignore_unknown_options": True})
 def goal(x: float, y: float, yaw: float, connect: Connect = _ROUTER) -> None:
     """Send the robot of a running stack to x, y (m) and yaw (rad) in the map, and wait for the
@@ -168,6 +178,9 @@ def recordings_view(
     from services.cli.recordings import view_run  # noqa: PLC0415
 
     view_run(directory or Path("recordings"), name, port)
+
+
+entities.register(app)
 
 
 def parse_bool(option: str, text: str) -> bool:

@@ -8,16 +8,17 @@ import sys
 import time
 
 from services.cli.session import connect_to
+from services.cli.sim import stats_now
 from services.common import messages as msg
 from services.common import wire
 from services.common.bus import put_once, subscribe, wait_until_alive
 from services.common.config import ConfigError
 from services.common.documents import NavigationResult
 from services.common.frames import MAP_FRAME, SE2
-from services.common.topics import CLOCK, GOAL_POSE, NAVIGATION_RESULT
+from services.common.topics import GOAL_POSE, NAVIGATION_RESULT
 
 PATIENCE_S = 5.0
-"""Time to wait for a navigation service, and for the clock."""
+"""Time to wait for a navigation service."""
 
 
 def send_goal(endpoint: str, x_m: float, y_m: float, yaw_rad: float) -> int:
@@ -31,17 +32,12 @@ def send_goal(endpoint: str, x_m: float, y_m: float, yaw_rad: float) -> int:
     session = connect_to(endpoint)
     if not wait_until_alive(session, "navigation", PATIENCE_S):
         raise ConfigError("goal: no navigation service is running")
-    clocks: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     results: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscriptions = [
-        subscribe(session, CLOCK, lambda payload, _: clocks.put(payload)),
-        subscribe(session, NAVIGATION_RESULT, lambda payload, _: results.put(payload)),
-    ]
-    try:
-        clock = wire.decode(CLOCK, clocks.get(timeout=PATIENCE_S))
-    except queue.Empty:
-        raise ConfigError("goal: the simulation's clock stands still") from None
-    stamp_ns = msg.ns_from_time(clock.clock)
+    subscription = subscribe(session, NAVIGATION_RESULT, lambda payload, _: results.put(payload))
+    now = stats_now(session, "goal")
+    if now.paused:
+        raise ConfigError("goal: the simulation is paused: let it go on with `mazebot sim resume`")
+    stamp_ns = round(now.sim_time_s * 1e9)
     goal = msg.PoseStamped(
         header=msg.header(stamp_ns, MAP_FRAME), pose=msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
     )
@@ -49,7 +45,7 @@ def send_goal(endpoint: str, x_m: float, y_m: float, yaw_rad: float) -> int:
     sys.stdout.write(f"driving to ({x_m:g}, {y_m:g}, {yaw_rad:g})\n")
     sys.stdout.flush()
     result = _await_result(results, stamp_ns)
-    del subscriptions
+    del subscription
     session.close()  # type: ignore[no-untyped-call]
     if result.error_code:
         raise ConfigError(f"goal: {result.error_msg} (error code {result.error_code})")

@@ -431,16 +431,23 @@ class NoAnswerError(ConnectionError):
 
 
 def ask(
-    session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float, prefix: str = ""
+    session: zenoh.Session,
+    query: Query[Q, A],
+    message: Q,
+    timeout_s: float,
+    prefix: str = "",
+    start_s: float = 5.0,
 ) -> A:
     """Ask a running stack, and wait for the answer.
 
-    A service that is starting is waited for: an empty answer in no time is Zenoh's way to say that
-    nobody is there. Raises NoAnswerError where none came within `timeout_s` or it was refused.
+    A service that is starting is waited for, up to `start_s`: an empty answer is Zenoh's way to say
+    that nobody is there, or no more. Raises NoAnswerError where none came within `timeout_s` or it
+    was refused.
     """
     key = wire.key_from_topic(query, prefix)
     payload = wire.encode_document(cast("Document", message))
-    end_s = time.monotonic() + timeout_s
+    begin_s = time.monotonic()
+    end_s = begin_s + timeout_s
     while (left_s := end_s - time.monotonic()) > 0.0:
         for reply in session.get(key, payload=payload, timeout=left_s):
             if reply.ok is not None:
@@ -449,6 +456,8 @@ def ask(
             said = reply.err.payload.to_string() if reply.err is not None else ""
             if said != "Timeout":
                 raise NoAnswerError(said)
+        if start_s < time.monotonic() - begin_s < timeout_s:
+            raise NoAnswerError(f"{query.name}: {query.owner} is not there to answer")
         time.sleep(0.02)
     raise NoAnswerError(f"{query.name}: no answer from {query.owner} within {timeout_s:g} s")
 

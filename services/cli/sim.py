@@ -1,0 +1,222 @@
+"""`mazebot sim`: pause, go on, step, reset, and how the simulation of a running stack is."""
+
+from __future__ import annotations
+
+import json
+import queue
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from services.cli.options import ROUTER, Connect
+from services.common.config import ConfigError, one_line
+from services.common.documents import SimulationControl, SimulationStats
+
+if TYPE_CHECKING:
+    import zenoh
+
+
+PATIENCE_S = 5.0
+"""Time to wait for an answer that comes at once."""
+ALL_DAY_S = 86_400.0
+"""Time to wait for the end of a run of steps, which takes as long as it takes."""
+RATES_WINDOW_S = 1.0
+"""Time between two looks at the clock, and the period of /diagnostics."""
+RATES_PATIENCE_S = 0.5
+SPEEDS = {"real_time": 1.0, "fast": 0.0}
+
+app = typer.Typer(
+    help="Control the time of a running stack's simulation.", invoke_without_command=True
+)
+
+
+@app.callback()
+def _overview(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        sys.stdout.write(context.get_help() + "\n")
+
+
+@app.command()
+def pause(connect: Connect = ROUTER) -> None:
+    """Let time stand still."""
+    _control(connect, pause=True)
+
+
+@app.command()
+def resume(connect: Connect = ROUTER) -> None:
+    """Let time go on."""
+    _control(connect, pause=False)
+
+
+@app.command()
+def step(
+    steps: Annotated[int, typer.Argument(metavar="[N]", help="of 1/240 s")] = 1,
+    connect: Connect = ROUTER,
+) -> None:
+    """Advance by N steps and leave the simulation paused."""
+    _control(connect, step=steps)
+
+
+@app.command("run-until")
+def run_until(
+    time_s: Annotated[float, typer.Argument(metavar="T", help="simulation time, seconds")],
+    connect: Connect = ROUTER,
+) -> None:
+    """Advance to a simulation time and leave the simulation paused."""
+    _control(connect, run_until_s=time_s)
+
+
+@app.command()
+def reset(
+    time_only: Annotated[
+        bool, typer.Option("--time-only", help="only the clock; nothing moves")
+    ] = False,
+    seed: Annotated[
+        int | None, typer.Option(help="of the random streams from now on [default: as before]")
+    ] = None,
+    connect: Connect = ROUTER,
+) -> None:
+    """Begin again at time 0, with everything as at the start."""
+    _control(connect, reset="time" if time_only else "all", seed=seed)
+
+
+@app.command()
+def speed(
+    factor: Annotated[
+        str, typer.Argument(metavar="X", help="simulated seconds a second, or fast, or real_time")
+    ],
+    connect: Connect = ROUTER,
+) -> None:
+    """Set how fast time passes; 0 is as fast as possible."""
+    _control(connect, speed=SPEEDS.get(factor, factor))
+
+
+@app.command()
+def stats(
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Print time, real time factor, hashes and the rates of the sensors."""
+    from services.cli.session import connect_to  # noqa: PLC0415 - loads Zenoh
+    from services.common.bus import subscribe  # noqa: PLC0415
+    from services.common.topics import DIAGNOSTICS  # noqa: PLC0415
+
+    session = connect_to(connect)
+    told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    subscription = subscribe(session, DIAGNOSTICS, lambda payload, _: told.put(payload))
+    first, first_s = stats_now(session, "sim stats"), time.monotonic()
+    time.sleep(RATES_WINDOW_S)
+    last, last_s = stats_now(session, "sim stats"), time.monotonic()
+    rates_hz = _rates(told)
+    del subscription
+    session.close()  # type: ignore[no-untyped-call]
+    factor: float | None = None
+    if first.epoch == last.epoch and first.world_hash == last.world_hash:
+        factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)
+    if as_json:
+        content = last.model_dump(mode="json")
+        content |= {"real_time_factor": factor, "rates_hz": rates_hz}
+        sys.stdout.write(json.dumps(content) + "\n")
+    else:
+        sys.stdout.write(_table(last, factor, rates_hz))
+
+
+def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
+    """How the simulation is.
+
+    Raises ConfigError, which begins with `who`, where there is none or no world in it.
+    """
+    found = _asked(session, who, SimulationControl(), PATIENCE_S)
+    if found is None:
+        raise ConfigError(f"{who}: the simulation has no world yet")
+    return found
+
+
+def _control(endpoint: str, **fields: Any) -> None:
+    from services.cli.session import connect_to  # noqa: PLC0415 - loads Zenoh
+
+    try:
+        request = SimulationControl(**fields)
+    except ValidationError as error:
+        raise ConfigError(f"sim: {one_line(error)}") from error
+    takes_time = request.step is not None or request.run_until_s is not None
+    session = connect_to(endpoint)
+    now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
+    session.close()  # type: ignore[no-untyped-call]
+    sys.stdout.write(_state(now, request) + "\n")
+
+
+def _asked(
+    session: zenoh.Session, who: str, request: SimulationControl, timeout_s: float
+) -> SimulationStats | None:
+    from services.common.bus import NoAnswerError, ask  # noqa: PLC0415 - loads Zenoh
+    from services.common.topics import SIMULATION_CONTROL  # noqa: PLC0415
+
+    try:
+        reply = ask(session, SIMULATION_CONTROL, request, timeout_s)
+    except NoAnswerError as error:
+        raise ConfigError(f"{who}: {error}") from error
+    if reply.error:
+        raise ConfigError(f"{who}: {reply.error}")
+    return reply.stats
+
+
+def _state(now: SimulationStats | None, request: SimulationControl) -> str:
+    """How the simulation is after a request, in one line."""
+    if now is None:
+        return "paused; there is no world yet" if request.pause else "there is no world yet"
+    state = "paused" if now.paused else f"running {_pace(now.speed)}"
+    return f"{state} at {now.sim_time_s:.6g} s, step {now.iterations}, epoch {now.epoch}"
+
+
+def _pace(factor: float) -> str:
+    return f"at {factor:g}x real time" if factor else "as fast as possible"
+
+
+def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
+    """What the simulation says of how often its topics come, per second of simulation."""
+    from services.common import wire  # noqa: PLC0415 - loads rosbags
+    from services.common.diagnostics import RATE_KEY  # noqa: PLC0415
+    from services.common.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
+
+    end_s = time.monotonic() + RATES_PATIENCE_S
+    while True:
+        try:
+            array = wire.decode(DIAGNOSTICS, told.get(timeout=max(end_s - time.monotonic(), 0.0)))
+        except queue.Empty:
+            return {}
+        except wire.WireError:
+            continue
+        for status in array.status:
+            if status.name == SIMULATION_CONTROL.owner:
+                return {
+                    value.key.removeprefix(RATE_KEY): float(value.value)
+                    for value in status.values
+                    if value.key.startswith(RATE_KEY)
+                }
+
+
+def _table(now: SimulationStats, factor: float | None, rates_hz: dict[str, float]) -> str:
+    measured = "began anew meanwhile" if factor is None else f"{factor:.3g}"
+    rows = {
+        "simulation time": f"{now.sim_time_s:.6g} s",
+        "real time factor": f"{measured} (asked for: {now.speed:g})"
+        if now.speed
+        else f"{measured} (asked for: as fast as possible)",
+        "paused": "yes" if now.paused else "no",
+        "step": f"{now.iterations} of {now.step_size_s * 1e3:.4g} ms",
+        "epoch": str(now.epoch),
+        "seed": str(now.seed),
+        "entities": str(now.entities),
+        "world": now.world_hash,
+        "state hash": now.state_hash,
+        "image hash": now.image_hash or "none",
+        "renderer": now.renderer,
+        "watchdog stops": str(now.watchdog_stops),
+    }
+    rows |= {name: f"{rate_hz:g} Hz" for name, rate_hz in rates_hz.items()}
+    width = max(map(len, rows)) + 2
+    return "".join(f"{name:{width}}{value}\n" for name, value in rows.items())
