@@ -1,0 +1,144 @@
+"""`mazebot diff`: what two runs were told, and where they part."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from services.common.config import ConfigError
+from services.common.topics import CMD_VEL
+from services.recorder.digests import DigestError, Digests, read_digests
+from services.recorder.run_comparison import Comparison, Difference, compare
+from services.recorder.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
+
+_CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
+_MOST_LINES = 12
+_NO_MATTER = ("services.recorder.", "world_hash")
+"""Settings on which nothing that happens depends, and what the summary says better."""
+
+
+def diff_runs(directory: Path, first: str, second: str) -> int:
+    """Print what two runs, by folder or name, were told and said differently; 0: they said the
+    same, 1: they did not.
+
+    Raises ConfigError where one of them is no run, or has no digests.
+    """
+    folders = _find(directory, first), _find(directory, second)
+    digests = _read(folders[0]), _read(folders[1])
+    comparison = compare(*digests)
+    lines = [*_told(*folders), *_said(comparison)]
+    for which, folder in zip(("first", "second"), folders, strict=True):
+        if (folder / LOCK).exists():
+            lines.append(f"the {which} run has not ended, or its recorder was killed")
+    sys.stdout.write("\n".join(lines) + "\n")
+    return 1 if comparison.differences else 0
+
+
+def _find(directory: Path, name: str) -> Path:
+    for folder in (Path(name), directory / name):
+        if any((folder / file).is_file() for file in (DIGESTS, SUMMARY)):
+            return folder
+    raise ConfigError(f"diff: {name!r} is no folder of a run, and no run in {directory}")
+
+
+def _read(folder: Path) -> Digests:
+    try:
+        return read_digests(folder / DIGESTS)
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"diff: {folder} has no {DIGESTS}: it was made without a recording"
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"diff: {folder / DIGESTS}: {error.strerror}") from error
+    except DigestError as error:
+        raise ConfigError(f"diff: {error}") from error
+
+
+def _told(first: Path, second: Path) -> Iterator[str]:
+    """What the runs were made of."""
+    one, other = _settings(first), _settings(second)
+    same = True
+    for name in dict.fromkeys((*one, *other)):
+        if one.get(name) != other.get(name):
+            same = False
+            yield f"{name}: {_text(one, name)} | {_text(other, name)}"
+    if same:
+        world, seed = one.get("world", "?"), one.get("seed", "?")
+        yield f"same world ({world}), seed ({seed}), configuration and versions"
+
+
+def _settings(folder: Path) -> dict[str, Any]:
+    """All that a run depends on, by name."""
+    summary = _mapping(folder / SUMMARY, json.loads)
+    named = ("world", "world_hash", "seed", "renderer")
+    settings = {name: summary[name] for name in named if name in summary}
+    settings |= _flat("", {"version": summary.get("versions")})
+    config = _mapping(folder / CONFIG, yaml.safe_load)
+    for name, value in _flat("", config).items():
+        if not name.startswith(_NO_MATTER):
+            settings.setdefault(name.removeprefix("services."), value)
+    return settings
+
+
+def _mapping(path: Path, parse: Any) -> dict[str, Any]:
+    """What a file of a run holds; nothing where it is not there, as of one that was killed."""
+    try:
+        content = parse(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigError(f"diff: {path}: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise ConfigError(f"diff: {path}: holds no settings")
+    return content
+
+
+def _flat(prefix: str, values: dict[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(f"{prefix}{name}.", value)
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _text(settings: dict[str, Any], name: str) -> str:
+    return str(settings[name]) if name in settings else "-"
+
+
+def _said(comparison: Comparison) -> Iterator[str]:
+    """What the runs said."""
+    differences = comparison.differences
+    first_ns, second_ns = comparison.ends_ns
+    if differences:
+        yield f"first difference: {_line(differences[0])}"
+        for difference in differences[1:_MOST_LINES]:
+            yield f"             then: {_line(difference)}"
+        if len(differences) > _MOST_LINES:
+            yield f"             and on {len(differences) - _MOST_LINES} more topics"
+        yield f"{comparison.messages} messages are the same"
+    else:
+        common_s = min(first_ns, second_ns) * 1e-9
+        yield f"the same: {comparison.messages} messages in {common_s:.3f} s of simulation time"
+    if first_ns != second_ns:
+        longer = "first" if first_ns > second_ns else "second"
+        yield f"the {longer} run goes on for another {abs(first_ns - second_ns) * 1e-9:.3f} s"
+    for which, lost in zip(("first", "second"), comparison.lost, strict=True):
+        if lost:
+            yield f"{lost} messages never came to the {which} run's recorder: not compared"
+
+
+def _line(difference: Difference) -> str:
+    tick = int(difference.time_ns * 1e-9 * _CONTROL_RATE_HZ)
+    of = f" of {difference.source}" if difference.source else ""
+    how = {None: "differs", 0: "is in the first run only", 1: "is in the second run only"}
+    return (
+        f"{difference.time_ns * 1e-9:.3f} s (control tick {tick}), {difference.topic}{of}: "
+        f"message {difference.number} {how[difference.only_in]}"
+    )
