@@ -73,6 +73,13 @@ class PhysicsConfig(ServiceConfig):
     wheel_torque_n_m: float = Field(
         1.0, gt=0.0, le=20.0, description="the most a wheel's motor can give"
     )
+    wheel_slip: float = Field(
+        0.0,
+        ge=0.0,
+        le=0.9,
+        description="share of a wheel's way that the robot does not make but odometry counts; "
+        "0: only what PyBullet's contacts lose",
+    )
     wheel_noise_m_per_sqrt_m: float = Field(
         0.0,
         ge=0.0,

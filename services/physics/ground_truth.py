@@ -30,13 +30,15 @@ def ground_truth(bodies: Bodies, stamp_ns: int) -> msg.Odometry:
     )
 
 
-def joint_states(bodies: Bodies, stamp_ns: int) -> msg.JointState:
-    """Angles and speeds of the wheels."""
+def joint_states(
+    angles_rad: tuple[float, float], speeds_rad_s: tuple[float, float], stamp_ns: int
+) -> msg.JointState:
+    """Angles and speeds of the wheels, left and right, as their encoders tell them."""
     return msg.JointState(
         header=msg.header(stamp_ns, ""),
         name=list(WHEELS),
-        position=np.array(bodies.state.wheel_angles_rad),
-        velocity=np.array(bodies.state.wheel_speeds_rad_s),
+        position=np.array(angles_rad),
+        velocity=np.array(speeds_rad_s),
         effort=np.zeros(0),
     )
 

@@ -148,6 +148,11 @@ class PhysicsNode(ClockNode):
             rates |= {topic.name: config.camera_rate_hz for topic in sent}
         return rates
 
+    @property
+    def interventions(self) -> int:  # type: ignore[override]
+        """See ClockNode."""
+        return self._control.interventions
+
     def waiting_for(self) -> str | None:
         """What keeps time from starting."""
         if self._simulation is not None:
@@ -258,8 +263,7 @@ class PhysicsNode(ClockNode):
             simulation.imu.read(self.now_ns, since_imu * STEP_S)
         since_odom = self._steps % steps_per_period(ODOM.rate_hz or 1.0)
         if since_odom:
-            angles_rad = simulation.bodies.state.wheel_angles_rad
-            simulation.odometry.update(angles_rad, since_odom * STEP_S)
+            simulation.odometry.update(simulation.wheel_angles_rad, since_odom * STEP_S)
 
     def _simulation_of(
         self, world: World, meshes: Mapping[str, TriangleMesh], seed: int
@@ -290,7 +294,7 @@ class PhysicsNode(ClockNode):
 
     def _take_in_world(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         for asset in inbox.new(ASSETS):
-            reason = self._assets.add(asset)
+            reason = self._assets.add(asset, self._assets_in_use)
             if reason:
                 inbox.reject(ASSETS, reason)
         world = inbox.latest(WORLD)
@@ -310,10 +314,12 @@ class PhysicsNode(ClockNode):
     def _take_in_desired(self, desired: Entities) -> None:
         """Keep the newest set of each of the last few worlds."""
         if desired.revision == 0 and desired.world_hash == self.world_hash and self._entities:
-            # A spawner that has just begun does not know of the bodies that stand already.
-            names = {entity.name for entity in desired.entities}
-            kept = [body for body in self._entities.bodies if body.name not in names]
-            desired = desired.model_copy(update={"entities": (*desired.entities, *kept)})
+            # A spawner that has just begun does not know what was put, moved and taken away.
+            standing = self._entities.entities
+            refused = {refusal.name for refusal in self._entities.refused}
+            refused -= {entity.name for entity in standing}
+            again = [entity for entity in desired.entities if entity.name in refused]
+            desired = desired.model_copy(update={"entities": (*standing, *again)})
         self._desired.pop(desired.world_hash, None)
         self._desired[desired.world_hash] = desired
         while len(self._desired) > _MAX_DESIRED_SETS:
@@ -342,6 +348,17 @@ class PhysicsNode(ClockNode):
         if missing:
             return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
         return None
+
+    def _assets_in_use(self) -> set[str]:
+        worlds = [self._next_world, self._simulation.world if self._simulation else None]
+        used: set[str] = set()
+        for world in worlds:
+            if world is not None:
+                used |= {material.texture_sha256 for material in world.materials}
+                used |= set(mesh_sha256s(world.bodies))
+        for entities in (*self._desired.values(), *filter(None, [self._entities])):
+            used |= {*texture_sha256s(entities), *mesh_sha256s(entities.bodies)}
+        return used
 
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         try:
@@ -426,11 +443,13 @@ class PhysicsNode(ClockNode):
     def _put_odometry(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         elapsed_s = steps_per_period(ODOM.rate_hz or 1.0) * STEP_S
         bodies, odometry = simulation.bodies, simulation.odometry
-        odometry.update(bodies.state.wheel_angles_rad, elapsed_s)
+        angles_rad = simulation.wheel_angles_rad
+        odometry.update(angles_rad, elapsed_s)
         transforms = odometry.transform(now_ns).transforms
         outbox.put(TF, msg.TFMessage(transforms=[*transforms, *mover_frames(bodies, now_ns)]))
         outbox.put(ODOM, odometry.message(now_ns))
-        outbox.put(JOINT_STATES, joint_states(bodies, now_ns))
+        speeds_rad_s = simulation.wheel_speeds_rad_s
+        outbox.put(JOINT_STATES, joint_states(angles_rad, speeds_rad_s, now_ns))
         outbox.put(GROUND_TRUTH_ODOM, ground_truth(bodies, now_ns))
 
     def _put_scan(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:

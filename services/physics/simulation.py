@@ -53,7 +53,7 @@ class Simulation:
         self.odometry = WheelOdometry(
             config.wheel_separation_m,
             config.wheel_radius_m,
-            bodies.state.wheel_angles_rad,
+            self.wheel_angles_rad,
             config.wheel_noise_m_per_sqrt_m,
             random_generator(config.seed, "physics/odometry"),
         )
@@ -81,6 +81,22 @@ class Simulation:
         """Times the velocity watchdog stopped the robot."""
         return self.watchdog_stops_before + self.drive.watchdog_stops
 
+    @property
+    def wheel_angles_rad(self) -> tuple[float, float]:
+        """By how much the wheels, left and right, have turned by their encoders, which slip hides
+        nothing from: where a wheel slips, PyBullet turns it only by what it rolls.
+        """
+        left, right = self.bodies.state.wheel_angles_rad
+        rolls = 1.0 - self._config.wheel_slip
+        return left / rolls, right / rolls
+
+    @property
+    def wheel_speeds_rad_s(self) -> tuple[float, float]:
+        """The speeds of the same."""
+        left, right = self.bodies.state.wheel_speeds_rad_s
+        rolls = 1.0 - self._config.wheel_slip
+        return left / rolls, right / rolls
+
     def step(self, now_ns: int) -> list[Contact] | None:
         """Advance to `now_ns`, one step on; the touches that began.
 
@@ -89,7 +105,8 @@ class Simulation:
         """
         speeds = self.drive.step(now_ns, STEP_S)
         if speeds is not None:
-            self.bodies.set_wheel_speeds(*speeds)
+            rolls = 1.0 - self._config.wheel_slip
+            self.bodies.set_wheel_speeds(speeds[0] * rolls, speeds[1] * rolls)
         state = self.bodies.step()
         movers = self.bodies.mover_states
         if not (state.is_sane() and all(mover.is_sane() for mover in movers)):
