@@ -51,7 +51,7 @@ class SelfReport:
         self._outbox = outbox
         self._periodic = [topic for topic in owned_by(node.name) if topic.rate_hz is not None]
         self._windows: dict[str, _Window] = {}
-        self._paced: tuple[int, float] | None = None
+        self._paced: tuple[int, float, int] | None = None
 
     def report(self, now_ns: int, wall_s: float | None = None) -> msg.DiagnosticArray:
         """The message for /diagnostics. `wall_s` is a steady clock's time, for the real time factor
@@ -133,10 +133,13 @@ class SelfReport:
         """The real time factor since the last report, and what to say where time is behind."""
         if wall_s is None or not isinstance(self._node, ClockNode):
             return [], []
-        before, self._paced = self._paced, (now_ns, wall_s)
+        before, self._paced = self._paced, (now_ns, wall_s, self._node.interventions)
         if self._node.paused or self._node.waiting_for():
             self._paced = None
         if before is None or self._paced is None or now_ns <= before[0] or wall_s <= before[1]:
+            return [], []
+        if self._node.interventions != before[2]:
+            # Time passed in another way for a part of what has gone by.
             return [], []
         factor = (now_ns - before[0]) * 1e-9 / (wall_s - before[1])
         value = msg.KeyValue(key=REAL_TIME_FACTOR_KEY, value=f"{factor:.3f}")

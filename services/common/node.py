@@ -98,6 +98,8 @@ class ClockNode(Node):
     """Simulated seconds a second to keep to; 0: as fast as possible."""
     paused: bool = False
     """Whether time stands still by a person's word, and not for want of something."""
+    interventions: int = 0
+    """Times a person has made time stand, go on, begin anew or pass at another speed."""
     now_ns: int = 0
     """The time it has come to; after a step in which the simulation began anew, earlier than
     before.

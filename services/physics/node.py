@@ -213,6 +213,7 @@ class PhysicsNode(ClockNode):
 
     def _take_in_control(self, request: ControlRequest, inbox: Inbox, outbox: Outbox) -> None:
         asked = request.message
+        asked_s = self.now_ns * 1e-9
         error = self._control.problem(asked, self._steps)
         if not error and asked.reset is not None:
             error = self._reset(asked, inbox, outbox)
@@ -221,7 +222,7 @@ class PhysicsNode(ClockNode):
             return
         cut = self._control.apply(request, self._steps)
         if cut is not None:
-            self._answer(cut, f"cut short at {self.now_ns * 1e-9:.6g} s by a later request")
+            self._answer(cut, f"cut short at {asked_s:.6g} s by a later request")
         if not self._control.running(request):
             self._answer(request, "")
         if asked.model_dump(exclude_none=True):

@@ -18,6 +18,8 @@ class RunControl:
     def __init__(self, speed: float = 1.0) -> None:
         self.speed = speed
         """Simulated seconds a second; 0: as fast as possible."""
+        self.interventions = 0
+        """Times that a request has changed how time passes, or such a change has ended."""
         self._paused = False
         self._last_step: int | None = None
         """The step after which a run of steps ends."""
@@ -51,6 +53,8 @@ class RunControl:
         Returns the request whose run of steps this one cuts short.
         """
         asked = request.message
+        if asked.model_dump(exclude_none=True):
+            self.interventions += 1
         if asked.speed is not None:
             self.speed = asked.speed
         last_step: int | None = None
@@ -78,6 +82,7 @@ class RunControl:
         if self._running is None or not self.stands(steps_done):
             return None
         ended, self._running, self._last_step = self._running, None, None
+        self.interventions += 1
         return ended
 
 

@@ -163,3 +163,15 @@ def test_a_plan_that_nobody_asks_for_is_no_fault() -> None:
     report.report(0)
     level, _, values = told(report.report(100 * S))
     assert (level, values["rate_hz /plan"]) == (0, "0.00")
+
+
+def test_a_pause_between_two_reports_is_no_fault() -> None:
+    node = Physics()
+    report = boxes(node)[2]
+    report.report(1 * S, wall_s=1.0)
+    assert told(report.report(2 * S, wall_s=2.0))[2]["real_time_factor"] == "1.000"
+    node.interventions += 2
+    level, message, values = told(report.report(2 * S + S // 3, wall_s=3.0))
+    assert (level, message) == (0, "active")
+    assert "real_time_factor" not in values
+    assert told(report.report(3 * S + S // 3, wall_s=4.0))[2]["real_time_factor"] == "1.000"
