@@ -370,6 +370,7 @@ class _RemoteSeat:
     def _turn(
         self, now_ns: int, step: bool, sent: tuple[tuple[str, str, int], ...] | None = None
     ) -> TurnEnd:
+        start_s = time.monotonic()
         end = self._ask(
             self.name,
             self.source,
@@ -384,6 +385,8 @@ class _RemoteSeat:
             ),
         )
         if end is None:
+            if time.monotonic() - start_s < self._timeout_s * 0.9:
+                raise _left(self.name, now_ns)
             raise LockstepError(
                 f"lockstep: {self.name} did not answer for {_seconds(now_ns)} within "
                 f"{self._timeout_s:g} s"
@@ -457,7 +460,7 @@ class Lockstep:
             return
         self._leave(service)
         if self._begun and service not in MAY_LEAVE:
-            raise LockstepError(f"lockstep: {service} left at {_seconds(self.now_ns)}")
+            raise _left(service, self.now_ns)
 
     def _wake(self, service: str, source: str) -> None:
         seat = self._remote.get(service)
@@ -514,6 +517,10 @@ class Lockstep:
         if seat in self._round.seats:
             self._round.seats.remove(seat)
         self._ledger.leave(service)
+
+
+def _left(service: str, now_ns: int) -> LockstepError:
+    return LockstepError(f"lockstep: {service} left at {_seconds(now_ns)}")
 
 
 def _seconds(now_ns: int) -> str:

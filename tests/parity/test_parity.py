@@ -1,14 +1,19 @@
 """One episode in process, and through CDR and a real router: every message is the same."""
 
 import json
+import re
+import signal
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from services.common import log
 from services.common.executive import Executive
+from services.common.serve import EXIT_OUT_OF_STEP
 from services.common.topics import (
     BY_NAME,
+    CLOCK,
     EVALUATION,
     PARAMETERS,
     ROSOUT,
@@ -17,6 +22,7 @@ from services.common.topics import (
 )
 from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
+from tests.parity.processes import DEADLINE_S, busy, running_services
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
 from tests.router import running_router
 
@@ -29,7 +35,11 @@ def episode(
 ) -> Record:
     """Four seconds of driving in the enhanced world, with the camera on."""
     options = DemoOptions(seed=seed, out_dir=out_dir, record=False)
-    executive = Executive(build_nodes(options), transport, log.configure())
+    with pytest.MonkeyPatch.context() as patch:
+        # As in lockstep; it is told in the statistics.
+        patch.setenv("MAZEBOT_PHYSICS_SPEED", "0")
+        nodes = build_nodes(options)
+    executive = Executive(nodes, transport, log.configure())
     try:
         if isinstance(transport, ZenohTransport):
             transport.wait_until_matched()
@@ -67,6 +77,64 @@ def test_every_message_is_the_same_over_a_router(in_process: Record, tmp_path: P
         assert mine[:3] == other[:3], f"message {index}"
         assert mine[3] == other[3], f"message {index} on {mine[0]} at {mine[1]} ns differs"
     assert len(ours) == len(theirs)
+
+
+def test_every_message_is_the_same_between_processes_in_lockstep(
+    in_process: Record, tmp_path: Path
+) -> None:
+    with running_router() as endpoint, running_services(endpoint, tmp_path) as stack:
+        stack.wait_for(count_by_topic(comparable(in_process)))
+        assert differences(in_process, stack.record()) == []
+        stack.processes["navigation"].kill()
+        assert stack.processes["physics"].wait(DEADLINE_S) == EXIT_OUT_OF_STEP
+        said = (tmp_path / "physics.log").read_text().splitlines()[-1]
+    assert re.fullmatch(
+        r"error: lockstep: navigation left at \d+\.\d{3} s of simulation time", said
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("burners", [0, 1, 2])
+def test_lockstep_repeats_also_where_the_machine_is_busy(
+    in_process: Record, tmp_path: Path, burners: int
+) -> None:
+    with busy(burners), running_router() as endpoint, running_services(endpoint, tmp_path) as stack:
+        stack.wait_for(count_by_topic(comparable(in_process)))
+        assert differences(in_process, stack.record()) == []
+
+
+@pytest.mark.slow
+def test_one_who_hangs_is_named_and_the_run_ends(tmp_path: Path) -> None:
+    timeout = {"MAZEBOT_BUS_LOCKSTEP_TIMEOUT_S": "1.5"}
+    with running_router() as endpoint, running_services(endpoint, tmp_path, timeout) as stack:
+        stack.wait_for({CLOCK.name: 30})
+        stack.processes["navigation"].send_signal(signal.SIGSTOP)
+        assert stack.processes["physics"].wait(DEADLINE_S) == EXIT_OUT_OF_STEP
+        said = (tmp_path / "physics.log").read_text().splitlines()[-1]
+    assert re.fullmatch(
+        r"error: lockstep: navigation did not answer for \d+\.\d{3} s of simulation time "
+        r"within 1\.5 s",
+        said,
+    )
+
+
+def count_by_topic(record: Record) -> dict[str, int]:
+    """Messages of an episode, by topic."""
+    return Counter(name for name, sent_ns, _, _ in record if sent_ns < EPISODE_S * 1e9)
+
+
+def differences(one: Record, other: Record) -> list[str]:
+    """The topics whose messages differ before the episode's end, whoever was heard first."""
+
+    def by_topic(record: Record) -> dict[str, list[tuple[int, str, bytes]]]:
+        topics: dict[str, list[tuple[int, str, bytes]]] = {}
+        for name, sent_ns, world, data in sorted(comparable(record)):
+            if sent_ns < EPISODE_S * 1e9:
+                topics.setdefault(name, []).append((sent_ns, world, data))
+        return topics
+
+    ours, theirs = by_topic(one), by_topic(other)
+    return [name for name in sorted({*ours, *theirs}) if ours.get(name) != theirs.get(name)]
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
