@@ -6,7 +6,7 @@ import functools
 import hashlib
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 import cv2
 import numpy as np
@@ -17,6 +17,8 @@ from services.common.documents import Entities, Mesh, Thing
 from services.common.geometry import TriangleMesh, mesh_from_bytes
 
 MAX_ASSETS = 512
+MAX_BYTES = 256_000_000
+"""Of all assets together"""
 MAX_TEXTURE_SIDE_PX = 2048
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -29,12 +31,17 @@ class Assets:
         self.files: dict[str, bytes] = {}
         """The files by their sha256."""
 
-    def add(self, message: msg.CompressedImage) -> str:
-        """Take in a file; an empty string, or the reason why not, as a short phrase."""
+    def add(
+        self, message: msg.CompressedImage, in_use: Callable[[], Collection[str]] = tuple
+    ) -> str:
+        """Take in a file; an empty string, or the reason why not, as a short phrase.
+
+        Where there are too many, the oldest that is not in use makes room.
+        """
         sha256 = message.header.frame_id
         if sha256 in self.files:
             return ""
-        if len(self.files) >= MAX_ASSETS:
+        if not self._has_room(message.data.nbytes, in_use):
             return "too many assets"
         data = message.data.tobytes()
         if hashlib.sha256(data).hexdigest() != sha256:
@@ -53,6 +60,17 @@ class Assets:
             return "neither png nor npz"
         self.files[sha256] = data
         return ""
+
+    def _has_room(self, size_bytes: int, in_use: Callable[[], Collection[str]]) -> bool:
+        taken = sum(map(len, self.files.values())) + size_bytes
+        if len(self.files) < MAX_ASSETS and taken <= MAX_BYTES:
+            return True
+        kept = set(in_use())
+        for sha256 in [sha256 for sha256 in self.files if sha256 not in kept]:
+            taken -= len(self.files.pop(sha256))
+            if len(self.files) < MAX_ASSETS and taken <= MAX_BYTES:
+                return True
+        return False
 
     def missing(self, wanted: Iterable[str]) -> list[str]:
         """Those of some sha256 that have not come, each once; an empty one names no file."""
@@ -147,3 +165,9 @@ def _check_png(data: bytes) -> None:
                 limit = MAX_TEXTURE_SIDE_PX
                 raise ValueError(f"is {width} x {height}: at most {limit} x {limit}")
         at = end + 4
+
+
+def png_pixels(data: bytes) -> int:
+    """How many pixels a PNG file that was looked at has."""
+    width, height = struct.unpack_from(">II", data, len(_PNG_SIGNATURE) + 8)
+    return int(width * height)

@@ -18,9 +18,10 @@ into what it pushes.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -501,14 +502,9 @@ class Bodies:
         if solids:
             scripted = placed.route is not None
             mass_kg = _SCRIPTED_MASS_KG if scripted else thing.mass_kg
-            number = self._add_rigid(
-                thing.name,
-                mass_kg,
-                self._compound(solids, placed.com_from_body),
-                _NOWHERE,
-                _UPRIGHT,
-                _SCRIPTED_GROUP if scripted else _MOVER_GROUP,
-            )
+            group = _SCRIPTED_GROUP if scripted else _MOVER_GROUP
+            with self._compound(solids, placed.com_from_body) as shape:
+                number = self._add_rigid(thing.name, mass_kg, shape, _NOWHERE, _UPRIGHT, group)
             pybullet.changeDynamics(
                 number,
                 -1,
@@ -634,7 +630,7 @@ class Bodies:
     def _add_solid(self, name: str, solid: Solid, map_from_body: Array) -> int:
         """A piece of what stands."""
         pose = map_from_body @ solid.body_from_solid
-        shape = self._shape_of(solid)
+        shape = self._shape_of(solid, (_NOWHERE, _UPRIGHT))
         return self._add_rigid(name, 0.0, shape, *_placed(pose), _STATIC_GROUP)
 
     def _add_rigid(
@@ -663,7 +659,7 @@ class Bodies:
         self._names[body] = name
         return body
 
-    def _shape_of(self, solid: Solid) -> int:
+    def _shape_of(self, solid: Solid, frame: tuple[Vector, Quaternion]) -> int:
         options: dict[str, Any] = {}
         if solid.vertices_m is not None:
             options["vertices"] = solid.vertices_m.tolist()
@@ -675,23 +671,34 @@ class Bodies:
             halfExtents=list(solid.half_extents_m),
             radius=solid.radius_m,
             height=solid.length_m,
+            collisionFramePosition=frame[0],
+            collisionFrameOrientation=frame[1],
             physicsClientId=self._client,
             **options,
         )
         return index
 
-    def _compound(self, solids: Sequence[Solid], com_from_body: Array) -> int:
-        """One PyBullet shape of several convex pieces, seen from the centre of mass."""
+    @contextlib.contextmanager
+    def _compound(self, solids: Sequence[Solid], com_from_body: Array) -> Iterator[int]:
+        """One PyBullet shape of several convex pieces, seen from the centre of mass; to be used
+        before the context ends.
+        """
         poses = [_placed(com_from_body @ solid.body_from_solid) for solid in solids]
-        with tempfile.TemporaryDirectory(prefix="mazebot-hulls-") as folder:
-            # Of several pieces PyBullet takes corners from files only.
-            files = [""] * len(solids)
-            for number, solid in enumerate(solids):
-                if solid.vertices_m is not None:
-                    path = Path(folder) / f"{number}.obj"
-                    path.write_text(as_obj(solid.vertices_m), encoding="ascii")
-                    files[number] = str(path)
-            index: int = pybullet.createCollisionShapeArray(
+        if len(solids) == 1:
+            yield self._shape_of(solids[0], poses[0])
+            return
+        files = [""] * len(solids)
+        with contextlib.ExitStack() as stack:
+            if any(solid.vertices_m is not None for solid in solids):
+                # Of several pieces PyBullet takes corners from files only, and reads them twice.
+                folder = tempfile.TemporaryDirectory(prefix="mazebot-hulls-")
+                path = Path(stack.enter_context(folder))
+                for number, solid in enumerate(solids):
+                    if solid.vertices_m is not None:
+                        files[number] = str(path / f"{number}.obj")
+                        obj = as_obj(solid.vertices_m)
+                        Path(files[number]).write_text(obj, encoding="ascii")
+            yield pybullet.createCollisionShapeArray(
                 shapeTypes=[_KINDS[solid.kind] for solid in solids],
                 halfExtents=[list(solid.half_extents_m) for solid in solids],
                 radii=[solid.radius_m for solid in solids],
@@ -702,7 +709,6 @@ class Bodies:
                 collisionFrameOrientations=[list(turn) for _, turn in poses],
                 physicsClientId=self._client,
             )
-        return index
 
     def _add_robot(self, world: World, model: RobotModel) -> None:
         """The robot at the world's start; its base's frame in PyBullet is its centre of mass."""

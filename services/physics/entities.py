@@ -16,7 +16,7 @@ from services.common.documents import (
     Refusal,
 )
 from services.common.placement import Placement, panel_of
-from services.physics.assets import meshes_of
+from services.physics.assets import meshes_of, png_pixels
 from services.physics.bodies import Bodies
 from services.physics.scripted_path import Route
 from services.physics.world_limits import MAX_LENGTH_M, body_problems
@@ -29,6 +29,8 @@ MAX_CORNERS = 5_000
 """Of the polylines of one body"""
 MAX_TRIANGLES = 200_000
 """Of the meshes of all bodies: PyBullet takes 0.4 s to make so many solid."""
+MAX_TEXTURE_PX = 32 * 1024 * 1024
+"""Of all bodies: a renderer holds them unpacked."""
 MAX_WAY_M = 200.0
 """Of a path, from the start back to the start"""
 MAX_PANEL_SIDE_M = 3.0
@@ -157,6 +159,10 @@ def _put(
         *_material_problems(entity, files),
     ):
         return problem
+    materials = (material for one in (*there, entity) for material in one.materials)
+    textures = {material.texture_sha256 for material in materials} - {""}
+    if (pixels := sum(png_pixels(files[sha256]) for sha256 in textures)) > MAX_TEXTURE_PX:
+        return f"materials: textures of {pixels} pixels in all bodies: at most {MAX_TEXTURE_PX}"
     return bodies.put(entity, meshes)
 
 
