@@ -359,7 +359,7 @@ class Entities(Document):
     revision: Annotated[int, Field(ge=0)] = Field(
         0,
         description="counts the desired sets; of the set that exists: which of them it answers. "
-        "0: the first set of a spawner that has just begun: bodies that exist already stay",
+        "0: the first set of a spawner that has just begun: what stands already stays as it is",
     )
     entities: tuple[Entity, ...] = ()
     refused: tuple[Refusal, ...] = ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 
 from services.common.documents import (
@@ -34,8 +34,8 @@ MAX_ASKED_FOR = 200
 MAX_ENTITY_BYTES = 256 * 1024
 """Of one thing as JSON: the whole set is sent with each change."""
 MAX_SET_BYTES = 4 * 1024 * 1024
-MAX_ASSETS = 100
-"""Of all things together: with those of MAX_MARKERS fewer than the topic's depth."""
+MAX_ASSETS = 228
+"""Of all things together: 100 and one for each marker, fewer than a late reader is given."""
 MAX_ASSET_BYTES = 64 * 1024 * 1024
 MAX_NAME = 100
 MAX_DISTANCE_M = 1_000.0
@@ -76,11 +76,15 @@ class _Change:
 class DesiredSet:
     """The set of one world."""
 
-    def __init__(self, world: World, placement: Placement, hung: Entities) -> None:
-        """`hung` are the world's markers where they hang, and those that cannot."""
+    def __init__(
+        self, world: World, placement: Placement, hung: Entities, textures: Mapping[str, bytes]
+    ) -> None:
+        """`hung` are the world's markers where they hang, and those that cannot; `textures` those
+        markers' own, by sha256.
+        """
         self.revision = 0
-        self.files: dict[str, bytes] = {}
-        """The assets of what was asked for, by sha256."""
+        self._files = dict(textures)
+        """By sha256."""
         self._world = world
         self._placement = placement
         self._known = {material.texture_sha256 for material in world.materials}
@@ -100,6 +104,11 @@ class DesiredSet:
             entities=tuple(thing.entity for thing in self._things.values()),
             refused=self.refused,
         )
+
+    def files(self) -> dict[str, bytes]:
+        """The assets of what should stand, by sha256, as far as they came this way."""
+        wanted = {sha256 for one in self._entities() for _, sha256 in needed(one)}
+        return {sha256: data for sha256, data in self._files.items() if sha256 in wanted}
 
     def adopt(self, standing: Entities) -> None:
         """Take over what stands already when nothing has been asked for yet."""
@@ -165,8 +174,7 @@ class DesiredSet:
                 self._put(name, change.before)
                 self._is_stale = True
         self._changes = {}
-        wanted = {sha for thing in self._things.values() for _, sha in needed(thing.entity)}
-        self.files = {sha: data for sha, data in self.files.items() if sha in wanted}
+        self._files = self.files()
         return replies
 
     def _spawn(self, message: SpawnEntity) -> EntityReply | Waits | Later:
@@ -190,14 +198,14 @@ class DesiredSet:
         else:
             _check_body(entity)
         try:
-            files = decoded(message.assets, entity, self._known | self.files.keys())
+            files = decoded(message.assets, entity, self._known | self._files.keys())
         except ValueError as error:
             raise _RefusedError(str(error)) from None
-        if len(self.files) + len(files) > MAX_ASSETS:
+        if len(self._files) + len(files) > MAX_ASSETS:
             raise _RefusedError(f"assets: there would be more than {MAX_ASSETS} of all things")
-        if sum(map(len, (*self.files.values(), *files.values()))) > MAX_ASSET_BYTES:
+        if sum(map(len, (*self._files.values(), *files.values()))) > MAX_ASSET_BYTES:
             raise _RefusedError(f"assets: there would be more than {MAX_ASSET_BYTES} bytes of all")
-        self.files |= files
+        self._files |= files
         return self._change(name, _Thing(entity, entity, size))
 
     def _move(

@@ -66,10 +66,10 @@ class SpawnerNode(Node):
         self._next_world: World | None = None
         self._mesh_files: dict[str, bytes] = {}
         self._desired: DesiredSet | None = None
-        self._textures: dict[str, bytes] = {}
-        """Of the world's markers, by sha256."""
         self._latched: deque[str] = deque(maxlen=ASSETS.depth)
         """The assets that a late reader is given."""
+        self._in_use: set[str] = set()
+        """The assets of the set that was sent last."""
         self._standing: Entities | None = None
         """What stands in the world; None before the physics has said it of this world."""
         self._poses: dict[str, tuple[Vector, Quaternion]] = {}
@@ -126,9 +126,9 @@ class SpawnerNode(Node):
                 # The physics says so too, and keeps what runs.
                 _log.error("mesh %.12s: %s", sha256, error)
         placement = Placement(world, self._style.clear_view_m, meshes)
-        hung, self._textures = furnish(world, self._style, placement=placement)
+        hung, textures = furnish(world, self._style, placement=placement)
         self.world_hash = world.hash
-        self._desired = DesiredSet(world, placement, hung)
+        self._desired = DesiredSet(world, placement, hung, textures)
         self._standing, self._poses, self._is_settled = None, {}, False
         self._send(self._desired, outbox)
         for refusal in hung.refused:
@@ -189,15 +189,19 @@ class SpawnerNode(Node):
 
     def _send(self, desired: DesiredSet, outbox: Outbox) -> None:
         """Send the set, and before it the assets that a late reader would not be given."""
-        files = self._textures | desired.files
+        files = desired.files()
+        # What nothing needed for a while may have been forgotten.
+        missing = [sha256 for sha256 in files if sha256 not in self._in_use]
+        self._in_use = set(files)
         # To send one may push another out.
-        while missing := [sha256 for sha256 in files if sha256 not in self._latched]:
+        while missing or (missing := [one for one in files if one not in self._latched]):
             for sha256 in missing:
                 data = files[sha256]
                 content = np.frombuffer(data, np.uint8)
                 message = CompressedImage(header(0, sha256), format=file_format(data), data=content)
                 outbox.put(ASSETS, message)
                 self._latched.append(sha256)
+            missing = []
         outbox.put(DESIRED_ENTITIES, desired.entities())
 
     def _tell_what_stands(self, inbox: Inbox) -> None:

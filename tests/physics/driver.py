@@ -111,6 +111,8 @@ class Driver:
         self.outbox = Outbox(self.node, self._collect)
         self.now_ns = 0
         self.sent: list[tuple[Topic[object], object]] = []
+        self.revision = 0
+        """Of the last set of entities that a test has asked for."""
         self._sequence = 0
 
     def _collect(self, topic: Topic[object], message: object, _: Envelope) -> None:

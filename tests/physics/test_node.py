@@ -191,7 +191,10 @@ def test_a_damaged_asset_is_not_taken_in() -> None:
 
 
 def _desire(driver: Driver, *entities: MarkerEntity) -> Entities:
-    desired = Entities.model_construct(world_hash=world().hash, entities=entities, refused=())
+    driver.revision += 1
+    desired = Entities.model_construct(
+        world_hash=world().hash, revision=driver.revision, entities=entities, refused=()
+    )
     driver.deliver(DESIRED_ENTITIES, desired)
     driver.turn()
     return driver.last(ENTITIES)
@@ -204,6 +207,7 @@ def test_entities_are_made_what_is_desired_and_told_once() -> None:
     a, b = panel("a", PANEL_SHA), panel("b", PANEL_SHA, position_m=(-0.7, -1.957, 0.3))
     assert _desire(driver, a, b).entities == (a, b)
     told = len(driver.all(ENTITIES))
+    driver.revision -= 1
     _desire(driver, a, b)
     assert len(driver.all(ENTITIES)) == told
     moved = panel("a", PANEL_SHA, position_m=(-1.3, -1.957, 0.4))
@@ -245,6 +249,19 @@ def test_an_entity_stands_as_soon_as_its_texture_comes() -> None:
     assert driver.last(ENTITIES).refused == ()
 
 
+def test_a_spawner_that_begins_anew_finds_what_stood_before() -> None:
+    driver = Driver()
+    driver.send_asset(PANEL_TEXTURE)
+    driver.load(world())
+    a, b = panel("a", PANEL_SHA), panel("b", PANEL_SHA, position_m=(-0.7, -1.957, 0.3))
+    in_the_air = panel("c", PANEL_SHA, position_m=(-0.7, -1.0, 0.3))
+    _desire(driver, b, in_the_air)
+    driver.revision = -1
+    told = _desire(driver, a, in_the_air)
+    assert (told.revision, told.entities) == (0, (b,))
+    assert [refusal.name for refusal in told.refused] == ["c"]
+
+
 def test_no_more_than_200_entities() -> None:
     driver = Driver()
     driver.send_asset(PANEL_TEXTURE)
@@ -255,7 +272,8 @@ def test_no_more_than_200_entities() -> None:
         panel(f"p{n}", PANEL_SHA, position_m=(0.1 * n - 10.0, -1.957, 0.3), **small)
         for n in range(205)
     )
-    driver.deliver(DESIRED_ENTITIES, Entities(world_hash=long_wall.hash, entities=panels))
+    desired = Entities(world_hash=long_wall.hash, revision=1, entities=panels)
+    driver.deliver(DESIRED_ENTITIES, desired)
     driver.turn()
     told = driver.last(ENTITIES)
     assert len(told.entities) == 200

@@ -87,9 +87,8 @@ class Physics(ClockNode):
     def take(self, desired: doc.Entities, outbox: Outbox) -> None:
         before = self.standing.entities if self.standing is not None else ()
         wanted = desired.entities
-        if desired.revision == 0:
-            names = {one.name for one in wanted}
-            wanted += tuple(one for one in before if one.name not in names)
+        if desired.revision == 0 and self.standing is not None:
+            wanted = before
         old = {one.name: one for one in before}
         stands: list[doc.Entity] = []
         refused = []
