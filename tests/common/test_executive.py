@@ -88,6 +88,31 @@ def test_a_simulation_that_stands_still_says_who_waits_for_what() -> None:
         executive.run()
 
 
+def test_a_paused_simulation_is_said_to_be_paused() -> None:
+    log: list[str] = []
+    physics = Physics(log)
+    physics.running, physics.paused = False, True
+    executive = Executive([physics, Navigation(log)], MemoryTransport())
+    with pytest.raises(StalledError, match="physics is paused, and nobody is left to resume it"):
+        executive.run()
+
+
+def test_time_that_begins_anew_is_everybody_s() -> None:
+    class Again(Physics):
+        def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+            super().step(now_ns, inbox, outbox)
+            if now_ns == 1_500 * STEP_NS and not self.closed:
+                self.closed, self.now_ns = True, 0
+                outbox.put(SCAN, SAMPLES[SCAN])
+
+    log: list[str] = []
+    executive = Executive([Again(log), Navigation(log)], MemoryTransport())
+    executive.run(lambda: executive.now_ns == 1_500 * STEP_NS or log[-1] == "navigation 0 1")
+    assert executive.now_ns == 0
+    executive.run(lambda: executive.now_ns >= 7 * STEP_NS)
+    assert log[-3:] == ["navigation 5 1", "physics 6 1", "physics 7 0"]
+
+
 def test_each_node_tells_of_itself_once_a_second() -> None:
     class Recorder(Node):
         name = "recorder"

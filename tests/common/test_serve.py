@@ -5,6 +5,7 @@ import queue
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -21,8 +22,12 @@ from services.common.bus import (
     subscribe,
     wait_until_alive,
 )
-from services.common.node import Envelope
-from services.common.topics import DIAGNOSTICS, WORLD_REQUEST, WORLD_STATUS
+from services.common.config import ConfigError, ServiceConfig, load
+from services.common.documents import SimulationControl, SimulationControlReply
+from services.common.log import RosoutHandler
+from services.common.node import ClockNode, Envelope, Inbox, Outbox
+from services.common.serve import _Service
+from services.common.topics import DIAGNOSTICS, SIMULATION_CONTROL, WORLD_REQUEST, WORLD_STATUS
 from services.common.wire import decode
 from tests.router import free_port, running_router
 
@@ -119,3 +124,53 @@ def test_a_flag_that_is_none_is_one_line() -> None:
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "--nope" in done.stderr
+
+
+class SlowPhysics(ClockNode):
+    """A step of a second at a hundredth of real time: due in 100 s."""
+
+    name = "physics"
+    _config = ServiceConfig()
+    speed = 0.01
+
+    def next_step_ns(self) -> int | None:
+        return None if self.paused else self.now_ns + 1_000_000_000
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        if now_ns == self.next_step_ns():
+            self.now_ns = now_ns
+        for request in inbox.requests(SIMULATION_CONTROL):
+            self.paused = bool(request.message.pause)
+            request.respond(SimulationControlReply())
+
+
+def test_a_slow_or_paused_simulation_answers_at_once_and_can_be_stopped() -> None:
+    node, stop, answers = SlowPhysics(), threading.Event(), queue.SimpleQueue[object]()
+    service_ = _Service(node, BusConfig(), RosoutHandler(), stop)
+    inbox = Inbox(node)
+    outbox = Outbox(node, lambda *_: None)
+    loop = threading.Thread(target=service_._make_time_pass, args=(node, inbox, outbox))
+    loop.start()
+    for pause in (None, True, True, False):
+        inbox.ask(SIMULATION_CONTROL, SimulationControl(pause=pause), answers.put)
+        answers.get(timeout=5.0)
+    assert node.now_ns <= 2_000_000_000
+    stop.set()
+    loop.join(5.0)
+    assert not loop.is_alive()
+
+
+@pytest.mark.parametrize(
+    ("pace", "speed"), [("real_time", None), ("fast", 0.0), ("lockstep", 0.0), ("2.5", 2.5)]
+)
+def test_a_pace_is_a_word_or_a_factor(pace: str, speed: float | None) -> None:
+    config = BusConfig(pace=pace)
+    assert config.speed == speed
+    assert config.lockstep == (pace == "lockstep")
+
+
+@pytest.mark.parametrize("pace", ["quick", "0", "-1", "nan", "inf", "1e9", ""])
+def test_another_pace_is_refused_in_one_line(pace: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MAZEBOT_BUS_PACE", pace)
+    with pytest.raises(ConfigError, match=r"pace: .*must be real_time, fast, lockstep, or a f"):
+        load(BusConfig, "bus", [])

@@ -1,0 +1,115 @@
+"""`PACE=lockstep docker compose up`: the same run each time, and the same as in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from services.common.bus import BusConfig, open_session, subscribe
+from services.common.documents import SimulationStats
+from services.common.executive import Executive
+from services.common.topics import SIMULATION_STATS
+from services.common.wire import decode
+from services.embedded.demo import DemoOptions, build_nodes
+from tests.compose.checks import check_recordings, check_table
+from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
+from tests.parity.transport import RecordedMemoryTransport
+
+pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
+
+DEMO = DEMOS["enhanced"]
+SETTINGS = {"PACE": "lockstep"}
+EPISODE_S = 15.0
+START_S = 60.0
+
+
+def told(stats: list[SimulationStats], until_s: float = EPISODE_S) -> list[SimulationStats]:
+    """What was said of an episode up to a time."""
+    return [one for one in stats if one.sim_time_s <= until_s]
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats]:
+    """The whole tour in one process."""
+    transport = RecordedMemoryTransport()
+    folder = tmp_path_factory.mktemp("tour") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        # As in lockstep; it is told in the statistics.
+        patch.setenv("MAZEBOT_PHYSICS_SPEED", "0")
+        nodes = build_nodes(DemoOptions(out_dir=folder, record=False))
+    executive = Executive(nodes, transport)
+    try:
+        assert executive.run() == 0
+    finally:
+        executive.close()
+    return [
+        decode(SIMULATION_STATS, data)
+        for name, _, _, data in transport.record
+        if name == SIMULATION_STATS.name
+    ]
+
+
+@contextmanager
+def listening(stack: Stack) -> Iterator[list[SimulationStats]]:
+    """What physics says of the simulation, from its first step on."""
+    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=10.0)
+    stats: list[SimulationStats] = []
+    subscription = subscribe(
+        session, SIMULATION_STATS, lambda data, _: stats.append(decode(SIMULATION_STATS, data))
+    )
+    try:
+        yield stats
+    finally:
+        del subscription
+        session.close()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def running(person: int) -> Iterator[tuple[Stack, list[SimulationStats]]]:
+    """A stack that is listened to before its tour may begin."""
+    with stack_of(person, SETTINGS) as stack:
+        assert stack.compose("up", "--detach", *SERVICES).returncode == 0
+        with listening(stack) as stats:
+            yield stack, stats
+
+
+def test_a_tour_in_lockstep_is_that_of_one_process(
+    person: int, in_process: list[SimulationStats]
+) -> None:
+    with running(person) as (stack, stats):
+        assert not stats, "physics stepped before all were there"
+        up = stack.compose("up", DEMO, timeout_s=400.0)
+        assert up.returncode == 0, up.stdout
+        check_table(stack.logs(DEMO))
+        end_s = in_process[-1].sim_time_s
+        wait_until(lambda: stats[-1].sim_time_s > end_s, 20.0, "what comes after the tour")
+        assert told(stats, end_s) == in_process
+        assert stack.down() <= 5.0
+        assert "error" not in stack.compose("logs").stdout
+        (summary,) = check_recordings(stack)
+        assert [goal["reached"] for goal in summary["goals"]] == [True] * 5
+
+
+@pytest.mark.parametrize("attempt", range(4))
+def test_it_repeats(person: int, in_process: list[SimulationStats], attempt: int) -> None:
+    with running(person) as (stack, stats):
+        assert stack.compose("up", "--detach", DEMO).returncode == 0
+        wait_until(
+            lambda: bool(stats) and stats[-1].sim_time_s > EPISODE_S, START_S, f"run {attempt}"
+        )
+        assert told(stats) == told(in_process)
+
+
+def test_one_who_dies_is_named_and_the_stack_begins_anew(person: int) -> None:
+    with running(person) as (stack, stats):
+        assert stack.compose("up", "--detach", DEMO).returncode == 0
+        wait_until(lambda: bool(stats) and stats[-1].sim_time_s > 5.0, START_S, "the drive")
+        stack.kill("navigation")
+        named = "lockstep: navigation left at"
+        wait_until(lambda: named in stack.logs("physics"), 20.0, "why physics ended")
+        del stats[:]
+        wait_until(
+            lambda: bool(stats) and 2.0 < stats[-1].sim_time_s < 5.0, START_S, "the next run"
+        )
