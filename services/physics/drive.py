@@ -8,6 +8,7 @@ wheels at once that is 4.9 m/s2 at the tyre, within the grip of the weight on it
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -41,7 +42,12 @@ class Drive:
         """Times the watchdog stopped a robot that had been told to move."""
 
     def command(self, linear_m_s: float, angular_rad_s: float, now_ns: int) -> None:
-        """Take in a finite velocity of base_footprint; what is beyond the limits is clamped."""
+        """Take in a velocity of base_footprint; what is beyond the limits is clamped.
+
+        One that is not finite is none: nothing changes.
+        """
+        if not (math.isfinite(linear_m_s) and math.isfinite(angular_rad_s)):
+            return
         limits = self._limits
         self._target_linear = _clamp(linear_m_s, limits.linear_speed_m_s)
         self._target_angular = _clamp(angular_rad_s, limits.angular_speed_rad_s)

@@ -14,6 +14,10 @@ class Imu:
 
     The acceleration is the mean over the time since the last reading. At rest the accelerometer
     shows gravity, upwards. There is no estimate of orientation, and the message says so.
+
+    The standard deviations are those of one reading; over the square root of the rate they are
+    densities. At 120 Hz the defaults, 2e-4 rad/s and 1.7e-2 m/s2, are 1.83e-5 rad/s and
+    1.55e-3 m/s2 per square root of a hertz. There is no bias and no random walk of one.
     """
 
     def __init__(

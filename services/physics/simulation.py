@@ -48,7 +48,7 @@ class Simulation:
         self.bodies = bodies
         self.state_hash = StateHash()
         self.image_hash = ImageHash()
-        self.drive = Drive(_limits(config))
+        self.drive = Drive(drive_limits(config))
         self.contacts = ContactEvents()
         self.odometry = WheelOdometry(
             config.wheel_separation_m,
@@ -131,7 +131,8 @@ class Simulation:
         self.bodies.close()
 
 
-def _limits(config: PhysicsConfig) -> DriveLimits:
+def drive_limits(config: PhysicsConfig) -> DriveLimits:
+    """Those of a configuration."""
     return DriveLimits(
         config.wheel_separation_m,
         config.wheel_radius_m,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from services.common import messages as msg
+from services.common import wire
 from services.common.documents import Entities, MarkerEntity, Material, Planar, Wall, World
 from services.common.frames import SE2, Array, inverse_matrix, transform_matrix
 from services.common.node import Envelope, Inbox, Outbox
@@ -118,7 +119,7 @@ class Driver:
     def _collect(self, topic: Topic[object], message: object, _: Envelope) -> None:
         self.sent.append((topic, message))
 
-    def deliver(self, topic: Topic[M], message: M, world_hash: str = "") -> None:
+    def deliver(self, topic: Topic[M], message: M | bytes, world_hash: str = "") -> None:
         self._sequence += 1
         self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, world_hash))
 
@@ -137,12 +138,14 @@ class Driver:
         return self
 
     def command(self, linear_m_s: float, angular_rad_s: float = 0.0) -> None:
+        """A velocity command as it comes over the wire, whatever its numbers."""
         twist = msg.Twist(
             linear=msg.Vector3(x=linear_m_s, y=0.0, z=0.0),
             angular=msg.Vector3(x=0.0, y=0.0, z=angular_rad_s),
         )
         header = msg.header(self.now_ns, "base_footprint")
-        self.deliver(CMD_VEL, msg.TwistStamped(header=header, twist=twist))
+        command = msg.TwistStamped(header=header, twist=twist)
+        self.deliver(CMD_VEL, wire.encode(CMD_VEL, command))
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds * 240)):
