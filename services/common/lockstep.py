@@ -79,6 +79,8 @@ class TurnEnd(Document):
     """Whether its publishers know of the readers that have a seat."""
 
 
+_GONE = TurnEnd(sent={}, woken=False, wakes=(), period_ns=None, exit_code=0, matched=False)
+
 Ask = Callable[[str, str, Turn], TurnEnd | None]
 """Gives the service of a name and a bus source its turn; None where it does not end it in time."""
 
@@ -347,7 +349,7 @@ class _RemoteSeat:
         self._ledger = ledger
         self._ask = ask
         self._timeout_s = timeout_s
-        end = self._turn(0, step=False, sent=())
+        end = self._turn(0, step=False, sent=()) or _GONE
         self._beat = Beat(end.period_ns) if end.period_ns is not None else None
         self._wakes = end.wakes
         ledger.join(name, source, end.sent)
@@ -359,17 +361,21 @@ class _RemoteSeat:
 
     def step(self, now_ns: int) -> None:
         """See Seat. Raises LockstepError where it does not answer."""
-        self._ledger.add(self.name, self._turn(now_ns, step=True).sent)
+        end = self._turn(now_ns, step=True)
+        if end is not None:
+            self._ledger.add(self.name, end.sent)
 
     def take_in(self, now_ns: int) -> bool:
         """Have it take in what it was not told of, without a step; whether its publishers know of
         their readers.
         """
-        return self._turn(now_ns, step=False).matched
+        end = self._turn(now_ns, step=False)
+        return end is not None and end.matched
 
     def _turn(
         self, now_ns: int, step: bool, sent: tuple[tuple[str, str, int], ...] | None = None
-    ) -> TurnEnd:
+    ) -> TurnEnd | None:
+        """None where it has left, as it may."""
         start_s = time.monotonic()
         end = self._ask(
             self.name,
@@ -386,7 +392,10 @@ class _RemoteSeat:
         )
         if end is None:
             if time.monotonic() - start_s < self._timeout_s * 0.9:
-                raise _left(self.name, now_ns)
+                if self.name not in MAY_LEAVE:
+                    raise _left(self.name, now_ns)
+                self.exit_code = 0
+                return None
             raise LockstepError(
                 f"lockstep: {self.name} did not answer for {_seconds(now_ns)} within "
                 f"{self._timeout_s:g} s"
@@ -480,9 +489,12 @@ class Lockstep:
             if self._ledger.waiting(seat.name) > MAX_UNTOLD:
                 seat.take_in(self.now_ns)
         moved = self._round.turn(advance)
+        self._let_go()
+        return moved
+
+    def _let_go(self) -> None:
         for name in [seat.name for seat in self._remote.values() if seat.exit_code is not None]:
             self._leave(name)
-        return moved
 
     def _seat_newcomers(self) -> None:
         newcomers = [name for name in self.missing() if self._candidates[name]]
@@ -504,6 +516,7 @@ class Lockstep:
         # All have to know of each other before the first message is sent.
         self._own.take_in(self.now_ns, and_outside=False)
         known = [seat.take_in(self.now_ns) for seat in self._remote.values()]
+        self._let_go()
         if all(known) and self._matched(self._ledger.sources):
             self._begun = self.gathered = True
             for seat in self._remote.values():

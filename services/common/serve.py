@@ -233,7 +233,12 @@ class _Service:
             self._rest(IDLE_S * 5)
             while not turns.empty():
                 data, respond = turns.get()
-                end = participant.take(Turn.model_validate_json(data))
+                try:
+                    turn = Turn.model_validate_json(data)
+                except ValueError:
+                    self._log.warning("turn refused: it is none of lockstep")
+                    continue
+                end = participant.take(turn)
                 called = end.woken
                 respond(end.model_dump_json().encode())
                 self._turn()
@@ -266,7 +271,10 @@ class _Service:
         def ask(service: str, source: str, turn: Turn) -> TurnEnd | None:
             data = turn.model_dump_json().encode()
             end = give_turn(session, service, source, data, timeout_s, prefix, still_wanted)
-            return None if end is None else TurnEnd.model_validate_json(end)
+            try:
+                return None if end is None else TurnEnd.model_validate_json(end)
+            except ValueError:
+                return None
 
         lockstep = Lockstep(
             node, inbox, outbox, bus.source, ask, bus.matched, timeout_s, self._rosout

@@ -360,6 +360,15 @@ def test_one_who_is_gone_is_not_said_to_be_slow() -> None:
             stack.run(60 * STEP_NS)
 
 
+def test_a_tour_that_is_stopped_is_let_go() -> None:
+    with stack_of([]) as stack:
+        stack.meet_all()
+        stack.run(25 * STEP_NS)
+        stack.silent = {"bringup"}
+        stack.run(40 * STEP_NS)
+        assert stack.lockstep.missing() == ["bringup"]
+
+
 def test_a_message_that_never_comes_is_named() -> None:
     with stack_of([], timeout_s=0.1) as stack:
         stack.meet_all()
