@@ -10,7 +10,7 @@ import math
 import os
 import queue
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -123,7 +123,7 @@ def spawn(
         place = _WallPlace(wall, side, offset, height)
         with _session(connect) as session:
             panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
-            _tell(_ask_spawn(session, panel, assets, allow_renaming, timeout_s))
+            _tell(_ask_spawn(session, panel, assets, allow_renaming, timeout_s), is_marker=True)
         return
     if wall is not None:
         raise ConfigError("--wall: is for markers: must be --at")
@@ -173,7 +173,8 @@ def move(
             doc.SetEntityState,
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
-        _tell(_ask(session, SET_ENTITY_STATE, state, timeout_s))
+        reply = _ask(session, SET_ENTITY_STATE, state, timeout_s)
+        _tell(reply, isinstance(entity, doc.MarkerEntity))
 
 
 def remove(
@@ -515,7 +516,7 @@ def _split(
     return (x, y, z), quaternion_from_rotation(matrix[:3, :3])
 
 
-def _heading(position: Sequence[float], orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
+def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
     """Of a body's x axis, or of a marker's face, in the map."""
     if is_marker:
         normal = rotation_from_quaternion(*orientation_xyzw)[:, 2]
@@ -525,7 +526,7 @@ def _heading(position: Sequence[float], orientation_xyzw: doc.Quaternion, is_mar
 
 def _row(entity: doc.Entity) -> tuple[str, ...]:
     is_marker = isinstance(entity, doc.MarkerEntity)
-    yaw_rad = _heading(entity.position_m, entity.orientation_xyzw, is_marker)
+    yaw_rad = _heading(entity.orientation_xyzw, is_marker)
     what, mass, path = "body", "", ""
     if isinstance(entity, doc.MarkerEntity):
         what = f"marker {entity.marker_id} ({entity.dictionary})"
@@ -533,19 +534,25 @@ def _row(entity: doc.Entity) -> tuple[str, ...]:
         mass = f"{entity.mass_kg:g}"
         if entity.path is not None:
             kind = "loop" if entity.path.loop else "to and fro"
-            path = f"{len(entity.path.waypoints_m)} places, {entity.path.speed_m_s:g} m/s, {kind}"
-    place = (f"{value + 0.0:.3f}" for value in (*entity.position_m, yaw_rad))
+            count = len(entity.path.waypoints_m)
+            path = f"{count} place{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
+    place = map(_short, (*entity.position_m, yaw_rad))
     return (entity.name, what, *place, mass, path)
 
 
-def _tell(reply: doc.EntityReply) -> None:
+def _tell(reply: doc.EntityReply, is_marker: bool = False) -> None:
     """Print where a thing stands. Raises ConfigError where it does not."""
     if reply.error:
-        raise ConfigError(reply.error if reply.error.startswith("name:") else
-                          f"{reply.name}: {reply.error}")  # fmt: skip
-    rotation = rotation_from_quaternion(*reply.orientation_xyzw)
-    x, y, z = (value + 0.0 for value in reply.position_m)
-    turned = f"yaw {yaw_from_quaternion(*reply.orientation_xyzw) + 0.0:.3f} rad"
-    if math.hypot(rotation[2, 0], rotation[2, 1]) > _TILTED:
+        named = reply.error.startswith("name:")
+        raise ConfigError(reply.error if named else f"{reply.name}: {reply.error}")
+    x, y, z = (_short(value) for value in reply.position_m)
+    up = rotation_from_quaternion(*reply.orientation_xyzw)[2]
+    turned = f"yaw {_short(_heading(reply.orientation_xyzw, is_marker))} rad"
+    if math.hypot(up[0], up[1] - 1.0 if is_marker else up[1]) > _TILTED:
         turned = "quaternion ({:.4f}, {:.4f}, {:.4f}, {:.4f})".format(*reply.orientation_xyzw)
-    sys.stdout.write(f"{reply.name}: ({x:.3f}, {y:.3f}, {z:.3f}) m, {turned}\n")
+    sys.stdout.write(f"{reply.name}: ({x}, {y}, {z}) m, {turned}\n")
+
+
+def _short(value: float) -> str:
+    """Three decimals, and no -0.000."""
+    return f"{round(value, 3) + 0.0:.3f}"
