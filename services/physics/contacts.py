@@ -23,6 +23,8 @@ class ContactEvents:
         """The touches that begin in the step that ends at `now_ns`: one for each link and body.
 
         The position is that of the point pressed most, the impulse that of all points in this step.
+        Nothing bounces, so that it is the whole momentum which a wall takes from the robot: between
+        m v and, with what the tyres and turning wheels add, a tenth or a seventh more.
         """
         pairs: dict[tuple[str, str], list[Touch]] = {}
         for touch in touches:

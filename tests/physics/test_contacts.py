@@ -6,10 +6,129 @@ import math
 
 import pytest
 
-from services.common.topics import CONTACTS
+from services.common.documents import (
+    BodyEntity,
+    Box,
+    Contact,
+    Cylinder,
+    Entities,
+    Geometry,
+    ScriptedPath,
+    Shape,
+)
+from services.common.topics import CONTACTS, DESIRED_ENTITIES
+from services.physics.bodies import Touch
+from services.physics.contacts import ContactEvents
 from tests.physics.driver import HOUSE_WALLS, Driver, world
 
 AHEAD = [("Ahead", 2.0, 0.6, 0.0, math.pi / 2)]
+FACE_X_M = 0.6 - 0.075
+HULL_FRONT_M, HULL_HALF_WIDTH_M = 0.0685, 0.1325
+MASS_KG = 1.362
+GRIP_N = MASS_KG * 9.8
+"""The most that the tyres can push with."""
+
+
+def spawned(name: str, geometry: Geometry, **changes: object) -> BodyEntity:
+    shape = Shape(name="all", geometry=geometry, material="")
+    return BodyEntity.model_validate({"name": name, "shapes": (shape,), **changes})
+
+
+def driver_among(*entities: BodyEntity) -> Driver:
+    of = world(walls=())
+    robot = Driver().load(of)
+    robot.deliver(DESIRED_ENTITIES, Entities(world_hash=of.hash, revision=1, entities=entities))
+    robot.turn()
+    return robot
+
+
+def first_contact(robot: Driver, speed_m_s: float) -> Contact:
+    robot.drive(speed_m_s, 0.0, 0.5 / speed_m_s + 0.5)
+    return robot.all(CONTACTS)[0]
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.3, 0.46])
+def test_the_impulse_stops_the_robot_and_the_place_is_on_the_wall(speed_m_s: float) -> None:
+    robot = Driver().load(world(AHEAD))
+    contact = first_contact(robot, speed_m_s)
+    assert (contact.robot_link, contact.body) == ("base_link", "Ahead")
+    x_m, y_m, z_m = contact.position_m
+    assert x_m == pytest.approx(FACE_X_M, abs=2e-3)
+    assert abs(y_m) <= HULL_HALF_WIDTH_M + 1e-3
+    assert 0.0 < z_m < 0.2
+    # All momentum, in one step, and no bounce; the motors push on, and the wheels have momentum.
+    momentum_n_s = MASS_KG * speed_m_s
+    assert 0.95 * momentum_n_s < contact.impulse_n_s < 1.05 * momentum_n_s + GRIP_N / 240.0
+    # The ramp up to the speed, at 1 m/s2, takes half of it longer than the way at full speed.
+    arrival_s = (FACE_X_M - HULL_FRONT_M) / speed_m_s + speed_m_s / 2.0
+    assert contact.time_s == pytest.approx(arrival_s, abs=0.02)
+    robot.node.close()
+
+
+def test_a_spawned_body_is_touched_by_its_name() -> None:
+    crate = spawned("crate", Box(size_m=(0.3, 0.4, 0.5)), position_m=(0.6, 0.0, 0.25))
+    robot = driver_among(crate)
+    contact = first_contact(robot, 0.3)
+    assert (contact.robot_link, contact.body) == ("base_link", "crate")
+    assert contact.position_m[0] == pytest.approx(0.45, abs=2e-3)
+    momentum_n_s = MASS_KG * 0.3
+    assert 0.95 * momentum_n_s < contact.impulse_n_s < 1.05 * momentum_n_s + GRIP_N / 240.0
+    assert robot.pose.x_m == pytest.approx(0.45 - HULL_FRONT_M, abs=2e-3)
+    robot.node.close()
+
+
+def test_a_round_body_is_touched_where_it_is_nearest() -> None:
+    post = spawned("post", Cylinder(radius_m=0.1, length_m=1.0), position_m=(0.5, 0.05, 0.5))
+    robot = driver_among(post)
+    contact = first_contact(robot, 0.3)
+    assert contact.body == "post"
+    assert contact.position_m[:2] == pytest.approx((0.4, 0.05), abs=4e-3)
+    robot.node.close()
+
+
+def test_a_body_that_gives_way_takes_less_than_a_wall() -> None:
+    size = Box(size_m=(0.2, 0.2, 0.2))
+    light = spawned("light", size, position_m=(0.5, 0.0, 0.1), mass_kg=0.3)
+    robot = driver_among(light)
+    contact = first_contact(robot, 0.3)
+    assert (contact.robot_link, contact.body) == ("base_link", "light")
+    assert contact.position_m[0] == pytest.approx(0.4, abs=3e-3)
+    # Two bodies that go on together: the reduced mass; and the floor holds the crate a little.
+    reduced_kg = MASS_KG * 0.3 / (MASS_KG + 0.3)
+    friction_n_s = 0.3 * 9.8 / 240.0
+    assert contact.impulse_n_s > 0.8 * reduced_kg * 0.3
+    assert contact.impulse_n_s < 1.2 * reduced_kg * 0.3 + 2.0 * friction_n_s + GRIP_N / 240.0
+    assert robot.pose.x_m > 0.4
+    robot.node.close()
+
+
+def test_one_that_comes_along_its_path_is_told_by_its_name() -> None:
+    path = ScriptedPath(waypoints_m=((-1.0, 0.0),), speed_m_s=0.3, yields=False)
+    post = Cylinder(radius_m=0.1, length_m=0.5)
+    robot = driver_among(spawned("patrol", post, position_m=(1.0, 0.0, 0.26), path=path))
+    robot.wait(5.0)
+    contact = robot.all(CONTACTS)[0]
+    assert (contact.robot_link, contact.body) == ("base_link", "patrol")
+    assert contact.position_m[0] == pytest.approx(HULL_FRONT_M, abs=0.01)
+    robot.node.close()
+
+
+def test_points_of_one_pair_are_one_event_and_another_pair_is_another() -> None:
+    touches = [
+        Touch("base_link", "Wall", (1.0, 0.1, 0.05), 10.0),
+        Touch("base_link", "Wall", (1.0, -0.1, 0.05), 30.0),
+        Touch("wheel_left_link", "Wall", (0.9, 0.2, 0.03), 5.0),
+    ]
+    events = ContactEvents()
+    hull, wheel = events.begun(touches, 1_000_000_000, 1.0 / 240.0)
+    assert (hull.robot_link, wheel.robot_link) == ("base_link", "wheel_left_link")
+    assert hull.position_m == (1.0, -0.1, 0.05)
+    assert hull.impulse_n_s == pytest.approx(40.0 / 240.0)
+    assert hull.time_s == 1.0
+    assert events.begun(touches[:2], 1_100_000_000, 1.0 / 240.0) == []
+    # The hull's touch went on at 1.1 s; the wheel's did not.
+    (again,) = events.begun(touches, 1_250_000_000, 1.0 / 240.0)
+    assert again.robot_link == "wheel_left_link"
 
 
 def test_driving_into_a_wall_is_told_once() -> None:
