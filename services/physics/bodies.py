@@ -76,6 +76,7 @@ _BODY_BYTES, _CORNER_BYTES, _TRIANGLE_BYTES = 4_000, 200, 150
 _FAR_M = 10_000.0
 _LOWEST_M, _HIGHEST_M = -0.05, 0.5
 _MAX_SPEED_M_S = 20.0
+_MAX_WHEEL_SPEED_RAD_S = 10_000.0
 _DEEPEST_M = -1.0
 _MAX_MOVER_SPEED_M_S = 200.0
 
@@ -111,6 +112,7 @@ class BodyState(NamedTuple):
         x, y, z = self.position_m
         fast = max(map(abs, self.velocity_m_s))
         turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
+        wheels = self.wheel_angles_rad[0] + self.wheel_angles_rad[1]
         # A comparison with what is not a number is False.
         return (
             -_FAR_M < x < _FAR_M
@@ -118,6 +120,8 @@ class BodyState(NamedTuple):
             and _LOWEST_M < z < _HIGHEST_M
             and fast < _MAX_SPEED_M_S
             and -_FAR_M < turn < _FAR_M
+            and max(map(abs, self.wheel_speeds_rad_s)) < _MAX_WHEEL_SPEED_RAD_S
+            and math.isfinite(wheels)
         )
 
 

@@ -148,7 +148,12 @@ def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> It
             lower = transform_matrix(np.eye(3), (0.0, 0.0, -_PLANE_THICKNESS_M / 2.0))
             size = (x / 2.0, y / 2.0, _PLANE_THICKNESS_M / 2.0)
             yield Solid("box", pose @ lower, half_extents_m=size)
-        case Cone() | Ellipsoid():
+        case Ellipsoid():
+            radii_m = np.array(geometry.radii_m)[:, None]
+            towards = radii_m * _spiral()
+            # The farthest point of an ellipsoid in each direction.
+            yield Solid("hull", pose, vertices_m=(radii_m * towards / _lengths(towards)).T)
+        case Cone():
             yield _hull(pose, triangles_of(geometry, {}).vertices_m)
         case Polyline():
             yield from _raised(pose, geometry, moves)
@@ -192,13 +197,22 @@ def _surface(pose: Array, mesh: TriangleMesh) -> Iterator[Solid]:
 def _hull(pose: Array, points: Array) -> Solid:
     corners = points[_convex(points).vertices]
     if len(corners) > MAX_HULL_POINTS:
-        turns = np.arange(MAX_HULL_POINTS)
-        # Directions spread evenly over a sphere: a spiral by the golden angle.
-        z = 1.0 - (2.0 * turns + 1.0) / MAX_HULL_POINTS
-        out, angle = np.sqrt(1.0 - z * z), turns * np.pi * (3.0 - np.sqrt(5.0))
-        directions = np.stack((out * np.cos(angle), out * np.sin(angle), z))
-        corners = corners[np.unique(((corners - corners.mean(0)) @ directions).argmax(0))]
+        corners = corners[np.unique(((corners - corners.mean(0)) @ _spiral()).argmax(0))]
     return Solid("hull", pose, vertices_m=corners)
+
+
+def _spiral() -> Array:
+    """(3, MAX_HULL_POINTS) directions spread evenly over a sphere, turning by the golden angle."""
+    turns = np.arange(MAX_HULL_POINTS)
+    z = 1.0 - (2.0 * turns + 1.0) / MAX_HULL_POINTS
+    out, angle = np.sqrt(1.0 - z * z), turns * np.pi * (3.0 - np.sqrt(5.0))
+    return np.stack((out * np.cos(angle), out * np.sin(angle), z))
+
+
+def _lengths(vectors: Array) -> Array:
+    """(n,) of (3, n), the same on every machine."""
+    x, y, z = vectors
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _convex(points: Array) -> ConvexHull:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Container, Iterator, Mapping
 
@@ -9,12 +10,14 @@ from services.common.documents import (
     BodyEntity,
     Entities,
     Entity,
+    Geometry,
     MarkerEntity,
     Material,
     Mesh,
     Polyline,
     Refusal,
 )
+from services.common.geometry import triangles_of
 from services.common.placement import Placement, panel_of
 from services.physics.assets import meshes_of, png_pixels
 from services.physics.bodies import Bodies
@@ -23,12 +26,12 @@ from services.physics.world_limits import MAX_LENGTH_M, body_problems
 
 MAX_MARKERS = 200
 MAX_BODIES = 200
-MAX_SHAPES = 200
+MAX_SHAPES = 100
 """Of one body"""
 MAX_CORNERS = 5_000
 """Of the polylines of one body"""
-MAX_TRIANGLES = 200_000
-"""Of the meshes of all bodies: PyBullet takes 0.4 s to make so many solid."""
+MAX_TRIANGLES = 500_000
+"""Of all bodies as they are drawn: PyBullet takes a second to make meshes of so many solid."""
 MAX_TEXTURE_PX = 32 * 1024 * 1024
 """Of all bodies: a renderer holds them unpacked."""
 MAX_WAY_M = 200.0
@@ -148,22 +151,36 @@ def _put(
         meshes = meshes_of([entity], files)
     except ValueError as error:
         return str(error)
-    triangles = sum(
-        len(mesh.triangles) for one in (*there, entity) for mesh in meshes_of([one], files).values()
-    )
-    if triangles > MAX_TRIANGLES:
-        return f"shapes: {triangles} triangles of meshes in all bodies: at most {MAX_TRIANGLES}"
     for problem in (
         *body_problems(entity, meshes, bodies.frames),
         *_path_problems(entity),
         *_material_problems(entity, files),
     ):
         return problem
+    triangles = sum(_triangles(one, files) for one in (*there, entity))
+    if triangles > MAX_TRIANGLES:
+        return f"shapes: {triangles} triangles in all bodies: at most {MAX_TRIANGLES}"
     materials = (material for one in (*there, entity) for material in one.materials)
     textures = {material.texture_sha256 for material in materials} - {""}
     if (pixels := sum(png_pixels(files[sha256]) for sha256 in textures)) > MAX_TEXTURE_PX:
         return f"materials: textures of {pixels} pixels in all bodies: at most {MAX_TEXTURE_PX}"
     return bodies.put(entity, meshes)
+
+
+def _triangles(entity: BodyEntity, files: Mapping[str, bytes]) -> int:
+    """Of all shapes, of which several may have the same mesh."""
+    meshes = meshes_of([entity], files)
+    return sum(
+        len(meshes[shape.geometry.sha256].triangles)
+        if isinstance(shape.geometry, Mesh)
+        else _drawn(shape.geometry)
+        for shape in entity.shapes
+    )
+
+
+@functools.lru_cache(maxsize=4096)
+def _drawn(geometry: Geometry) -> int:
+    return len(triangles_of(geometry, {}).triangles)
 
 
 def _name_problems(entity: BodyEntity, bodies: Bodies) -> Iterator[str]:
@@ -185,9 +202,6 @@ def _size_problems(entity: BodyEntity) -> Iterator[str]:
     )
     if corners > MAX_CORNERS:
         yield f"shapes: {corners} corners of polylines: at most {MAX_CORNERS}"
-    meshes = sum(isinstance(shape.geometry, Mesh) for shape in entity.shapes)
-    if meshes > MAX_SHAPES:
-        yield f"shapes: {meshes} meshes: at most {MAX_SHAPES}"
 
 
 def _path_problems(entity: BodyEntity) -> Iterator[str]:
