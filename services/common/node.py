@@ -205,21 +205,19 @@ class Inbox:
 
         Raises KeyError where the table does not name this node as a reader.
         """
-        return [message for message, _, _ in self.arrivals(topic)]
+        return [message for message, _ in self.arrivals(topic)]
 
-    def arrivals(self, topic: Topic[M]) -> list[tuple[M, Envelope, bytes | None]]:
-        """As `new()`, each message with its envelope and its bytes; None where it never had any."""
+    def arrivals(self, topic: Topic[M]) -> list[tuple[M, Envelope]]:
+        """As `new()`, each message with its envelope."""
         queue = self._queues[topic.name]
         if not queue:
             return []
         with self._lock:
             waiting = list(queue)
             queue.clear()
-        arrivals: list[tuple[M, Envelope, bytes | None]] = []
+        arrivals: list[tuple[M, Envelope]] = []
         for raw, envelope in waiting:
-            data = None
             if isinstance(raw, bytes):
-                data = raw
                 try:
                     message = wire.decode(topic, raw)
                     wire.validate(topic, message)
@@ -234,7 +232,7 @@ class Inbox:
                 if topic.delivery is not Delivery.LATCHED:
                     self.reject(topic, "other world")
                     continue
-            arrivals.append((message, envelope, data))
+            arrivals.append((message, envelope))
         return arrivals
 
     def latest(self, topic: Topic[M]) -> M | None:

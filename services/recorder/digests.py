@@ -6,7 +6,6 @@ numbers), and then 24 bytes a message (`ROW`), in the order in which they were t
 
 from __future__ import annotations
 
-import hashlib
 import json
 import struct
 from collections import deque
@@ -19,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common import messages as msg
-from services.common import wire
 from services.common.node import Envelope
 from services.common.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, TOPICS, Topic
+from services.recorder.message_digest import digest_of
 
 LEFT_OUT: tuple[Topic[Any], ...] = (PARAMETERS, DIAGNOSTICS, ROSOUT)
 """They name folders, or tell of wall time: two runs alike to the last bit differ in them."""
@@ -38,7 +37,7 @@ ROW = np.dtype(
 )
 """Simulation time at which the message was sent; its number at its source, on its topic; number of
 the topic; number of the service, or `OTHERS` and up for publishers by nothing but an identity, in
-the order of their first message; blake2b of 8 bytes of the message's CDR.
+the order of their first message; what `message_digest` makes of the message.
 """
 OTHERS = 100
 
@@ -50,12 +49,6 @@ _HEAD_BYTES = 1 << 16
 
 class DigestError(ValueError):
     """A file that holds no digests, in one line."""
-
-
-def digest_of(topic: Topic[Any], message: Any, data: bytes | None = None) -> bytes:
-    """The 8 bytes of a message, or of what it is on the wire where that is known."""
-    encoded = wire.encode(topic, message) if data is None else data
-    return hashlib.blake2b(encoded, digest_size=8).digest()
 
 
 class DigestWriter:
@@ -73,8 +66,8 @@ class DigestWriter:
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="digests")
         self._making: deque[Future[bytes]] = deque()
 
-    def add(self, topic: Topic[Any], message: Any, envelope: Envelope, data: bytes | None) -> None:
-        """Take in a message; `data` are its bytes on the wire, where it was there."""
+    def add(self, topic: Topic[Any], message: Any, envelope: Envelope) -> None:
+        """Take in a message."""
         if topic.name in self._left_out:
             return
         source = self._sources.get(envelope.source)
@@ -89,11 +82,11 @@ class DigestWriter:
             # A picture takes longer than all the rest, and hashing it leaves others to work.
             while len(self._making) >= _MOST_WAITING:
                 self._making.popleft().result()
-            row = self._maker.submit(lambda: start + digest_of(topic, message, data))
+            row = self._maker.submit(lambda: start + digest_of(topic, message))
             self._making.append(row)
             self._rows.append(row)
         else:
-            self._rows.append(start + digest_of(topic, message, data))
+            self._rows.append(start + digest_of(topic, message))
 
     def flush(self) -> None:
         """Bring what was taken in to the disk. Raises OSError."""

@@ -47,7 +47,7 @@ _EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, PARAMETERS, DIAGN
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
 """What is said once and holds until it is said anew, in the next run as well."""
 
-_Arrival = tuple[Any, Envelope, bytes | None]
+_Arrival = tuple[Any, Envelope]
 # As Inbox.arrivals() has it.
 
 
@@ -103,7 +103,7 @@ class RecorderNode(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take in everything that came, and say how the run goes."""
         stats = inbox.arrivals(SIMULATION_STATS)
-        told_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
+        told_ns = [round(message.sim_time_s * 1e9) for message, _ in stats]
         begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
         now_ns = self._beginnings.now_ns
         ended = inbox.pending(NAVIGATION_RESULT)

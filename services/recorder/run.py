@@ -117,17 +117,15 @@ class Run:
             self._judge_one(topic, message)
         self._open_recording(now_ns)
 
-    def take(
-        self, topic: Topic[Any], arrival: tuple[Any, Envelope, bytes | None], now_ns: int
-    ) -> None:
+    def take(self, topic: Topic[Any], arrival: tuple[Any, Envelope], now_ns: int) -> None:
         """Judge, draw and digest one message, as Inbox.arrivals() has it."""
-        message, envelope, data = arrival
+        message, envelope = arrival
         self._end = self._setting.wall_clock_s(), now_ns
         if self._start is None and topic is CLOCK:
             self._start = self._end
         self._judge_one(topic, message)
         if self._digests is not None:
-            self._digests.add(topic, message, envelope, data)
+            self._digests.add(topic, message, envelope)
         if self._canvas is not None:
             self._draw(self._canvas, topic, message, now_ns)
 
