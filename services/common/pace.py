@@ -14,19 +14,17 @@ class Pace:
     def __init__(self) -> None:
         self._start_s = 0.0
         self._start_ns = 0
-        self._last_ns: int | None = None
-        self._speed = 0.0
+        self._speed: float | None = None
 
     def rest(self) -> None:
         """Time stands still: what passes meanwhile is not caught up with."""
-        self._last_ns = None
+        self._speed = None
 
     def wait_s(self, now_s: float, next_ns: int, speed: float) -> float:
         """Seconds from `now_s`, by a steady clock, until the step to `next_ns` is due at `speed`
         simulated seconds a second (0: as fast as possible).
         """
-        last_ns, self._last_ns = self._last_ns, next_ns
-        if last_ns is None or next_ns < last_ns or speed != self._speed:
+        if speed != self._speed:
             self._start_s, self._start_ns, self._speed = now_s, next_ns, speed
         if speed == 0.0:
             return 0.0
