@@ -8,7 +8,6 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from services.common.config import ROOT, ConfigError, ServiceConfig
-from services.common.documents import Speed
 from services.physics.camera import FAR_M
 from services.physics.sensor_profiles import (
     CAMERA_PROFILES,
@@ -32,9 +31,6 @@ _D435I = CAMERA_PROFILES["d435i"]
 class PhysicsConfig(ServiceConfig):
     """The robot, its limits and its sensors. Defaults are a TurtleBot3 waffle's."""
 
-    speed: Speed = Field(
-        1.0, description="simulated seconds a second at the start; 0: as fast as possible"
-    )
     robot_model: str = Field(
         "turtlebot3_waffle",
         pattern=r"^[A-Za-z0-9_]+$",

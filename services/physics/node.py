@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from services.common import messages as msg
 from services.common.config import ConfigError
 from services.common.documents import (
@@ -101,7 +103,7 @@ class PhysicsNode(ClockNode):
         self._steps = 0
         self._epoch = 0
         self._seed = config.seed
-        self._control = RunControl(config.speed)
+        self._control = RunControl()
         self._assets = Assets()
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
@@ -302,7 +304,7 @@ class PhysicsNode(ClockNode):
         if world is not None:
             self._take_in_newest_world(world, inbox)
         for desired in inbox.new(DESIRED_ENTITIES):
-            self._take_in_desired(desired)
+            self._take_in_desired(desired, outbox)
         epoch = self._epoch
         if self._next_world is not None and self._missing(self._next_world) is None:
             self._load(self._next_world, now_ns, inbox, outbox)
@@ -312,7 +314,7 @@ class PhysicsNode(ClockNode):
         if self._epoch != epoch:
             self._tell_stats(outbox)
 
-    def _take_in_desired(self, desired: Entities) -> None:
+    def _take_in_desired(self, desired: Entities, outbox: Outbox) -> None:
         """Keep the newest set of each of the last few worlds."""
         if desired.revision == 0 and desired.world_hash == self.world_hash and self._entities:
             # A spawner that has just begun does not know what was put, moved and taken away.
@@ -321,10 +323,19 @@ class PhysicsNode(ClockNode):
             refused -= {entity.name for entity in standing}
             again = [entity for entity in desired.entities if entity.name in refused]
             desired = desired.model_copy(update={"entities": (*standing, *again)})
+            self._hand_over(self._entities, outbox)
         self._desired.pop(desired.world_hash, None)
         self._desired[desired.world_hash] = desired
         while len(self._desired) > _MAX_DESIRED_SETS:
             del self._desired[next(iter(self._desired))]
+
+    def _hand_over(self, entities: Entities, outbox: Outbox) -> None:
+        """Send the files of what stands: a spawner takes its own with it when it ends."""
+        formats = dict.fromkeys(texture_sha256s(entities), "png")
+        formats |= dict.fromkeys(mesh_sha256s(entities.bodies), "npz")
+        for sha256, form in formats.items():
+            data = np.frombuffer(self._assets.files[sha256], np.uint8)
+            outbox.put(ASSETS, msg.CompressedImage(msg.header(0, sha256), format=form, data=data))
 
     def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
         if world.hash == self.world_hash:

@@ -15,8 +15,8 @@ class RunControl:
     A request is first judged by `problem`, which changes nothing, and then taken up by `apply`.
     """
 
-    def __init__(self, speed: float = 1.0) -> None:
-        self.speed = speed
+    def __init__(self) -> None:
+        self.speed = 1.0
         """Simulated seconds a second; 0: as fast as possible."""
         self.interventions = 0
         """Times that a request has changed how time passes, or such a change has ended."""
