@@ -460,7 +460,7 @@ def test_another_executive_begins_anew() -> None:
     log: Log = []
     with stack_of(log) as stack:
         stack.meet_all()
-        stack.run(25 * STEP_NS)
+        stack.run(23 * STEP_NS)
         stack.bus.drain()
         again: Log = []
         source = stack.add(physics := Physics(again))
@@ -475,7 +475,7 @@ def test_another_executive_begins_anew() -> None:
     recorded = [seen for name, _, seen in log if name == "recorder"]
     # Nothing of before is left but what is latched.
     frames_seen = [name for name in recorded[0] if "_" in name]
-    assert frames_seen == ["physics_1", "navigation_10"]
+    assert frames_seen == ["physics_1", "navigation_9"]
     assert len(again) >= 15
 
 

@@ -9,13 +9,13 @@ import pytest
 
 from services.common.bus import BusConfig, open_session, subscribe
 from services.common.documents import SimulationStats
-from services.common.executive import Executive
-from services.common.topics import SIMULATION_STATS
+from services.common.executive import Executive, MemoryTransport
+from services.common.node import Envelope
+from services.common.topics import SIMULATION_STATS, Topic
 from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
 from tests.compose.checks import check_recordings, check_table
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
-from tests.parity.transport import RecordedMemoryTransport
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
@@ -30,10 +30,23 @@ def told(stats: list[SimulationStats], until_s: float = EPISODE_S) -> list[Simul
     return [one for one in stats if one.sim_time_s <= until_s]
 
 
+class _Statistics(MemoryTransport):
+    """Keeps what physics says of the simulation."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stats: list[SimulationStats] = []
+
+    def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        if isinstance(message, SimulationStats):
+            self.stats.append(message)
+        super()._send(topic, message, envelope)
+
+
 @pytest.fixture(scope="module")
 def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats]:
     """The whole tour in one process."""
-    transport = RecordedMemoryTransport()
+    transport = _Statistics()
     folder = tmp_path_factory.mktemp("tour") / "run"
     with pytest.MonkeyPatch.context() as patch:
         # As in lockstep; it is told in the statistics.
@@ -44,11 +57,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats
         assert executive.run() == 0
     finally:
         executive.close()
-    return [
-        decode(SIMULATION_STATS, data)
-        for name, _, _, data in transport.record
-        if name == SIMULATION_STATS.name
-    ]
+    return transport.stats
 
 
 @contextmanager
