@@ -60,7 +60,7 @@ class BusConfig(ServiceConfig):
         "lockstep: every service takes its turn, and a run repeats; the same for all services",
     )
     lockstep_timeout_s: float = Field(
-        10.0, gt=0.0, le=600.0, description="wall time in which a service must end its turn"
+        10.0, gt=0.0, le=15.0, description="wall time in which a service must end its turn"
     )
 
     @field_validator("pace")
