@@ -92,9 +92,10 @@ WORLD_STATUS = Topic(
     "what became of the request",
 )  # fmt: skip
 ASSETS = Topic(
-    "/world/assets", msg.CompressedImage, ("worldgen", "spawner"),
+    "/world/assets", msg.CompressedImage, ("worldgen", "spawner", "physics"),
     ("physics", "spawner", "recorder"), _LATCHED,
-    "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes", depth=256,
+    "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes; from `physics`: "
+    "those of what stands, for a spawner that has just begun", depth=256,
 )  # fmt: skip
 WORLD = Topic(
     "/world", doc.World, ("worldgen",),

@@ -6,6 +6,7 @@ then, which settles every change of that set: it is kept, or taken back with the
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 from collections.abc import Container, Iterator, Mapping
@@ -109,6 +110,16 @@ class DesiredSet:
         """The assets of what should stand, by sha256, as far as they came this way."""
         wanted = {sha256 for one in self._entities() for _, sha256 in needed(one)}
         return {sha256: data for sha256, data in self._files.items() if sha256 in wanted}
+
+    def take_files(self, files: Mapping[str, bytes]) -> None:
+        """Take over what should stand needs and has not come this way."""
+        wanted = {sha256 for one in self._entities() for _, sha256 in needed(one)}
+        wanted -= self._known | self._files.keys()
+        for sha256, data in files.items():
+            if sha256 in wanted and hashlib.sha256(data).hexdigest() == sha256:
+                self._files[sha256] = data
+                # To be sent in the spawner's own name.
+                self._is_stale = True
 
     def adopt(self, standing: Entities) -> None:
         """Take over what stands already when nothing has been asked for yet."""

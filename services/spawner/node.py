@@ -16,6 +16,7 @@ from services.common.documents import (
     EntityReply,
     GetEntities,
     Quaternion,
+    SpawnEntity,
     Vector,
     World,
 )
@@ -42,6 +43,8 @@ from services.spawner.entity_assets import file_format, mesh_sha256s
 
 MAX_WAITING = 1000
 """Requests that wait for the physics; those beyond are refused."""
+MAX_WAITING_BYTES = 64 * 1024 * 1024
+"""Of the assets, in base64, of all requests that wait."""
 
 _Waiting = Request[Any, EntityReply]
 """Of an entity: to spawn, to delete or to move it."""
@@ -64,7 +67,8 @@ class SpawnerNode(Node):
         self._config = config
         self._style = PanelStyle(config.panel_gap_m, config.module_px, config.clear_view_m)
         self._next_world: World | None = None
-        self._mesh_files: dict[str, bytes] = {}
+        self._files: dict[str, bytes] = {}
+        """Assets that came, by sha256, until the world's set has been settled once."""
         self._desired: DesiredSet | None = None
         self._latched: deque[str] = deque(maxlen=ASSETS.depth)
         """The assets that a late reader is given."""
@@ -88,6 +92,9 @@ class SpawnerNode(Node):
                 self._take_in_standing(standing, inbox)
         self._take_in_requests(inbox)
         if self._desired is not None and self._is_settled:
+            self._desired.take_files(self._files)
+            if self._next_world is None:
+                self._files = {}
             self._gather(self._desired, outbox)
         self._tell_what_stands(inbox)
 
@@ -105,14 +112,11 @@ class SpawnerNode(Node):
             newest = worlds[-1]
             self._next_world = newest if newest.hash != self.world_hash else None
         for asset in inbox.new(ASSETS):
-            if asset.format == "npz":
-                self._mesh_files[asset.header.frame_id] = asset.data.tobytes()
+            self._files[asset.header.frame_id] = asset.data.tobytes()
         world = self._next_world
-        if world is not None and all(sha in self._mesh_files for sha in mesh_sha256s(world)):
+        if world is not None and all(sha256 in self._files for sha256 in mesh_sha256s(world)):
             self._furnish(world, outbox)
             self._next_world = None
-        if self._next_world is None and self.world_hash:
-            self._mesh_files.clear()
 
     def _furnish(self, world: World, outbox: Outbox) -> None:
         """Begin a world's set with its markers."""
@@ -121,7 +125,7 @@ class SpawnerNode(Node):
         meshes = {}
         for sha256 in mesh_sha256s(world):
             try:
-                meshes[sha256] = mesh_from_bytes(self._mesh_files[sha256])
+                meshes[sha256] = mesh_from_bytes(self._files[sha256])
             except ValueError as error:
                 # The physics says so too, and keeps what runs.
                 _log.error("mesh %.12s: %s", sha256, error)
@@ -163,11 +167,20 @@ class SpawnerNode(Node):
         self._getting = [*self._getting, *inbox.requests(GET_ENTITIES)][-MAX_WAITING:]
 
     def _queue(self, requests: Sequence[_Waiting]) -> None:
+        waiting_bytes = sum(_asset_bytes(request) for request in self._waiting)
         for request in requests:
-            if len(self._waiting) < MAX_WAITING:
-                self._waiting.append(request)
-            else:
+            waiting_bytes += _asset_bytes(request)
+            if len(self._waiting) >= MAX_WAITING:
                 request.respond(EntityReply(error=f"{MAX_WAITING} requests wait already"))
+            elif waiting_bytes > MAX_WAITING_BYTES:
+                waiting_bytes -= _asset_bytes(request)
+                request.respond(
+                    EntityReply(
+                        error=f"assets: more than {MAX_WAITING_BYTES} bytes of requests would wait"
+                    )
+                )
+            else:
+                self._waiting.append(request)
 
     def _gather(self, desired: DesiredSet, outbox: Outbox) -> None:
         """Make the next set of all requests that can go into one."""
@@ -231,6 +244,11 @@ class SpawnerNode(Node):
         for request in (*self._waiting, *(request for _, request in self._in_flight)):
             request.respond(EntityReply(error=error))
         self._waiting, self._in_flight = [], []
+
+
+def _asset_bytes(request: _Waiting) -> int:
+    message = request.message
+    return sum(map(len, message.assets.values())) if isinstance(message, SpawnEntity) else 0
 
 
 def _poses_in_map(message: TFMessage, names: set[str]) -> dict[str, tuple[Vector, Quaternion]]:

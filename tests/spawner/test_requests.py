@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from services.common import documents as doc
 from services.common import messages as msg
@@ -23,7 +25,7 @@ from services.common.topics import (
 )
 from services.spawner.config import SpawnerConfig
 from services.spawner.desired_set import MAX_ASKED_FOR, MAX_ENTITY_BYTES
-from services.spawner.node import MAX_WAITING, SpawnerNode
+from services.spawner.node import MAX_WAITING, MAX_WAITING_BYTES, SpawnerNode
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import FORBIDDEN_X_M, HOUSE, Stage, box
 
@@ -107,6 +109,8 @@ def test_a_hundred_requests_at_once_for_one_name_make_one_body_and_each_is_answe
     stage = Stage()
     same = stage.ask_all(SPAWN_ENTITY, *[doc.SpawnEntity(entity=box())] * 100)
     assert {one.error for one in same} == {""}
+    too_far = stage.ask_all(SPAWN_ENTITY, *[doc.SpawnEntity(entity=box("far", FAR_M))] * 9)
+    assert [one.error for one in too_far] == ["too far"] * 9
     different = [doc.SpawnEntity(entity=box("tin", float(x))) for x in range(100)]
     replies = stage.ask_all(SPAWN_ENTITY, *different)
     assert sorted({one.error for one in replies}) == ["", "name: 'tin' is there already"]
@@ -186,6 +190,18 @@ def test_requests_of_one_name_that_come_together_follow_each_other() -> None:
         "spawn done", "move done", "delete done", "move name: 'box': there is none of this name"
     ]  # fmt: skip
     assert stage.names() == ["aruco_7"]
+
+
+def test_requests_of_one_name_keep_their_order() -> None:
+    stage = Stage()
+    stage.spawn(box())
+    states = [doc.SetEntityState(name="box", position_m=(x, 2.0, 0.2)) for x in (2.0, 3.0, 2.0)]
+    replies: list[doc.EntityReply] = []
+    for state in states:
+        stage.transport.ask(SET_ENTITY_STATE, state, replies.append)
+    stage.turn(10)
+    assert [one.position_m[0] for one in replies] == [2.0, 3.0, 2.0]
+    assert stage.physics.sets[-1].bodies[0].position_m[0] == 2.0
 
 
 def test_the_worlds_markers_can_be_moved_and_deleted() -> None:
@@ -395,6 +411,18 @@ def test_more_requests_than_can_wait_are_refused() -> None:
     assert {one.error for one in replies} == {f"{MAX_WAITING} requests wait already"}
 
 
+def test_more_bytes_than_can_wait_are_refused() -> None:
+    stage = Stage(None)
+    replies: list[doc.EntityReply] = []
+    big = doc.SpawnEntity(entity=box(), assets={"a": "A" * (MAX_WAITING_BYTES // 3)})
+    for _ in range(5):
+        stage.transport.ask(SPAWN_ENTITY, big, replies.append)
+    stage.transport.ask(SPAWN_ENTITY, doc.SpawnEntity(entity=box()), replies.append)
+    stage.turn()
+    assert len(replies) == 2
+    assert {one.error[:15] for one in replies} == {"assets: more th"}
+
+
 def test_a_spawner_that_begins_anew_adopts_what_stands() -> None:
     stage = Stage()
     stage.spawn(box())
@@ -449,3 +477,65 @@ def test_what_moves_is_told_where_it_is() -> None:
     stage.move("box", 1.0)
     found = stage.ask(GET_ENTITIES, doc.GetEntities())
     assert found.bodies[0].position_m == (1.0, 2.0, 0.2)
+
+
+_NAMES = st.sampled_from(["a", "b", "c"])
+_PLACES_M = st.sampled_from([1.0, 2.0, FAR_M])
+_ASKED = st.one_of(
+    st.builds(
+        lambda name, x_m, new_name: (
+            SPAWN_ENTITY,
+            doc.SpawnEntity(entity=box(name, x_m), allow_renaming=new_name),
+        ),
+        _NAMES,
+        _PLACES_M,
+        st.booleans(),
+    ),
+    st.builds(lambda name: (DELETE_ENTITY, doc.DeleteEntity(name=name)), _NAMES),
+    st.builds(
+        lambda name, x_m: (
+            SET_ENTITY_STATE,
+            doc.SetEntityState(name=name, position_m=(x_m, 2.0, 0.2)),
+        ),
+        _NAMES,
+        _PLACES_M,
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.lists(_ASKED, max_size=6), max_size=5))
+def test_whatever_is_asked_at_once_each_is_answered_once_and_what_stands_is_what_should(
+    batches: list[list[tuple[Any, Any]]],
+) -> None:
+    stage = Stage()
+    for batch in batches:
+        replies: list[list[doc.EntityReply]] = [[] for _ in batch]
+        for (query, message), kept in zip(batch, replies, strict=True):
+            assert stage.transport.ask(query, message, kept.append)
+        stage.turn(2 * len(batch) + 3)
+        assert [len(kept) for kept in replies] == [1] * len(batch)
+        standing = stage.physics.standing
+        assert standing is not None
+        assert standing.refused == ()
+        assert standing.entities == stage.physics.sets[-1].entities
+        assert standing.revision == stage.physics.sets[-1].revision
+        assert all(one.position_m[0] < FAR_M for one in standing.entities)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.builds(
+        box,
+        st.text(max_size=8),
+        orientation_xyzw=st.tuples(*[st.floats(-1e308, 1e308)] * 4),
+        position_m=st.tuples(*[st.floats(-1e308, 1e308)] * 3),
+        mass_kg=st.floats(0.0, 1e308),
+    )
+)
+def test_whatever_a_body_says_it_is_answered_in_one_line(entity: doc.BodyEntity) -> None:
+    stage = Stage()
+    reply = stage.spawn(entity)
+    assert reply is not None
+    assert "\n" not in reply.error
+    assert (reply.error == "") == (entity.name in stage.names())

@@ -4,6 +4,8 @@ and outlives either.
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import itertools
 import os
 import signal
@@ -20,6 +22,7 @@ import zenoh
 from services.common import documents as doc
 from services.common.bus import BusConfig, ask, open_session, publish, wait_until_alive
 from services.common.bus import pack_attachment as packed
+from services.common.marker_picture import draw
 from services.common.node import Envelope
 from services.common.topics import (
     DELETE_ENTITY,
@@ -132,13 +135,18 @@ def test_what_physics_refuses_is_told_with_the_reason(stack: Stack) -> None:
 
 
 def test_things_outlive_the_spawner_and_the_physics(stack: Stack) -> None:
-    assert stack.spawn(box()).error == ""
+    picture = draw(marker(id=3), 8)
+    sha256 = hashlib.sha256(picture).hexdigest()
+    textured = box(materials=(doc.Material(name="red", texture_sha256=sha256),))
+    assets = {sha256: base64.b64encode(picture).decode()}
+    request = doc.SpawnEntity(entity=textured, assets=assets)
+    assert ask(stack.session, SPAWN_ENTITY, request, DEADLINE_S).error == ""
     gone = doc.DeleteEntity(name="aruco_7")
     assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
     stack.end("spawner")
     stack.start("spawner")
     assert stack.names() == ["box"]
-    assert stack.spawn(box()).error == ""
+    assert ask(stack.session, SPAWN_ENTITY, request, DEADLINE_S).error == ""
     stack.end("physics")
     stack.start("physics")
     # Not answered by what the physics said before it ended.
