@@ -51,6 +51,8 @@ from services.physics.scripted_path import Floorplan, PathPose, Route, meets
 from services.physics.world_limits import PENETRATION_M, check
 
 GRAVITY_M_S2 = 9.8
+MAX_PIECES = 200
+"""Of an entity that moves: PyBullet takes a second for the hulls of so many."""
 FLOOR = "floor"
 WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
@@ -344,6 +346,9 @@ class Bodies:
             new = self._made(entity, meshes)
         except ValueError as error:
             return f"shapes: {error}"
+        if entity.moves and len(new.solids) > MAX_PIECES:
+            pieces = f"{len(new.solids)} convex pieces"
+            return f"shapes: make {pieces}: at most {MAX_PIECES} in a body that moves"
         if old is not None and _differ_in_pose_only(old, new):
             new = replace(new, solids=old.solids, numbers=old.numbers)
             self._place(new)

@@ -36,6 +36,7 @@ MAX_TEXTURE_PX = 32 * 1024 * 1024
 """Of all bodies: a renderer holds them unpacked."""
 MAX_WAY_M = 200.0
 """Of a path, from the start back to the start"""
+MAX_PATH_SPEED_M_S = 5.0
 MAX_PANEL_SIDE_M = 3.0
 MAX_COORDINATE_M = 1_000.0
 _MAX_NAME = 100
@@ -210,6 +211,8 @@ def _path_problems(entity: BodyEntity) -> Iterator[str]:
         return
     if entity.mass_kg > 0.0:
         yield f"mass_kg: {entity.mass_kg}: must be 0 in a body that follows a path"
+    if not 0.0 < path.speed_m_s <= MAX_PATH_SPEED_M_S:
+        yield f"path: speed_m_s: {path.speed_m_s}: must be above 0, at most {MAX_PATH_SPEED_M_S:g}"
     for place in path.waypoints_m:
         if not all(abs(value) <= MAX_LENGTH_M for value in place):
             yield f"path: waypoints_m: {place}: must be within {MAX_LENGTH_M:g} m"
