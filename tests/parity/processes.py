@@ -18,7 +18,7 @@ from services.common.bus import BusConfig, open_session, subscribe, unpack_attac
 from services.common.topics import SERVICES, TOPICS, Topic
 from tests.parity.transport import Record
 
-DEADLINE_S = 60.0
+DEADLINE_S = 100.0
 
 
 class RunningServices:

@@ -9,14 +9,18 @@ from pathlib import Path
 import pytest
 
 from services.common import log
+from services.common.bus import BusConfig, ask, open_session
+from services.common.documents import GetEntities, SimulationControl
 from services.common.executive import Executive
 from services.common.serve import EXIT_OUT_OF_STEP
 from services.common.topics import (
     BY_NAME,
     CLOCK,
     EVALUATION,
+    GET_ENTITIES,
     PARAMETERS,
     ROSOUT,
+    SIMULATION_CONTROL,
     SIMULATION_STATS,
     WORLD,
 )
@@ -27,6 +31,7 @@ from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTranspo
 from tests.router import running_router
 
 EPISODE_S = 4.0
+ANSWER_S = 10.0
 NAMES_A_FOLDER = {EVALUATION.name, PARAMETERS.name, ROSOUT.name}
 
 
@@ -79,12 +84,23 @@ def test_every_message_is_the_same_over_a_router(in_process: Record, tmp_path: P
     assert len(ours) == len(theirs)
 
 
+@pytest.mark.timeout(240)
 def test_every_message_is_the_same_between_processes_in_lockstep(
     in_process: Record, tmp_path: Path
 ) -> None:
     with running_router() as endpoint, running_services(endpoint, tmp_path) as stack:
         stack.wait_for(count_by_topic(comparable(in_process)))
         assert differences(in_process, stack.record()) == []
+        session = open_session(BusConfig(connect=endpoint))
+        markers = ask(session, GET_ENTITIES, GetEntities(), ANSWER_S).markers
+        assert len(markers) == 2
+        paused = ask(session, SIMULATION_CONTROL, SimulationControl(pause=True), ANSWER_S).stats
+        assert paused is not None
+        assert paused.paused
+        stepped = ask(session, SIMULATION_CONTROL, SimulationControl(step=5), ANSWER_S).stats
+        assert stepped is not None
+        assert stepped.iterations == paused.iterations + 5
+        session.close()  # type: ignore[no-untyped-call]
         stack.processes["navigation"].kill()
         assert stack.processes["physics"].wait(DEADLINE_S) == EXIT_OUT_OF_STEP
         said = (tmp_path / "physics.log").read_text().splitlines()[-1]
@@ -94,6 +110,7 @@ def test_every_message_is_the_same_between_processes_in_lockstep(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(240)
 @pytest.mark.parametrize("burners", [0, 1, 2])
 def test_lockstep_repeats_also_where_the_machine_is_busy(
     in_process: Record, tmp_path: Path, burners: int
