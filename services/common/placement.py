@@ -29,6 +29,8 @@ FOOT_M, TOP_M = 0.02, 0.22
 _TOUCH_M = 1e-6
 _ALIGNED = 1e-3
 """Sine of the angle by which a panel may lean or turn away from its wall."""
+_MAX_BANDS = 256
+"""Heights for which what is in the way is kept; a world's markers hang at a few."""
 
 
 @dataclass(frozen=True)
@@ -232,6 +234,8 @@ class Placement:
     def _band(self, low_m: float, high_m: float) -> _Band:
         key = (round(low_m, 6), round(high_m, 6))
         if key not in self._bands:
+            if len(self._bands) >= _MAX_BANDS:
+                del self._bands[next(iter(self._bands))]
             found = [(one, one.between(*key).polygons) for one in self._obstructions]
             polygons = np.array(
                 [polygon for _, some in found for polygon in some] or [None], np.object_
