@@ -338,13 +338,20 @@ class Localization:
 
         Raises RuntimeError before `initialize`.
         """
+        pose = self.map_from_base()
+        if self._odom_from_base is None:
+            return pose, self._covariance.copy()
+        before_from_now = self._odom_from_base.inverse() @ self._history[-1][1]
+        return pose, self._moved_covariance(before_from_now) + self._raster_covariance
+
+    def map_from_base(self) -> SE2:
+        """The pose alone. Raises RuntimeError before `initialize`."""
         if self._map_from_base is None:
             raise RuntimeError("the pose is not known: no initial pose was given")
         if self._odom_from_base is None:
-            return self._map_from_base, self._covariance.copy()
+            return self._map_from_base
         before_from_now = self._odom_from_base.inverse() @ self._history[-1][1]
-        covariance = self._moved_covariance(before_from_now) + self._raster_covariance
-        return self._map_from_base @ before_from_now, covariance
+        return self._map_from_base @ before_from_now
 
     def map_from_odom(self) -> SE2:
         """The correction of odometry. Raises RuntimeError before `initialize`."""

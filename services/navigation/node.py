@@ -100,7 +100,8 @@ class NavigationNode(Node):
         self._moving = False
         """Whether the last command put out was other than a stop."""
         self._was_active = False
-        self._status: NavigationStatus | None = None
+        self._status: tuple[bool, bool, str, SE2 | None, int] | None = None
+        """The status last told, but for the distance that remains."""
         self._due_ns: dict[str, int] = {}
         self._costmap_shown = -1
         self._results: list[GoalResult] = []
@@ -358,7 +359,7 @@ class NavigationNode(Node):
         )  # fmt: skip
         self._echoes = _Echoes(stamp_ns, self._odom[1], points_m)
         if self._costmap is not None and self._localized():
-            pose, _ = localization.pose()
+            pose = localization.map_from_base()
             self._costmap.update(
                 pose @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
                 scan.range_min,
@@ -428,7 +429,7 @@ class NavigationNode(Node):
             raise NavigationError(
                 ErrorCode.GOAL_REJECTED, f"navigation is not active: it waits for {missing}"
             )
-        pose, _ = self._localization.pose()
+        pose = self._localization.map_from_base()
         return self._navigator.accept(now_ns, goal, pose)
 
     def _drive(self, now_ns: int, outbox: Outbox) -> None:
@@ -446,7 +447,7 @@ class NavigationNode(Node):
             if now_ns - oldest_ns > self._config.sensor_timeout * 1e9:
                 command = STOP
             else:
-                pose, _ = localization.pose()
+                pose = localization.map_from_base()
                 around = Surroundings(pose, costmap.master, self._echoes_now(self._echoes))
                 outcome = navigator.step(now_ns, around, self._localized())
                 command = outcome.command
@@ -499,26 +500,25 @@ class NavigationNode(Node):
         navigator = self._navigator
         goal = navigator.goal if navigator is not None else None
         localized = self._localized() and self._costmap is not None
-        status = NavigationStatus(
-            localization_active=localized,
-            navigation_active=localized and navigator is not None,
-            state=navigator.state if navigator is not None else "idle",
-            goal=None if goal is None else _planar_document(goal.pose),
-            distance_remaining_m=navigator.distance_remaining_m if navigator is not None else 0.0,
-            number_of_recoveries=(
-                navigator.number_of_recoveries if navigator is not None and goal else 0
-            ),
-        )
-        same = self._status is not None and status == self._status.model_copy(
-            update={"distance_remaining_m": status.distance_remaining_m}
-        )
+        active = localized and navigator is not None
+        state = navigator.state if navigator is not None else "idle"
+        recoveries = navigator.number_of_recoveries if navigator is not None and goal else 0
+        status = (localized, active, state, None if goal is None else goal.pose, recoveries)
         # Asked on every step, so that the period counts from the last one put out.
         due = self._is_due("status", now_ns, _STATUS_PERIOD_NS)
-        if due or not same:
-            outbox.put(NAVIGATION_STATUS, status)
-        if status.navigation_active != self._was_active:
-            self._was_active = status.navigation_active
-            _LOG.info("localised" if self._was_active else "the pose is no longer trusted")
+        if due or status != self._status:
+            said = NavigationStatus(
+                localization_active=localized,
+                navigation_active=active,
+                state=state,
+                goal=None if goal is None else _planar_document(goal.pose),
+                distance_remaining_m=0.0 if navigator is None else navigator.distance_remaining_m,
+                number_of_recoveries=recoveries,
+            )
+            outbox.put(NAVIGATION_STATUS, said)
+        if active != self._was_active:
+            self._was_active = active
+            _LOG.info("localised" if active else "the pose is no longer trusted")
         self._status = status
 
     def _is_due(self, what: str, now_ns: int, period_ns: int) -> bool:
@@ -620,13 +620,13 @@ def _path_message(now_ns: int, path: PlannedPath) -> msg.Path:
 def _cloud(now_ns: int, particles: Array) -> msg.PoseArray:
     shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
     half_yaws = shown[:, 2] / 2.0
-    rows = np.stack([shown[:, 0], shown[:, 1], np.sin(half_yaws), np.cos(half_yaws)], axis=1)
+    zeros = [0.0] * len(shown)
+    points = map(msg.Point, shown[:, 0].tolist(), shown[:, 1].tolist(), zeros)
+    turns = map(
+        msg.Quaternion, zeros, zeros, np.sin(half_yaws).tolist(), np.cos(half_yaws).tolist()
+    )
     return msg.PoseArray(
-        header=msg.header(now_ns, MAP_FRAME),
-        poses=[
-            msg.Pose(position=msg.Point(x, y, 0.0), orientation=msg.Quaternion(0.0, 0.0, z, w))
-            for x, y, z, w in rows.tolist()
-        ],
+        header=msg.header(now_ns, MAP_FRAME), poses=list(map(msg.Pose, points, turns))
     )
 
 
