@@ -229,6 +229,9 @@ class PhysicsNode(ClockNode):
             self._answer(request, "")
         if asked.model_dump(exclude_none=True):
             self._tell_stats(outbox)
+        if asked.reset is not None:
+            # None comes from the schedule while time stands still.
+            outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
 
     def _reset(self, asked: SimulationControl, inbox: Inbox, outbox: Outbox) -> str:
         """Begin again at time 0, with everything or only the clock; one line where it cannot be."""
@@ -245,18 +248,20 @@ class PhysicsNode(ClockNode):
             except ValueError as error:
                 return f"reset: {asked.reset}: {error}"
             old.close()
-            self._seed = seed
-            self._entities = None
-            self._place_entities(old.world, outbox)
         # Commands that came before were meant for what was there before.
         inbox.new(CMD_VEL)
+        self._seed = seed
         self._steps = 0
         self._epoch += 1
         outbox.now_ns = 0
         _log.info("world '%s' begins again: %s, seed %d", old.world.name, asked.reset, seed)
-        self._tell_stats(outbox)
-        # Nothing else would tell the others while time stands still.
-        outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
+        if self._simulation is not None and self._simulation is not old:
+            self._entities = None
+            self._place_entities(old.world, outbox)
+            # Nothing else tells where things are while time stands still.
+            frames = mover_frames(self._simulation.bodies, 0)
+            if frames:
+                outbox.put(TF, msg.TFMessage(transforms=frames))
         return ""
 
     def _read_out(self, simulation: Simulation) -> None:
