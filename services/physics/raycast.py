@@ -34,7 +34,7 @@ _BOX_FACES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class RayTargets:
-    """Solids made ready to be met by rays: blocks, each with a sphere around it.
+    """Solids made ready to be met by rays: blocks, each with a box and a sphere around it.
 
     A block is a run of faces, or one round solid. All coordinates are in the frame of its group.
     """
@@ -43,8 +43,10 @@ class RayTargets:
     """(b,)"""
     groups: NDArray[np.int32]
     """(b,), the index of the frame that a block moves with"""
-    spheres_m: Array
-    """(b, 4), centre and radius of the sphere around a block"""
+    bounds_m: Array
+    """(b, 7), of the box around a block, along the axes of its group, and of the sphere around it:
+    centre, half extents, radius
+    """
     rounds_m: Array
     """(b, 5), of a round solid: its axis, of unit length, its radius and half its length"""
     faces: NDArray[np.int32]
@@ -76,7 +78,7 @@ def joined(parts: Iterable[tuple[RayTargets, int]]) -> RayTargets:
     return RayTargets(
         np.concatenate([part.kinds for part, _ in each]),
         np.concatenate([part.groups + np.int32(group) for part, group in each]),
-        np.concatenate([part.spheres_m for part, _ in each]),
+        np.concatenate([part.bounds_m for part, _ in each]),
         np.concatenate([part.rounds_m for part, _ in each]),
         np.concatenate([p.faces + np.int32(n) for (p, _), n in zip(each, faces, strict=False)]),
         np.concatenate(
@@ -101,7 +103,7 @@ def cast_scan(
     _cast(
         targets.kinds,
         targets.groups,
-        targets.spheres_m,
+        targets.bounds_m,
         targets.rounds_m,
         targets.faces,
         targets.corners,
@@ -128,7 +130,7 @@ def ray_directions(samples: int) -> Array:
 def _blocks(
     count: int,
     kinds: NDArray[np.int32] | None = None,
-    spheres_m: Array | None = None,
+    bounds_m: Array | None = None,
     rounds_m: Array | None = None,
     faces: NDArray[np.int32] | None = None,
     corners: NDArray[np.int32] | None = None,
@@ -137,7 +139,7 @@ def _blocks(
     return RayTargets(
         np.zeros(count, np.int32) if kinds is None else kinds,
         np.zeros(count, np.int32),
-        np.zeros((count, 4)) if spheres_m is None else spheres_m,
+        np.zeros((count, 7)) if bounds_m is None else bounds_m,
         np.zeros((count, 5)) if rounds_m is None else rounds_m,
         np.zeros((count, 2), np.int32) if faces is None else faces,
         np.zeros((0, 4), np.int32) if corners is None else corners,
@@ -154,7 +156,13 @@ def _boxes(boxes: Sequence[Solid]) -> RayTargets:
     numbers = np.arange(count, dtype=np.int32)
     return _blocks(
         count,
-        spheres_m=np.column_stack((poses[:, :3, 3], np.linalg.norm(halves, axis=1))),
+        bounds_m=np.column_stack(
+            (
+                poses[:, :3, 3],
+                np.einsum("bij,bj->bi", np.abs(poses[:, :3, :3]), halves),
+                np.linalg.norm(halves, axis=1),
+            )
+        ),
         faces=np.stack((6 * numbers, 6 * numbers + 6), axis=1).astype(np.int32),
         corners=(_BOX_FACES + 8 * numbers[:, None, None]).reshape(-1, 4).astype(np.int32),
         vertices_m=vertices.reshape(-1, 3),
@@ -171,7 +179,7 @@ def _rounds(solids: Sequence[Solid]) -> RayTargets:
     return _blocks(
         count,
         kinds,
-        spheres_m=np.column_stack((poses[:, :3, 3], reach)),
+        bounds_m=np.column_stack((poses[:, :3, 3], reach, reach, reach, reach)),
         rounds_m=np.column_stack((poses[:, :3, 2], radii, halves)),
     )
 
@@ -191,11 +199,12 @@ def _triangles(solid: Solid) -> RayTargets:
     corners = vertices[triangles]
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
+    halves = (high - low) / 2.0
     kind = _CONVEX if solid.kind == "hull" else _SURFACE
     return _blocks(
         len(first),
         np.full(len(first), kind, np.int32),
-        spheres_m=np.column_stack(((low + high) / 2.0, np.linalg.norm(high - low, axis=1) / 2.0)),
+        bounds_m=np.column_stack((low + halves, halves, np.linalg.norm(halves, axis=1))),
         faces=np.stack((first, np.append(first[1:], len(triangles))), axis=1).astype(np.int32),
         corners=triangles[:, [0, 1, 2, 2]].astype(np.int32),
         vertices_m=vertices,
@@ -204,7 +213,7 @@ def _triangles(solid: Solid) -> RayTargets:
 
 def _along_a_curve(points: Array) -> NDArray[np.int64]:
     """(n,) order in which points that follow each other are near each other: Morton's (1966)."""
-    extent = np.maximum(np.ptp(points, axis=0), 1e-9)
+    extent = max(float(np.ptp(points, axis=0).max()), 1e-9)
     cells = ((points - points.min(axis=0)) / extent * 1023.0).astype(np.int64)
     code = np.zeros(len(points), np.int64)
     for bit in range(10):
@@ -217,7 +226,7 @@ def _along_a_curve(points: Array) -> NDArray[np.int64]:
 def _cast(
     kinds: NDArray[np.int32],
     groups: NDArray[np.int32],
-    spheres_m: Array,
+    bounds_m: Array,
     rounds_m: Array,
     faces: NDArray[np.int32],
     corners: NDArray[np.int32],
@@ -234,14 +243,18 @@ def _cast(
             _row(scan_from_groups, group, 1),
             _row(scan_from_groups, group, 2),
         )
-        bound = spheres_m[block, 3]
-        centre = spheres_m[block, 0], spheres_m[block, 1], spheres_m[block, 2]
+        centre = bounds_m[block, 0], bounds_m[block, 1], bounds_m[block, 2]
         z = _coordinate(rows[2], centre)
-        # The plane cuts the sphere around the block in a circle of this radius, or not at all.
-        squared = bound * bound - z * z
-        if squared < 0.0:
+        thick = (
+            abs(rows[2][0]) * bounds_m[block, 3]
+            + abs(rows[2][1]) * bounds_m[block, 4]
+            + abs(rows[2][2]) * bounds_m[block, 5]
+        )
+        # With a little room, for what just touches the plane.
+        if abs(z) > thick + 1e-9:
             continue
-        reach = math.sqrt(squared)
+        # The plane cuts the sphere around the block in a circle of this radius.
+        reach = math.sqrt(max(bounds_m[block, 6] * bounds_m[block, 6] - z * z, 0.0))
         x, y = _coordinate(rows[0], centre), _coordinate(rows[1], centre)
         away = math.sqrt(x * x + y * y)
         if away - reach > range_max_m:
