@@ -117,7 +117,10 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
         },
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
-        "transport/link/tx/lease": 2000,
+        # In lockstep one who is slow is waited for; whose process ends is missed at once anyway.
+        "transport/link/tx/lease": round(config.lockstep_timeout_s * 1e3)
+        if config.lockstep
+        else 2000,
         # Zenoh's own 1 ms is less than a busy machine needs to send what is queued.
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }

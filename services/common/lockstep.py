@@ -444,6 +444,10 @@ class Lockstep:
         """The services that have no seat, in table order."""
         return [name for name in SERVICES if name not in self._remote and name != self._own.name]
 
+    def awaited(self) -> list[str]:
+        """The services without which turns cannot begin, in table order."""
+        return [name for name in self.missing() if not self._candidates[name]]
+
     def note(self, service: str, source: str, there: bool | None) -> None:
         """Take note of a service on the bus: it is there, or no longer, or (None) something from
         outside waits for it.

@@ -296,12 +296,8 @@ class _Service:
                 moved = lockstep.turn(advance=wait_s == 0.0)
                 if not moved:
                     self._rest(min(wait_s or IDLE_S, IDLE_S))
-                missing = lockstep.missing() if not lockstep.gathered else []
-                self._say(
-                    f"the other services, for lockstep: {', '.join(missing)}"
-                    if missing
-                    else node.waiting_for()
-                )
+                awaited = [] if lockstep.gathered else lockstep.awaited()
+                self._say(f"lockstep with {', '.join(awaited)}" if awaited else node.waiting_for())
         except LockstepError:
             # Where all are told to end at once, some end sooner.
             if not self._stop.wait(ENDING_S):

@@ -330,7 +330,7 @@ def test_nobody_steps_before_all_are_there_and_know_of_each_other() -> None:
         stack.meet_all("bringup")
         for _ in range(3):
             assert not stack.lockstep.turn()
-        assert stack.lockstep.missing() == [name for name in SERVICES if name != "physics"]
+        assert stack.lockstep.awaited() == ["bringup"]
         stack.unmatched = {"navigation"}
         stack.meet_all()
         assert not stack.lockstep.turn()

@@ -16,13 +16,14 @@ from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
 from tests.compose.checks import check_recordings, check_table
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
+from tests.router import wait_for_router
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
 DEMO = DEMOS["enhanced"]
 SETTINGS = {"PACE": "lockstep"}
 EPISODE_S = 15.0
-START_S = 60.0
+START_S = 240.0
 
 
 def told(stats: list[SimulationStats], until_s: float = EPISODE_S) -> list[SimulationStats]:
@@ -63,6 +64,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats
 @contextmanager
 def listening(stack: Stack) -> Iterator[list[SimulationStats]]:
     """What physics says of the simulation, from its first step on."""
+    wait_for_router(stack.endpoint)
     session = open_session(BusConfig(connect=stack.endpoint), timeout_s=10.0)
     stats: list[SimulationStats] = []
     subscription = subscribe(
@@ -89,7 +91,7 @@ def test_a_tour_in_lockstep_is_that_of_one_process(
 ) -> None:
     with running(person) as (stack, stats):
         assert not stats, "physics stepped before all were there"
-        up = stack.compose("up", DEMO, timeout_s=400.0)
+        up = stack.compose("up", DEMO, timeout_s=600.0)
         assert up.returncode == 0, up.stdout
         check_table(stack.logs(DEMO))
         end_s = in_process[-1].sim_time_s
