@@ -387,7 +387,7 @@ def test_the_errors_of_the_specification(tmp_path: Path, kind: str, inside: str)
         ("FILE_READ", '<?xml version="1.0" encoding="klingon"?><sdf version="1.6"/>'),
         ("FILE_READ", '<!DOCTYPE a [<!ENTITY b "c">]><sdf version="1.6"/>'),
         ("FILE_READ", '<sdf version="1.6">' + "<a>" * 5000),
-        ("ELEMENT_MISSING", "<robot/>"),
+        ("ATTRIBUTE_MISSING", "<robot/>"),
         ("ELEMENT_MISSING", '<sdf version="1.6"/>'),
         ("ATTRIBUTE_MISSING", '<sdf><world name="w"/></sdf>'),
         ("ATTRIBUTE_INVALID", '<sdf version="2.0"><world name="w"/></sdf>'),
