@@ -8,7 +8,12 @@ import pytest
 
 from services.common import messages as msg
 from services.common import wire
-from services.common.documents import Entities, MarkerEntity, NavigationResult
+from services.common.documents import (
+    Entities,
+    MarkerEntity,
+    NavigationResult,
+    SimulationStats,
+)
 from services.common.footprint import wall_corners
 from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
 from services.common.node import Envelope
@@ -26,9 +31,11 @@ from services.common.topics import (
     ODOM,
     PARTICLE_CLOUD,
     PLAN,
+    SIMULATION_STATS,
     TF,
     WORLD,
 )
+from services.navigation.collision import STOP
 from services.navigation.config import NavigationConfig
 from services.navigation.error_codes import ErrorCode
 from services.navigation.node import NavigationNode
@@ -41,6 +48,7 @@ from tests.navigation.driving import (
     NodeDriver,
     box_segments,
     fixed_frames,
+    odometry,
     wall_distance_m,
 )
 from tests.navigation.house_tour import house
@@ -314,6 +322,44 @@ def test_time_going_back_begins_anew_at_the_start() -> None:
     assert driver.node.waiting_for() is None
     assert estimate_error_m(driver) < 0.05
     assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
+
+
+def test_another_epoch_begins_anew_though_time_goes_on() -> None:
+    driver = ready()
+    driver.deliver(SIMULATION_STATS, stats(epoch=1))
+    driver.goal(LOCATIONS["location1"])
+    driver.run(5.0)
+    assert driver.results() == []
+    # The robot stands at its start again; one message of before is still on its way.
+    driver.deliver(ODOM, odometry(driver.now_ns, driver.odom_from_base, STOP))
+    driver.robot.map_from_base = START
+    driver.odom_from_base = IDENTITY
+    driver.deliver(SIMULATION_STATS, stats(epoch=2, sim_time_s=driver.now_ns * 1e-9 + 0.01))
+    driver.step()
+    assert [r.error_code for r in driver.results()] == [ErrorCode.WORLD_RESTARTED]
+    driver.run(0.5)
+    assert driver.inbox.counts[ODOM.name].rejected["of an earlier epoch"] == 1
+    assert driver.node.waiting_for() is None
+    assert estimate_error_m(driver) < 0.05
+
+
+def test_the_seed_is_the_simulation_s() -> None:
+    clouds = []
+    for config_seed, told_seed in ((7, 7), (7, 8), (8, 8)):
+        driver = NodeDriver(config=NavigationConfig(seed=config_seed))
+        driver.deliver(SIMULATION_STATS, stats(epoch=1, seed=told_seed))
+        driver.learn()
+        driver.run(2.0)
+        clouds.append(wire.encode(PARTICLE_CLOUD, driver.of(PARTICLE_CLOUD)[-1]))
+    assert clouds[0] != clouds[1]
+    assert clouds[1] == clouds[2]
+
+
+def stats(epoch: int, seed: int = 7, sim_time_s: float = 0.0) -> SimulationStats:
+    return SimulationStats(
+        world_hash=house().world.hash, sim_time_s=sim_time_s, iterations=0, step_size_s=1 / 240,
+        seed=seed, epoch=epoch, renderer="none", state_hash="",
+    )  # fmt: skip
 
 
 def test_a_process_that_comes_up_on_the_way_finds_itself_by_odometry() -> None:

@@ -369,6 +369,23 @@ def test_the_map_pose_is_that_of_the_pictures_stamp() -> None:
     assert x_m == pytest.approx(0.5 + 0.07 + forward_m, abs=1e-6)
 
 
+def test_time_going_back_forgets_where_the_robot_was() -> None:
+    driven = bench()
+    driven.place(5 * PERIOD_NS, SE2(1.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
+    assert len(driven.look(image(5 * PERIOD_NS))) == 1
+    # On its way when the simulation began anew.
+    late = tf(6 * PERIOD_NS, ODOM_FRAME, BASE_FOOTPRINT_FRAME, SE2(1.1, 0.0, 0.0).matrix())
+    driven.hear(TF, late)
+    driven.place(PERIOD_NS, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
+    (array,) = driven.look(image(PERIOD_NS))
+    (in_map,) = driven.in_map()
+    forward_m = array.detections[0].bbox.center.position.z
+    x_m = in_map.detections[0].bbox.center.position.x
+    assert x_m == pytest.approx(0.07 + forward_m, abs=1e-6)
+    assert driven.rejected(TF) == {"later than now": 1}
+    assert driven.node.waiting_for() is None
+
+
 def test_no_map_detections_without_odometry_of_that_time() -> None:
     lost = bench(transform_tolerance_s=0.1)
     assert len(lost.look(image(0))) == 1
