@@ -160,6 +160,8 @@ class _Placed:
     com_from_body: Array
     """Where the body moves freely; else the same frame."""
     inertia_kg_m2: Vector
+    level_xyzw: Quaternion
+    """Its orientation without its heading"""
     route: Route | None
     floorplan: Floorplan
     """Of what follows a path, as it looks ahead"""
@@ -191,7 +193,7 @@ class _Placed:
 
     def _looking(self, pose: PathPose) -> Quaternion:
         """The thing's own tilt, and ahead instead of its own heading."""
-        x, y, z, w = _level(self.thing.orientation_xyzw)
+        x, y, z, w = self.level_xyzw
         s, c = math.sin(pose.heading_rad / 2.0), math.cos(pose.heading_rad / 2.0)
         return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
@@ -494,10 +496,10 @@ class Bodies:
             if isinstance(thing, BodyEntity):
                 raise
             raise ValueError(f"body {thing.name!r:.60}: shapes: {error}") from error
-        ahead = np.eye(4)
-        ahead[:3, :3] = rotation_from_quaternion(*_level(thing.orientation_xyzw))
-        low, high = extent_of(solids, ahead)
-        return _Placed(thing, solids, com_from_body, moments, route, Floorplan.of(low, high))
+        level_xyzw = _level(thing.orientation_xyzw)
+        ahead = transform_matrix(rotation_from_quaternion(*level_xyzw), _NOWHERE)
+        plan = Floorplan.of(*extent_of(solids, ahead))
+        return _Placed(thing, solids, com_from_body, moments, level_xyzw, route, plan)
 
     def _insert(self, placed: _Placed) -> None:
         """Make PyBullet's bodies of a thing: one where it moves, else one of each piece."""
