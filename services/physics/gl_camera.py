@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,12 +16,15 @@ from numpy.typing import NDArray
 from services.common.config import ConfigError
 from services.common.frames import Array
 from services.physics.camera import (
+    FAR_M,
+    NEAR_M,
     DepthRange,
     Intrinsics,
     Picture,
     mover_poses,
     optical_from_map,
 )
+from services.physics.occlusion import visible_quads
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
 _VERTEX_SHADER = """
@@ -148,15 +152,12 @@ class _Shown:
         self.quad_textures = parts.texture[quads]
         first = parts.first[quads]
         self.indices_of_quads = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
-        corners = scene.vertices_m[self.indices_of_quads[:, (0, 1, 2, 5)]]
         self.quad_indices = context.buffer(reserve=max(self.indices_of_quads.nbytes, 4))
-        self._normals = scene.normals[self.indices_of_quads[:, 0]]
-        self._landmarks_m = np.concatenate((corners, corners.mean(1, keepdims=True)), axis=1)
-        self._radii_m = np.linalg.norm(corners - self._landmarks_m[:, 4:], axis=2).max(
-            axis=1, initial=0.0
-        )
+        self.corners_m = scene.vertices_m[self.indices_of_quads[:, (0, 1, 2, 5)]]
         self.others = np.flatnonzero(~parts.quad)
-        self._balls = [_ball(scene, part) for part in self.others.tolist()]
+        balls = [_ball(scene, part) for part in self.others.tolist()]
+        self._centres_m = np.array([centre for centre, _ in balls]).reshape(-1, 3)
+        self._radii_m = np.array([radius for _, radius in balls])
         self.arrays: dict[tuple[_Shading, bool], Any] = {}
 
     def release(self) -> None:
@@ -164,18 +165,9 @@ class _Shown:
         for thing in (*self.arrays.values(), self.vertices, self.indices, self.quad_indices):
             thing.release()
 
-    def quads_in_view(self, eye_m: Array, view_planes: Array) -> NDArray[np.int64]:
-        """The quads in view that turn their front to the eye: textured first, near before far.
-
-        So few pixels are shaded twice. The picture does not depend on the order.
-        """
-        towards = np.einsum("ij,ij->i", self._landmarks_m[:, 4] - eye_m, self._normals) < 0.0
-        inside = _in_view(self._landmarks_m[:, 4], self._radii_m, view_planes)
-        seen = np.flatnonzero(towards & inside)
-        from_eye = self._landmarks_m[seen] - eye_m
-        distance = np.einsum("ijk,ijk->ij", from_eye, from_eye).min(1)
-        distance[self.quad_textures[seen] == PLAIN] = np.inf
-        return seen[np.argsort(distance, kind="stable")]
+    def by_texture(self, quads: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Quads in the order in which they are drawn: each texture once."""
+        return quads[np.argsort(self.quad_textures[quads], kind="stable")]
 
     def others_in_view(
         self, eye_m: Array, view_planes: Array, map_from_movers: Array
@@ -184,8 +176,7 @@ class _Shown:
         parts = self.scene.parts
         if not len(self.others):
             return [], []
-        centres = np.array([centre for centre, _ in self._balls])
-        radii = np.array([radius for _, radius in self._balls])
+        centres, radii = self._centres_m.copy(), self._radii_m
         movers = parts.mover[self.others]
         moving = movers != STATIC
         poses = map_from_movers[movers[moving]]
@@ -210,6 +201,12 @@ class GlCamera:
         self._context: Any = _make_context()
         self._clip_from_optical = intrinsics.clip_from_optical()
         size = intrinsics.width, intrinsics.height
+        self._view = (
+            np.array([intrinsics.fx, intrinsics.fy]),
+            np.array([intrinsics.cx, intrinsics.cy]),
+            np.array(size),
+            np.array([NEAR_M, FAR_M]),
+        )
         self._rgba = np.zeros((intrinsics.height, intrinsics.width, 4), np.uint8)
         self._textures: dict[str, Any] = {}
         self._shown: _Shown | None = None
@@ -238,7 +235,7 @@ class GlCamera:
 
     def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
         """See Renderer."""
-        clip_from_map = self._clip_from_optical @ optical_from_map(map_from_optical)
+        from_map = optical_from_map(map_from_optical)
         shown = self._shown
         with self._context as context:
             self._framebuffer.use()
@@ -248,7 +245,7 @@ class GlCamera:
             self._clear(shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0))
             if shown:
                 poses = mover_poses(shown.scene, map_from_movers)
-                self._draw(shown, map_from_optical[:3, 3], clip_from_map, poses)
+                self._draw(shown, map_from_optical[:3, 3], from_map, poses)
             # Four components are read as they lie; three would be converted by the driver, slowly.
             self._framebuffer.read_into(self._rgba, components=4, alignment=1)
             depth_m = None
@@ -271,9 +268,9 @@ class GlCamera:
         buffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         buffer.color_mask = _ALL_COLOURS, _ALL_COLOURS
 
-    def _draw(
-        self, shown: _Shown, eye_m: Array, clip_from_map: Array, map_from_movers: Array
-    ) -> None:
+    def _draw(self, shown: _Shown, eye_m: Array, from_map: Array, map_from_movers: Array) -> None:
+        clip_from_map = self._clip_from_optical @ from_map
+        quads = visible_quads(shown.corners_m, from_map, *self._view)
         matrix = _for_gl(clip_from_map)
         planes = _view_planes(clip_from_map)
         things, background = shown.others_in_view(eye_m, planes, map_from_movers)
@@ -282,7 +279,7 @@ class GlCamera:
             self._programs[shading]["clip_from_map"].write(matrix)
         for part in things:
             self._draw_part(shown, part, matrix, map_from_movers)
-        self._draw_quads(shown, shown.quads_in_view(eye_m, planes), matrix)
+        self._draw_quads(shown, shown.by_texture(quads), matrix)
         for part in background:
             self._draw_part(shown, part, matrix, map_from_movers)
 
@@ -383,6 +380,11 @@ class GlCamera:
 
 
 def _make_context() -> Any:
+    # Mesa on a CPU, unlike a GPU, blends two mipmap levels even where one is as good as alone, and
+    # takes square roots to choose them: a sixth of a picture's cost, for a thousandth of its
+    # colours' scale. Set, not read: pictures do not depend on who starts the process. A GPU's
+    # driver does not know it.
+    os.putenv("GALLIVM_PERF", "brilinear,rho_approx")
     try:
         # libEGL finds every OpenGL function itself: libGL, and the X11 libraries behind it, are
         # not needed. The names with a version are there without the development packages.
