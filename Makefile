@@ -31,9 +31,11 @@ env: $(STAMP) ## make the environment in .venv (other targets do this by themsel
 $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .tools/bin/uv,$(UV))
 	@echo "making the environment in .venv"
 	@test -x $(PYTHON) || $(UV) venv --quiet --python 3.11 .venv
-	@$(UV) pip sync --quiet --python $(PYTHON) --require-hashes requirements-dev.lock
+	@$(UV) pip sync --quiet --compile-bytecode --python $(PYTHON) --require-hashes requirements-dev.lock
 	@$(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
 	@scripts/ensure-gl || true
+	@$(PYTHON) -m compileall -q services
+	@$(PYTHON) -m services.embedded.kernels || true
 	@touch $@
 
 demo: $(STAMP) ## drive a tour in one process, no Docker (WORLD=enhanced SEED=7 SET=maze.seed=3)

@@ -64,6 +64,7 @@ def _sections(quick: bool) -> dict[str, Callable[[], list[Figure]]]:
         "whole loop": lambda: bench_loop.loops(episode_s, episodes),
     }
     if not quick:
+        sections["whole tour"] = bench_loop.whole_tour
         sections["start"] = lambda: bench_loop.starts(few)
         sections["worlds"] = lambda: bench_parts.generation(few)
     return sections
