@@ -89,6 +89,8 @@ _PATH_NS = 500_000_000
 _DEPTH_NS = 480_000_000
 _DEPTH_RANGE_M = (0.0, 10.0)
 """Of the depth image's colours."""
+_TRAIL_POINTS = 400
+"""Of a way, each of which makes the time until it is drawn again longer."""
 _SECOND_NS = 1_000_000_000
 _LATCH_NS = 10_000_000_000
 """What has not changed is drawn again this often, for viewers that have only the newest data."""
@@ -493,7 +495,7 @@ def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
     canvas.recording.log(
         "contacts",
         rr.CoordinateFrame(MAP_FRAME),
-        rr.Points3D(canvas.contacts_m[-1000:], colors=_BAD, radii=0.04),
+        rr.Points3D(list(canvas.contacts_m), colors=_BAD, radii=0.04),
         rr.TextLog(
             f"{contact.robot_link} touched {contact.body} with {contact.impulse_n_s:.3f} N s",
             level="WARN",
@@ -868,11 +870,14 @@ def _draw_trail(
     color: tuple[int, int, int],
     radius_m: float,
 ) -> None:
-    """The way so far, drawn twice a second while it grows. The time must be set."""
+    """The way so far, drawn twice a second while it grows, and less often the longer it is. The
+    time must be set.
+    """
     trail = canvas.trails.setdefault(path, Trail())
     if trail.add(pose.position.x, pose.position.y):
         canvas.last[f"{path}#grown"] = True
-    if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, _PATH_NS):
+    period_ns = _PATH_NS * (1 + len(trail) // _TRAIL_POINTS)
+    if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, period_ns):
         canvas.last[f"{path}#grown"] = False
         looks = rr.LineStrips3D.from_fields(colors=color, radii=radius_m)
         _frame(canvas, path, MAP_FRAME, looks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from services.recorder.scenery import Part
 
 _PATH_STEP_M = 0.03
 _PATH_POINTS = 4000
+_CONTACTS = 1000
 
 
 class Trail:
@@ -35,6 +37,9 @@ class Trail:
         if len(self._points) > 2 * _PATH_POINTS:
             del self._points[:_PATH_POINTS]
         return True
+
+    def __len__(self) -> int:
+        return min(len(self._points), _PATH_POINTS)
 
     def points(self, z_m: float) -> NDArray[np.float32]:
         """(n, 3), oldest first."""
@@ -65,7 +70,9 @@ class Canvas:
     start_ns: int = field(init=False)
     comparison: TruthComparison = field(init=False)
     trails: dict[str, Trail] = field(default_factory=dict)
-    contacts_m: list[tuple[float, float, float]] = field(default_factory=list)
+    contacts_m: deque[tuple[float, float, float]] = field(
+        default_factory=lambda: deque(maxlen=_CONTACTS)
+    )
     last: dict[str, object] = field(default_factory=dict)
     """The newest value logged to an entity, of those that are logged when they change."""
     real_time: tuple[float, int] | None = None

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from array import array
-from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -16,7 +15,6 @@ from services.common.documents import (
     BodyEntity,
     Contact,
     Entities,
-    ErrorStatistics,
     Evaluation,
     GoalReport,
     MarkerEntity,
@@ -26,6 +24,8 @@ from services.common.documents import (
 from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
+from services.recorder.driven_way import DrivenWay
+from services.recorder.error_summary import ErrorSummary
 from services.recorder.obstacles import obstacles, read_meshes
 
 if TYPE_CHECKING:
@@ -37,18 +37,50 @@ GOAL_TOLERANCE_RAD = 0.25
 """and within this angle, Nav2's `yaw_goal_tolerance`."""
 SAME_PLACE_M = 1e-3
 """A goal nearer than this to a location has its name."""
-JITTER_M = 2e-3
-"""Displacements shorter than this are the trembling of a robot at rest, and no path."""
 
 P = TypeVar("P")
 _Pending = deque[tuple[int, P]]
 # What waits for the truth, with its stamp.
 
-_TRUTH_DEPTH = 30 * 3600
+_TRUTH_DEPTH = 30 * 60
 _PENDING_DEPTH = 1000
+_RECENT_ESTIMATES = 10 * 60 * 20
+"""Twenty minutes of them: of a goal that took longer, the mean error is that of the last ones."""
+_MOST_CONTACTS = 1000
+"""That are told of one by one; the others are counted."""
 _GOALS_UNDER_WAY = 16
-_FOREVER_NS = 1 << 62
-_Judged = tuple[NavigationResult, GoalReport]
+
+
+@dataclass
+class _Judged:
+    """A goal that has ended, and what was seen on the way."""
+
+    start_ns: int
+    end_ns: int
+    verdict: GoalReport
+    errors: int = 0
+    error_sum_m: float = 0.0
+    contacts: int = 0
+    _report: GoalReport | None = None
+
+    def see_error(self, stamp_ns: int, error_m: float) -> None:
+        if self.start_ns <= stamp_ns <= self.end_ns:
+            self.errors += 1
+            self.error_sum_m += error_m
+            self._report = None
+
+    def see_contact(self, stamp_ns: int) -> None:
+        if self.start_ns <= stamp_ns <= self.end_ns:
+            self.contacts += 1
+            self._report = None
+
+    def report(self) -> GoalReport:
+        if self._report is None:
+            mean_m = self.error_sum_m / self.errors if self.errors else 0.0
+            self._report = self.verdict.model_copy(
+                update={"localisation_error_m": mean_m, "contacts": self.contacts}
+            )
+        return self._report
 
 
 class RunEvaluation:
@@ -79,7 +111,7 @@ class RunEvaluation:
         self._world = world
         self._assets = {} if assets is None else assets
         self._truth = PoseHistory(_TRUTH_DEPTH)
-        self._odometer = _Odometer()
+        self._way = DrivenWay()
         self._entities: tuple[MarkerEntity, ...] = ()
         self._standing: tuple[BodyEntity, ...] = ()
         self._standing_at: dict[int, tuple[BodyEntity, ...]] = {}
@@ -93,10 +125,12 @@ class RunEvaluation:
         self._goal_stamps_ns: set[int] = set()
         self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
         self._contacts: list[Contact] = []
+        self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
+        self._contact_count = 0
         self._seen: Counter[str] = Counter()
-        self._error_stamps_ns = array("q")
-        self._error_m, self._error_rad = array("d"), array("d")
-        self._marker_error_m = array("d")
+        self._recent_errors: deque[tuple[int, float]] = deque(maxlen=_RECENT_ESTIMATES)
+        self._error_m, self._error_rad = ErrorSummary(), ErrorSummary()
+        self._marker_error_m = ErrorSummary()
         self._drift_m = 0.0
 
     def set_entities(self, entities: Entities) -> None:
@@ -116,7 +150,7 @@ class RunEvaluation:
         newest_ns = self._truth.newest_ns
         if newest_ns is None or stamp_ns > newest_ns:
             self._truth.add(stamp_ns, pose)
-            self._odometer.add(stamp_ns, float(pose[0, 3]), float(pose[1, 3]))
+            self._way.add(stamp_ns, _planar(pose))
         self._settle()
 
     def add_odometry(self, odometry: msg.Odometry) -> None:
@@ -138,7 +172,13 @@ class RunEvaluation:
 
     def add_contact(self, contact: Contact) -> None:
         """Take in a contact."""
-        self._contacts.append(contact)
+        stamp_ns = _ns(contact.time_s)
+        self._contact_count += 1
+        if len(self._contacts) < _MOST_CONTACTS:
+            self._contacts.append(contact)
+        self._contact_stamps_ns.append(stamp_ns)
+        for judged in self._goals[-_GOALS_UNDER_WAY:]:
+            judged.see_contact(stamp_ns)
 
     def add_goal(self, goal: msg.PoseStamped) -> None:
         """Take in a goal that was sent."""
@@ -167,9 +207,9 @@ class RunEvaluation:
                 class_id: self._seen[class_id]
                 for class_id in dict.fromkeys(str(entity.marker_id) for entity in self._entities)
             },
-            localisation_error_m=_statistics(self._error_m),
-            localisation_error_rad=_statistics(self._error_rad),
-            marker_error_m=_statistics(self._marker_error_m),
+            localisation_error_m=self._error_m.statistics(),
+            localisation_error_rad=self._error_rad.statistics(),
+            marker_error_m=self._marker_error_m.statistics(),
             odometry_drift_m=self._drift_m,
             recording=recording,
         )
@@ -177,35 +217,24 @@ class RunEvaluation:
     def totals(self) -> dict[str, Any]:
         """What the evaluation does not hold of the run as a whole, as JSON values.
 
-        `distance_m` is the length driven, and `spl` success weighted by path length,
-        https://arxiv.org/abs/1807.06757: the mean over the goals that have ended of reached x
-        shortest / max(driven, shortest); None where no goal has.
+        `contacts` is their number, `distance_m` the length driven, and `spl` success weighted by
+        path length, https://arxiv.org/abs/1807.06757: the mean over the goals that have ended of
+        reached x shortest / max(driven, shortest); None where no goal has.
         """
         self._settle()
         reports = self._reports()
         return {
-            "distance_m": self._odometer.total_m,
+            "distance_m": self._way.total_m,
+            "contacts": self._contact_count,
             "goals_sent": len(self._goal_stamps_ns),
             "goals_reached": sum(report.reached for report in reports),
             "spl": sum(map(_path_efficiency, reports)) / len(reports) if reports else None,
         }
 
     def _reports(self) -> list[GoalReport]:
-        """The goals that have ended, with what was seen on the way up to now."""
+        """The goals that have ended."""
         provisional = [judged for _, result in self._results for judged in self._judge(result)]
-        return [self._with_way(result, report) for result, report in (*self._goals, *provisional)]
-
-    def _with_way(self, result: NavigationResult, report: GoalReport) -> GoalReport:
-        start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
-        stamps_ns = np.asarray(self._error_stamps_ns, np.int64)
-        errors_m = np.asarray(self._error_m)[(start_ns <= stamps_ns) & (stamps_ns <= end_ns)]
-        times_ns = (_ns(contact.time_s) for contact in self._contacts)
-        return report.model_copy(
-            update={
-                "localisation_error_m": float(errors_m.mean()) if len(errors_m) else 0.0,
-                "contacts": sum(start_ns <= time_ns <= end_ns for time_ns in times_ns),
-            }
-        )
+        return [judged.report() for judged in (*self._goals, *provisional)]
 
     def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
         """Of the robot's disc, past the walls and what stood still when the goal was sent."""
@@ -227,9 +256,12 @@ class RunEvaluation:
         for stamp_ns, estimate in _take_until(newest_ns, self._estimates):
             true_pose = self._true_pose(stamp_ns)
             if true_pose is not None:
-                self._error_stamps_ns.append(stamp_ns)
-                self._error_m.append(estimate.distance_m(true_pose))
-                self._error_rad.append(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
+                error_m = estimate.distance_m(true_pose)
+                self._error_m.add(error_m)
+                self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
+                self._recent_errors.append((stamp_ns, error_m))
+                for judged in self._goals[-_GOALS_UNDER_WAY:]:
+                    judged.see_error(stamp_ns, error_m)
         map_from_start = self._world.start.se2()
         for stamp_ns, odom_from_base in _take_until(newest_ns, self._odometry):
             true_pose = self._true_pose(stamp_ns)
@@ -240,8 +272,8 @@ class RunEvaluation:
         for _, result in _take_until(newest_ns, self._results):
             self._goals.extend(self._judge(result))
 
-    def _true_pose(self, stamp_ns: int, hold_ns: int = 0) -> SE2 | None:
-        matrix = self._truth.at(stamp_ns, hold_ns)
+    def _true_pose(self, stamp_ns: int) -> SE2 | None:
+        matrix = self._truth.at(stamp_ns)
         return None if matrix is None else _planar(matrix)
 
     def _judge_detections(self, detections: msg.Detection3DArray) -> None:
@@ -259,16 +291,17 @@ class RunEvaluation:
             if detection.results and entities:
                 p = detection.results[0].pose.pose.position
                 seen_at = (map_from_camera @ np.array([p.x, p.y, p.z, 1.0]))[:3]
-                self._marker_error_m.append(
+                self._marker_error_m.add(
                     min(float(np.linalg.norm(seen_at - e.position_m)) for e in entities)
                 )
 
     def _judge(self, result: NavigationResult) -> list[_Judged]:
         """A goal and its report; none before the first true pose."""
         start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
-        start, end = self._true_pose(start_ns, _FOREVER_NS), self._true_pose(end_ns, _FOREVER_NS)
-        if start is None or end is None:
+        at_start, at_end = self._way.at(start_ns), self._way.at(end_ns)
+        if at_start is None or at_end is None:
             return []
+        (start, start_m), (end, end_m) = at_start, at_end
         goal = result.goal.se2()
         error_m = end.distance_m(goal)
         error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
@@ -280,7 +313,7 @@ class RunEvaluation:
                 and error_rad <= GOAL_TOLERANCE_RAD
             ),
             time_s=result.end_time_s - result.start_time_s,
-            path_length_m=self._odometer.at(end_ns) - self._odometer.at(start_ns),
+            path_length_m=end_m - start_m,
             shortest_path_m=self._shortest_path_m(result, start, goal),
             goal_error_m=error_m,
             goal_error_rad=error_rad,
@@ -289,37 +322,18 @@ class RunEvaluation:
             error_msg=result.error_msg,
             goal_stamp_ns=result.goal_stamp_ns,
         )
-        return [(result, report)]
+        judged = _Judged(start_ns, end_ns, report)
+        for stamp_ns, one_m in self._recent_errors:
+            judged.see_error(stamp_ns, one_m)
+        for stamp_ns in self._contact_stamps_ns:
+            judged.see_contact(stamp_ns)
+        return [judged]
 
     def _name(self, goal: SE2) -> str:
         for location in self._world.locations:
             if goal.distance_m(location.se2()) <= SAME_PLACE_M:
                 return location.name
         return "home" if goal.distance_m(self._world.start.se2()) <= SAME_PLACE_M else "goal"
-
-
-class _Odometer:
-    """The length of a path by time; a place within `JITTER_M` of the last one is the same."""
-
-    def __init__(self) -> None:
-        self.total_m = 0.0
-        self._place: tuple[float, float] | None = None
-        self._stamps_ns, self._lengths_m = array("q"), array("d")
-
-    def add(self, stamp_ns: int, x_m: float, y_m: float) -> None:
-        if self._place is not None:
-            step_m = math.hypot(x_m - self._place[0], y_m - self._place[1])
-            if step_m < JITTER_M:
-                return
-            self.total_m += step_m
-        self._place = (x_m, y_m)
-        self._stamps_ns.append(stamp_ns)
-        self._lengths_m.append(self.total_m)
-
-    def at(self, stamp_ns: int) -> float:
-        """The length driven until a stamp."""
-        count = bisect_right(self._stamps_ns, stamp_ns)
-        return self._lengths_m[count - 1] if count else 0.0
 
 
 def _planar(matrix: Array) -> SE2:
@@ -339,15 +353,6 @@ def _take_until(newest_ns: int, pending: _Pending[P]) -> list[tuple[int, P]]:
 
 def _ns(time_s: float) -> int:
     return round(time_s * 1e9)
-
-
-def _statistics(errors: Iterable[float]) -> ErrorStatistics:
-    values = np.asarray(errors, np.float64)
-    if not len(values):
-        return ErrorStatistics()
-    return ErrorStatistics(
-        mean=float(values.mean()), p95=float(np.percentile(values, 95)), max=float(values.max())
-    )
 
 
 def _path_efficiency(goal: GoalReport) -> float:

@@ -34,6 +34,7 @@ from services.recorder.config import RecorderConfig
 from services.recorder.repair import Repair
 from services.recorder.run import Run, Setting
 from services.recorder.run_folder import RunFolder, check_unused, check_writable
+from services.recorder.scenery import assets_of, assets_of_world
 from services.recorder.versions import versions
 
 if TYPE_CHECKING:
@@ -46,6 +47,9 @@ _EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, PARAMETERS, DIAGN
 """What is kept for the run until there is one."""
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
 """What is said once and holds until it is said anew, in the next run as well."""
+
+_MOST_ASSETS = 1000
+_MOST_ASSET_BYTES = 256 * 1024 * 1024
 
 _Arrival = tuple[Any, Envelope]
 # As Inbox.arrivals() has it.
@@ -148,6 +152,7 @@ class RecorderNode(Node):
             return
         if topic is ASSETS:
             self._setting.assets[message.header.frame_id] = message.data.tobytes()
+            self._let_go_of_assets()
         elif topic in _FIXED:
             self._setting.fixed[topic] = message
         elif topic is WORLD_REQUEST and message != self._request:
@@ -160,6 +165,24 @@ class RecorderNode(Node):
             self._run.take(topic, arrival, now_ns)
         elif topic in _EARLY:
             self._early.append((topic, arrival))
+
+    def _let_go_of_assets(self) -> None:
+        """Forget the oldest textures and meshes that nothing has, where there are too many."""
+        assets = self._setting.assets
+        size_bytes = sum(map(len, assets.values()))
+        if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
+            return
+        used = assets_of_world(self._run.world) if self._run is not None else set()
+        for topic in (DESIRED_ENTITIES, ENTITIES):
+            entities = self._setting.fixed.get(topic)
+            for entity in entities.entities if entities is not None else ():
+                used |= assets_of(entity)
+        # The newest may be of what is still to come.
+        for sha256 in list(assets)[: -ASSETS.depth]:
+            if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
+                return
+            if sha256 not in used:
+                size_bytes -= len(assets.pop(sha256))
 
     def _begin(self, world: doc.World, now_ns: int) -> None:
         """Begin a new run in a folder of its own, with what is known already."""

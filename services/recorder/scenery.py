@@ -94,6 +94,13 @@ def assets_of(entity: Entity) -> set[str]:
     return {m.texture_sha256 for m in entity.materials} | seen_meshes(entity)
 
 
+def assets_of_world(world: World) -> set[str]:
+    """The textures and meshes, by sha256, that a world is made of; "" is none of them."""
+    shapes = (shape.geometry for body in world.bodies for shape in body.shapes)
+    meshes = {shape.sha256 for shape in shapes if isinstance(shape, Mesh)}
+    return {m.texture_sha256 for m in world.materials} | meshes
+
+
 def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) -> list[Part]:
     """What to draw of an entity, below its name; nothing while it lacks a mesh."""
     meshes = read_meshes([entity], assets)

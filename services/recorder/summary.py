@@ -42,6 +42,7 @@ def build_summary(
     """
     judged = evaluation.model_dump(mode="json")
     contacts = judged.pop("contacts")
+    totals = dict(totals)
     return {
         "world": world.name,
         "world_hash": world.hash,
@@ -56,7 +57,7 @@ def build_summary(
         "pauses": {"count": pauses, "wall_time_s": paused_s},
         "renderer": stats.renderer if stats else "",
         "goals": judged.pop("goals"),
-        "contacts": {"count": len(contacts), "list": contacts},
+        "contacts": {"count": totals.pop("contacts"), "list": contacts},
         **judged,
         **totals,
         "messages": _messages(counts, rejected_elsewhere),
