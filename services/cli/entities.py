@@ -120,6 +120,11 @@ def spawn(
             on_panel = _marker_of_model(made.marker)
     pose = _Pose.of(at, yaw, rpy)
     if on_panel is not None:
+        for option, value in {
+            "--mass": mass, "--colour": colour, "--texture": texture, "--path": path
+        }.items():  # fmt: skip
+            if value is not None:
+                raise ConfigError(f"{option}: must not be given for a marker")
         place = _WallPlace(wall, side, offset, height)
         with _session(connect) as session:
             panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
@@ -467,10 +472,11 @@ def _session(endpoint: str) -> Iterator[zenoh.Session]:
 
 def _ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
     from services.common.bus import NoAnswerError, ask  # noqa: PLC0415
+    from services.common.wire import WireError  # noqa: PLC0415
 
     try:
         return ask(session, query, message, timeout_s)
-    except NoAnswerError as error:
+    except (NoAnswerError, WireError) as error:
         raise ConfigError(str(error)) from error
 
 

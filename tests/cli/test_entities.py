@@ -185,6 +185,7 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
         ("spawn crate --model turtlebot3_waffle --at 1 2", "joint turtlebot3_waffle::wheel_left"),
         ("spawn crate --mesh nope.stl --at 1 2", "nope.stl: cannot be read"),
         ("spawn m --marker 8", "--marker: must be given --wall, or --at X Y Z and --yaw"),
+        ("spawn m --marker 8 --wall wall --mass 1", "--mass: must not be given for a marker"),
         ("spawn m --marker 8 --wall roof", "--wall: 'roof': must be one of wall"),
         ("spawn m --marker 8 --wall wall --at 1 2 3", "--wall: must not be given with a pose"),
         ("spawn m --marker 8 --wall wall --side up", "side: Input should be 'left' or 'right'"),

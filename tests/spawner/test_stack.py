@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from typing import TypeVar
 
 import pytest
 import zenoh
@@ -31,11 +32,16 @@ from services.common.topics import (
     SIMULATION_CONTROL,
     SPAWN_ENTITY,
     WORLD,
+    Query,
 )
 from services.common.wire import encode
+from tests.cli.test_app import mazebot
 from tests.common.house import marker, wall, world
 from tests.router import running_router
 from tests.spawner.stage import box
+
+Q = TypeVar("Q")
+A = TypeVar("A")
 
 DEADLINE_S = 60.0
 FLAGS = {"physics": ("--camera-enabled", "false"), "spawner": ()}
@@ -68,12 +74,15 @@ class Stack:
         envelope = Envelope("ab" * 16, next(self.numbers), 0, house.hash)
         self.world_publisher.put(encode(WORLD, house), attachment=packed(envelope))
 
+    def ask(self, query: Query[Q, A], message: Q) -> A:
+        return ask(self.session, query, message, DEADLINE_S, start_s=DEADLINE_S)
+
     def names(self) -> list[str]:
-        found = ask(self.session, GET_ENTITIES, doc.GetEntities(), DEADLINE_S)
+        found = self.ask(GET_ENTITIES, doc.GetEntities())
         return [one.name for one in found.entities]
 
     def spawn(self, entity: doc.BodyEntity) -> doc.EntityReply:
-        return ask(self.session, SPAWN_ENTITY, doc.SpawnEntity(entity=entity), DEADLINE_S)
+        return self.ask(SPAWN_ENTITY, doc.SpawnEntity(entity=entity))
 
     def close(self) -> None:
         for name in list(self.processes):
@@ -105,7 +114,7 @@ def test_requests_are_answered_soon_running_or_paused(stack: Stack) -> None:
     for number in range(20):
         if number == 10:
             pause = doc.SimulationControl(pause=True)
-            assert ask(stack.session, SIMULATION_CONTROL, pause, DEADLINE_S).error == ""
+            assert stack.ask(SIMULATION_CONTROL, pause).error == ""
         began_s = time.perf_counter()
         reply = stack.spawn(box(f"box_{number}", 0.5 * number - 5.0))
         took_s.append(time.perf_counter() - began_s)
@@ -113,10 +122,10 @@ def test_requests_are_answered_soon_running_or_paused(stack: Stack) -> None:
             name=f"box_{number}", position_m=(0.5 * number - 5.0, 2.0, 0.2)
         )
     go_on = doc.SimulationControl(pause=False)
-    assert ask(stack.session, SIMULATION_CONTROL, go_on, DEADLINE_S).error == ""
+    assert stack.ask(SIMULATION_CONTROL, go_on).error == ""
     for number in range(20):
         gone = doc.DeleteEntity(name=f"box_{number}")
-        assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
+        assert stack.ask(DELETE_ENTITY, gone).error == ""
     assert stack.names() == ["aruco_7"]
     print(f"median {statistics.median(took_s) * 1e3:.1f} ms")  # noqa: T201 - a figure to look at
     assert statistics.median(took_s) < 1.0
@@ -127,11 +136,19 @@ def test_what_physics_refuses_is_told_with_the_reason(stack: Stack) -> None:
     assert "wall" in reply.error
     assert stack.spawn(box()).error == ""
     state = doc.SetEntityState(name="box", position_m=(0.0, 0.0, 0.2))
-    assert "wall" in ask(stack.session, SET_ENTITY_STATE, state, DEADLINE_S).error
-    found = ask(stack.session, GET_ENTITIES, doc.GetEntities(), DEADLINE_S)
+    assert "wall" in stack.ask(SET_ENTITY_STATE, state).error
+    found = stack.ask(GET_ENTITIES, doc.GetEntities())
     assert [one.position_m for one in found.bodies] == [(1.0, 2.0, 0.2)]
     gone = doc.DeleteEntity(name="box")
-    assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
+    assert stack.ask(DELETE_ENTITY, gone).error == ""
+
+
+def test_the_command_reaches_a_running_stack(stack: Stack) -> None:
+    lines = ("spawn crate --box 0.2 0.2 0.4 --at 1 1", "spawn m --marker 8 --wall wall --offset 1")
+    for line in (*lines, "move crate --at -1 1", "remove crate m"):
+        done = mazebot(*line.split(), MAZEBOT_BUS_CONNECT=stack.endpoint)
+        assert (done.returncode, done.stderr) == (0, ""), line
+    assert stack.names() == ["aruco_7"]
 
 
 def test_things_outlive_the_spawner_and_the_physics(stack: Stack) -> None:
@@ -140,13 +157,13 @@ def test_things_outlive_the_spawner_and_the_physics(stack: Stack) -> None:
     textured = box(materials=(doc.Material(name="red", texture_sha256=sha256),))
     assets = {sha256: base64.b64encode(picture).decode()}
     request = doc.SpawnEntity(entity=textured, assets=assets)
-    assert ask(stack.session, SPAWN_ENTITY, request, DEADLINE_S).error == ""
+    assert stack.ask(SPAWN_ENTITY, request).error == ""
     gone = doc.DeleteEntity(name="aruco_7")
-    assert ask(stack.session, DELETE_ENTITY, gone, DEADLINE_S).error == ""
+    assert stack.ask(DELETE_ENTITY, gone).error == ""
     stack.end("spawner")
     stack.start("spawner")
     assert stack.names() == ["box"]
-    assert ask(stack.session, SPAWN_ENTITY, request, DEADLINE_S).error == ""
+    assert stack.ask(SPAWN_ENTITY, request).error == ""
     stack.end("physics")
     stack.start("physics")
     # Not answered by what the physics said before it ended.
