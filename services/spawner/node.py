@@ -152,10 +152,8 @@ class SpawnerNode(Node):
             return
         self._is_settled = True
         replies = desired.settle(standing)
-        for name, reply in replies.items():
+        for name in replies:
             self._poses.pop(name, None)
-            if reply.error:
-                _log.warning("%s refused: %s", name, reply.error)
         for name, request in self._in_flight:
             request.respond(replies[name])
         self._in_flight = []
