@@ -18,7 +18,7 @@ _UNUSED_VARIANCE = 1e-6
 class WheelOdometry:
     """Pose, speed and covariance from the wheels' angles alone. Starts at the origin.
 
-    Without slip and noise, on the flat, it stays within 0.1 mm of the truth over 2 m straight ahead.
+    Without slip and noise it stays within 0.1 mm of the truth over 2 m straight ahead.
     In a full turn on the spot it counts 1.25 degrees more than the robot turns (0.35 %: the wheels
     stand 288 mm apart, and odometry assumes 287 mm). In a minute at rest the robot creeps by
     0.6 mm, which the wheels feel.
