@@ -9,7 +9,7 @@ import numpy as np
 
 from services.common.documents import ErrorStatistics
 
-_MOST_KEPT = 20_000
+_MOST_KEPT = 5_000
 _LEAST = 1e-6
 """Smaller errors count as this."""
 _STEP = math.log(1.001)
@@ -17,7 +17,7 @@ _BINS = math.ceil(math.log(1e9) / _STEP)
 
 
 class ErrorSummary:
-    """Of errors in whichever unit. Of more than 20,000 the percentile is exact to 0.1 %: the
+    """Of errors in whichever unit. Of more than 5,000 the percentile is exact to 0.1 %: the
     earlier ones are only counted, by their size.
     """
 

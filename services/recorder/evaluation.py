@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,8 +45,9 @@ _Pending = deque[tuple[int, P]]
 
 _TRUTH_DEPTH = 30 * 60
 _PENDING_DEPTH = 1000
-_RECENT_ESTIMATES = 10 * 60 * 20
-"""Twenty minutes of them: of a goal that took longer, the mean error is that of the last ones."""
+_RECENT_ESTIMATES = 10 * 60 * 15
+"""A quarter of an hour's: of a goal that took longer, the mean error may be that of the last ones.
+"""
 _MOST_CONTACTS = 1000
 """That are told of one by one; the others are counted."""
 _GOALS_UNDER_WAY = 16
@@ -128,7 +130,7 @@ class RunEvaluation:
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
         self._contact_count = 0
         self._seen: Counter[str] = Counter()
-        self._recent_errors: deque[tuple[int, float]] = deque(maxlen=_RECENT_ESTIMATES)
+        self._recent_stamps_ns, self._recent_error_m = array("q"), array("d")
         self._error_m, self._error_rad = ErrorSummary(), ErrorSummary()
         self._marker_error_m = ErrorSummary()
         self._drift_m = 0.0
@@ -259,7 +261,11 @@ class RunEvaluation:
                 error_m = estimate.distance_m(true_pose)
                 self._error_m.add(error_m)
                 self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
-                self._recent_errors.append((stamp_ns, error_m))
+                self._recent_stamps_ns.append(stamp_ns)
+                self._recent_error_m.append(error_m)
+                if len(self._recent_error_m) >= 2 * _RECENT_ESTIMATES:
+                    del self._recent_stamps_ns[:_RECENT_ESTIMATES]
+                    del self._recent_error_m[:_RECENT_ESTIMATES]
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
                     judged.see_error(stamp_ns, error_m)
         map_from_start = self._world.start.se2()
@@ -323,7 +329,7 @@ class RunEvaluation:
             goal_stamp_ns=result.goal_stamp_ns,
         )
         judged = _Judged(start_ns, end_ns, report)
-        for stamp_ns, one_m in self._recent_errors:
+        for stamp_ns, one_m in zip(self._recent_stamps_ns, self._recent_error_m, strict=True):
             judged.see_error(stamp_ns, one_m)
         for stamp_ns in self._contact_stamps_ns:
             judged.see_contact(stamp_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -31,7 +32,12 @@ from services.common.frames import (
     SE2,
     inverse_matrix,
     transform_matrix,
+    wrap_angle,
 )
+from services.recorder import driven_way, error_summary
+from services.recorder import evaluation as evaluation_module
+from services.recorder.driven_way import DrivenWay
+from services.recorder.error_summary import ErrorSummary
 from services.recorder.evaluation import RunEvaluation
 
 PERIOD_NS = 33_333_333
@@ -427,3 +433,51 @@ def test_the_shortest_way_leads_past_what_stood_still_when_the_goal_was_sent() -
     assert around is not None
     assert straight is not None
     assert straight + 0.3 < around < straight + 0.3 + 2.0 * corner
+
+
+def test_the_percentile_of_many_errors_is_nearly_exact() -> None:
+    summary, errors = ErrorSummary(), np.random.default_rng(1).gamma(2.0, 0.01, 23_456)
+    for error in errors.tolist():
+        summary.add(error)
+    statistics = summary.statistics()
+    assert statistics.mean == pytest.approx(errors.mean())
+    assert statistics.p95 == pytest.approx(np.percentile(errors, 95), rel=2e-3)
+    assert statistics.max == errors.max()
+
+
+def test_where_the_robot_was_is_known_of_hours_ago() -> None:
+    way = DrivenWay()
+    for tick in range(30 * 3600):
+        angle = tick / 30 * 0.2
+        way.add(tick * PERIOD_NS, SE2(math.cos(angle), math.sin(angle), wrap_angle(angle)))
+    for stamp_s in (0.0, 10.0, 59.9, 1234.56, 3500.0, 3599.0):
+        angle = stamp_s * 0.2
+        known = way.at(round(stamp_s * 1e9))
+        assert known is not None
+        pose, length_m = known
+        assert pose.distance_m(SE2(math.cos(angle), math.sin(angle), 0.0)) < 2e-3
+        assert abs(wrap_angle(pose.yaw_rad - angle)) < 0.01
+        assert length_m == pytest.approx(stamp_s * 0.2, abs=0.01)
+
+
+def test_judging_a_long_run_takes_little_more_memory_than_a_short_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for module, name in (
+        (evaluation_module, "_TRUTH_DEPTH"),
+        (evaluation_module, "_RECENT_ESTIMATES"),
+        (driven_way, "_RECENT"),
+        (error_summary, "_MOST_KEPT"),
+    ):
+        monkeypatch.setattr(module, name, 100)
+    evaluation = RunEvaluation(make_world())
+    sizes_bytes = []
+    for tick in range(8000):
+        stamp_ns = tick * 100_000_000
+        pose = true_pose(stamp_ns)
+        evaluation.add_ground_truth(odometry(stamp_ns, pose, MAP_FRAME))
+        evaluation.add_estimate(estimate(stamp_ns, pose))
+        if tick in (1999, 7999):
+            sizes_bytes.append(len(pickle.dumps(evaluation)))
+    # A pose of 40 bytes twice a second, for ten minutes.
+    assert sizes_bytes[1] - sizes_bytes[0] < 60_000

@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rerun as rr
 import yaml
@@ -17,11 +18,22 @@ from services.common import documents as doc
 from services.common import messages as msg
 from services.common import topics as table
 from services.common.config import ROOT, ConfigError
+from services.common.node import Envelope
+from services.recorder import node as node_module
 from services.recorder import run as run_module
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
 from services.recorder.repair import rerun_binary
-from tests.recorder.synthetic import ERROR_M, Bench, WallClock, driving, opening, room
+from tests.recorder.synthetic import (
+    BRICKS,
+    ERROR_M,
+    MARKER,
+    Bench,
+    WallClock,
+    driving,
+    opening,
+    room,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -286,3 +298,83 @@ def test_the_summary_is_there_while_the_run_lasts(tmp_path: Path) -> None:
     bench.say(driving(world, 1.0))
     assert summary_of(run)["messages"]["/clock"]["received"] > 0
     bench.node.close()
+
+
+def stats(world: doc.World, time_s: float, **fields: Any) -> doc.SimulationStats:
+    values = {"iterations": 1, "step_size_s": 1 / 240, "renderer": "none", "state_hash": ""}
+    return doc.SimulationStats(
+        **{"world_hash": world.hash, "sim_time_s": time_s, "epoch": 1, **values, **fields}
+    )
+
+
+def test_a_reset_in_the_first_second_begins_a_run_and_each_gets_its_own(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    bench.say([(0, table.SIMULATION_STATS, stats(world, 0.0)), *driving(world, 0.8)])
+    last_ns = 800_000_000
+    bench.say([(last_ns, table.SIMULATION_STATS, stats(world, 0.8))])
+    # One step brings the last of the old run and the first of the new one.
+    late = [said for said in driving(world, 0.1, last_ns) if said[1] is table.ODOM]
+    anew = [(0, table.SIMULATION_STATS, stats(world, 0.0, epoch=2, seed=11))]
+    for now_ns, topic, message in [*late, *anew, *driving(world, 0.2)]:
+        bench.inbox.deliver(topic, message, Envelope("test", 0, now_ns, world.hash))
+    bench.step(200_000_000)
+    bench.node.close()
+    first, second = (summary_of(run) for run in sorted(tmp_path.iterdir()))
+    assert (first["epoch"], first["seed"]) == (1, 0)
+    assert (second["epoch"], second["seed"]) == (2, 11)
+    assert first["rebuilds"] == second["rebuilds"] == 0
+    assert first["sim_time_s"] == pytest.approx(0.8, abs=0.02)
+    assert second["sim_time_s"] == pytest.approx(0.2)
+    assert second["odometry_drift_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_world_built_anew_while_time_goes_on_is_the_same_run(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    for time_s, epoch in ((0.0, 1), (1.0, 1), (2.0, 2), (3.0, 2), (4.0, 3)):
+        now_ns = round(time_s * 1e9)
+        bench.say([(now_ns, table.SIMULATION_STATS, stats(world, time_s, epoch=epoch))])
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    assert (summary_of(run)["epoch"], summary_of(run)["rebuilds"]) == (3, 2)
+
+
+def test_a_pause_is_no_slowness(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    bench.say(driving(world, 2.0))
+    clock = bench.node._setting.wall_clock_s  # type: ignore[attr-defined]
+    now_ns = 2_000_000_000
+    bench.say([(now_ns, table.SIMULATION_STATS, stats(world, 2.0, paused=True))])
+    clock.now_s += 1000.0
+    bench.say([(now_ns, table.SIMULATION_STATS, stats(world, 2.0, paused=False))])
+    bench.say(driving(world, 2.0, now_ns))
+    bench.say([(2 * now_ns, table.SIMULATION_STATS, stats(world, 4.0, paused=True))])
+    clock.now_s += 500.0
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    summary = summary_of(run)
+    assert summary["pauses"]["count"] == 2
+    assert summary["pauses"]["wall_time_s"] == pytest.approx(1000.0, abs=1.0)
+    assert summary["wall_time_s"] < 10.0
+    assert summary["real_time_factor"] > 0.5
+
+
+def test_textures_of_nothing_are_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(node_module, "_MOST_ASSETS", 300)
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    for number in range(1000):
+        picture = np.full(8, number % 256, np.uint8)
+        asset = msg.CompressedImage(msg.header(0, f"{number:064x}"), "png", picture)
+        bench.say([(0, table.ASSETS, asset)])
+    held = bench.node._setting.assets  # type: ignore[attr-defined]
+    bench.node.close()
+    assert len(held) <= 300
+    assert {BRICKS, MARKER} <= held.keys()
+    assert f"{999:064x}" in held
