@@ -45,7 +45,8 @@ WAIT_BEFORE_DROP_US = 10_000
 _ATTACHMENT = struct.Struct("<qqB16s16s")
 
 
-PACES = ("real_time", "fast", "lockstep")
+PACES = {"real_time": 1.0, "fast": 0.0, "lockstep": 0.0}
+"""Simulated seconds a second; 0: as fast as possible."""
 MAX_SPEED = 1000.0
 
 
@@ -84,13 +85,9 @@ class BusConfig(ServiceConfig):
         return self.pace == "lockstep"
 
     @property
-    def speed(self) -> float | None:
-        """Simulated seconds a second at which time is to begin, 0: as fast as possible; None: what
-        physics is configured for.
-        """
-        if self.pace == "real_time":
-            return None
-        return 0.0 if self.pace in PACES else float(self.pace)
+    def speed(self) -> float:
+        """Simulated seconds a second at which time begins; 0: as fast as possible."""
+        return PACES[self.pace] if self.pace in PACES else float(self.pace)
 
 
 class BusUnavailableError(ConnectionError):

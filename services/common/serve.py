@@ -126,7 +126,7 @@ class _Service:
         return None
 
     def _begin(self, bus: Bus, outbox: Outbox) -> None:
-        if isinstance(self._node, ClockNode) and self._bus_config.speed is not None:
+        if isinstance(self._node, ClockNode):
             self._node.speed = self._bus_config.speed
         outbox.put(PARAMETERS, self._node.parameters())
         bus.announce()

@@ -161,9 +161,9 @@ def test_a_slow_or_paused_simulation_answers_at_once_and_can_be_stopped() -> Non
 
 
 @pytest.mark.parametrize(
-    ("pace", "speed"), [("real_time", None), ("fast", 0.0), ("lockstep", 0.0), ("2.5", 2.5)]
+    ("pace", "speed"), [("real_time", 1.0), ("fast", 0.0), ("lockstep", 0.0), ("2.5", 2.5)]
 )
-def test_a_pace_is_a_word_or_a_factor(pace: str, speed: float | None) -> None:
+def test_a_pace_is_a_word_or_a_factor(pace: str, speed: float) -> None:
     config = BusConfig(pace=pace)
     assert config.speed == speed
     assert config.lockstep == (pace == "lockstep")

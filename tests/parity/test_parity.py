@@ -12,6 +12,7 @@ from services.common import log
 from services.common.bus import BusConfig, ask, open_session
 from services.common.documents import GetEntities, SimulationControl
 from services.common.executive import Executive
+from services.common.node import ClockNode
 from services.common.serve import EXIT_OUT_OF_STEP
 from services.common.topics import (
     BY_NAME,
@@ -40,10 +41,10 @@ def episode(
 ) -> Record:
     """Four seconds of driving in the enhanced world, with the camera on."""
     options = DemoOptions(seed=seed, out_dir=out_dir, record=False)
-    with pytest.MonkeyPatch.context() as patch:
-        # As in lockstep; it is told in the statistics.
-        patch.setenv("MAZEBOT_PHYSICS_SPEED", "0")
-        nodes = build_nodes(options)
+    nodes = build_nodes(options)
+    (clock,) = (node for node in nodes if isinstance(node, ClockNode))
+    # As in lockstep; it is told in the statistics.
+    clock.speed = 0.0
     executive = Executive(nodes, transport, log.configure())
     try:
         if isinstance(transport, ZenohTransport):
