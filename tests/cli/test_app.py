@@ -69,7 +69,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], *words: str) -> None
 def test_help_names_every_command() -> None:
     done = mazebot("--help")
     assert done.returncode == 0
-    for name in ("demo", "goal", "topic", "recordings"):
+    for name in ("demo", "goal", "sim", "topic", "recordings"):
         assert name in done.stdout
 
 
