@@ -597,12 +597,10 @@ class Bodies:
 
     def _in_the_way(self, placed: _Placed, old: _Placed | None) -> str:
         """What an entity reaches into, where it stands and on its path; empty: nothing."""
-        # Bullet looks for bodies that were moved since its last step where they were.
-        pybullet.performCollisionDetection(physicsClientId=self._client)
         ignored = {*placed.numbers, *(old.numbers if old is not None else ())}
         reason = self._reaches_into(placed, ignored, standing_only=False)
         if reason or placed.route is None or not placed.numbers:
-            return reason
+            return f"position_m: {reason}" if reason else ""
         steps = math.ceil(placed.route.length_m / _WAY_STEP_M)
         for step in range(1, steps):
             placed.travelled_m = step * placed.route.length_m / steps

@@ -99,6 +99,13 @@ def test_a_body_is_moved_as_it_is(stage: Stage) -> None:
     assert stage.all(CONTACTS)[0].position_m[0] == pytest.approx(1.35, abs=0.02)
 
 
+def test_what_is_put_where_another_was_moved_to_in_the_same_set_is_refused(stage: Stage) -> None:
+    stage.desire(crate())
+    told = stage.desire(crate(x_m=3.0), crate("old place"), crate("new place", 3.0))
+    assert names(told) == ["crate", "old place"]
+    assert reasons(told) == {"new place": "position_m: reaches 0.300 m into crate"}
+
+
 def test_another_thing_of_the_same_name_takes_its_place(stage: Stage) -> None:
     stage.desire(crate())
     pole = crate(geometry=Cylinder(radius_m=0.05, length_m=0.5))
