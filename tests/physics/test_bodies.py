@@ -26,7 +26,7 @@ from services.common.documents import (
     Sphere,
     World,
 )
-from services.common.frames import Array, quaternion_from_rotation, rotation_from_rpy
+from services.common.frames import quaternion_from_rotation, rotation_from_rpy
 from services.common.geometry import TriangleMesh, joined, mesh_to_bytes, triangles_of
 from services.common.topics import ASSETS, CONTACTS, SCAN, SIMULATION_STATS, TF
 from services.physics.bodies import Bodies

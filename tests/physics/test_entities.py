@@ -74,9 +74,9 @@ def test_lidar_camera_and_contacts_meet_a_body_from_the_next_step_on() -> None:
 
 
 def test_the_same_set_again_changes_nothing(stage: Stage) -> None:
-    things = crate(), crate("ball", 2.0, 1.0, 0.2, Sphere(radius_m=0.2), mass_kg=1.0)
+    things = crate(), crate("ball", 2.0, 1.0, 0.6, Sphere(radius_m=0.2), mass_kg=1.0)
     assert names(stage.desire(*things)) == ["crate", "ball"]
-    stage.wait(0.5)
+    stage.wait(1.5)
     numbers = {name: placed.numbers for name, placed in stage.bodies._entities.items()}
     groups, state = stage.bodies.solid_groups, stage.bodies.mover_states
     told = stage.desire(*things)
