@@ -121,7 +121,7 @@ def test_slip_takes_its_share_of_a_turn() -> None:
 
 def _drive_with(**config: object) -> Driver:
     robot = Driver(**config).load(world(walls=()))
-    _tour(robot)
+    robot.drive(0.4, 0.5, 2.0)
     robot.node.close()
     return robot
 
@@ -133,8 +133,8 @@ def test_noise_of_the_wheels_is_in_odometry_and_never_in_the_truth() -> None:
         assert robot.all(GROUND_TRUTH_ODOM) == exact.all(GROUND_TRUTH_ODOM)
     assert _odometry(noisy) == _odometry(again)
     assert _odometry(noisy) != _odometry(other)
-    assert _odometry(exact).distance_m(exact.pose) < 0.03
-    assert _odometry(noisy).distance_m(noisy.pose) > 0.03
+    drift_m = _odometry(noisy).distance_m(noisy.pose)
+    assert drift_m > 5.0 * _odometry(exact).distance_m(exact.pose)
 
 
 def test_the_truth_is_the_state_of_the_robot_in_pybullet(robot: Driver) -> None:
