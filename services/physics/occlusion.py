@@ -163,6 +163,12 @@ def visible_quads(
     return result[:kept]
 
 
+def compile_kernels() -> None:
+    """Leave nothing to compile for the first picture."""
+    pair, size_px = np.ones(2), np.ones(2, np.int64)
+    visible_quads(np.empty((0, 4, 3)), np.eye(4), pair, pair, size_px, pair)
+
+
 @numba.njit(cache=True)
 def _cross(a: Array, b: Array) -> tuple[float, float, float]:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
