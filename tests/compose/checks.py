@@ -40,6 +40,7 @@ def check_recordings(stack: Stack) -> list[dict[str, Any]]:
     for folder in folders:
         assert {path.name for path in folder.iterdir()} == {
             "config.yaml",
+            "digests.bin",
             "run.rrd",
             "summary.json",
         }
