@@ -329,16 +329,16 @@ class BodyEntity(Document):
     shapes: tuple[Shape, ...] = Field(min_length=1)
     materials: tuple[Material, ...] = Field((), description="those its shapes name")
     path: ScriptedPath | None = Field(None, description="needs mass_kg 0")
-
-    @property
-    def moves(self) -> bool:
-        """Whether it can be elsewhere than at its pose, but for being put there."""
-        return self.mass_kg > 0.0 or self.path is not None
     placed: Annotated[int, Field(ge=0)] = Field(
         0,
         description="counts the times it was put at its pose: a new count puts there again what "
         "has moved since",
     )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it can be elsewhere than at its pose, but for being put there."""
+        return self.mass_kg > 0.0 or self.path is not None
 
 
 Entity = Annotated[MarkerEntity | BodyEntity, Field(discriminator="kind")]
