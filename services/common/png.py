@@ -1,12 +1,14 @@
-"""Whether bytes are a whole PNG picture that every reader will be able to decode."""
+"""PNG pictures, and whether bytes are a whole one that every reader will be able to decode."""
 
 from __future__ import annotations
 
 import struct
 import zlib
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 MAX_SIDE_PX = 2048
 MAX_BYTES = 16 * 1024 * 1024
@@ -16,27 +18,51 @@ _OTHERS = {b"\xff\xd8\xff": "a JPEG", b"GIF8": "a GIF", b"BM": "a BMP", b"RIFF":
 
 
 def problem(data: bytes) -> str:
-    """What is wrong with a texture's bytes, as the rest of a sentence; empty where nothing is.
+    """What is wrong with a texture's bytes, as the rest of a sentence; empty where nothing is."""
+    try:
+        _decoded_bgr(data)
+    except ValueError as error:
+        return str(error)
+    return ""
 
-    The chunks are checked before the decoder sees them: it would allocate what a header claims.
+
+def decode(data: bytes) -> NDArray[np.uint8]:
+    """The picture: (h, w, 3) uint8 RGB, read-only.
+
+    Raises ValueError, with what `problem` says, where the bytes are no whole picture.
+    """
+    rgb = np.ascontiguousarray(_decoded_bgr(data)[:, :, ::-1], np.uint8)
+    rgb.setflags(write=False)
+    return rgb
+
+
+def size_px(data: bytes) -> tuple[int, int]:
+    """Width and height of a picture without a problem."""
+    width, height = struct.unpack_from(">II", data, len(_SIGNATURE) + 8)
+    return int(width), int(height)
+
+
+def _decoded_bgr(data: bytes) -> NDArray[Any]:
+    """The chunks are checked before the decoder sees them: it fills in for a damaged file silently,
+    and would allocate what a header claims.
     """
     if not data.startswith(_SIGNATURE):
         other = next((name for start, name in _OTHERS.items() if data.startswith(start)), "")
-        return f"is {other or 'not a picture'}, must be a PNG"
+        raise ValueError(f"is {other or 'not a picture'}, must be a PNG")
     if len(data) > MAX_BYTES:
-        return f"has {len(data)} bytes, must have at most {MAX_BYTES}"
+        raise ValueError(f"has {len(data)} bytes, must have at most {MAX_BYTES}")
     if not _is_whole(data):
-        return "is damaged or cut short, must be a whole PNG"
-    width, height = struct.unpack(">II", data[16:24])
+        raise ValueError("is damaged or cut short, must be a whole PNG")
+    width, height = size_px(data)
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
-        return f"is {width} x {height} pixels, must be at most {MAX_SIDE_PX} a side"
+        raise ValueError(f"is {width} x {height} pixels, must be at most {MAX_SIDE_PX} a side")
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:
         picture = None
     if picture is None or picture.shape[:2] != (height, width):
-        return "cannot be decoded, must be a PNG picture"
-    return ""
+        raise ValueError("cannot be decoded, must be a PNG picture")
+    return picture
 
 
 def _is_whole(data: bytes) -> bool:

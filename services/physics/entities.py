@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Container, Iterator, Mapping
 
+from services.common import png
 from services.common.documents import (
     BodyEntity,
     Entities,
@@ -19,7 +20,7 @@ from services.common.documents import (
 )
 from services.common.geometry import triangles_of
 from services.common.placement import Placement, panel_of
-from services.physics.assets import meshes_of, png_pixels
+from services.physics.assets import meshes_of
 from services.physics.bodies import Bodies
 from services.physics.scripted_path import Route
 from services.physics.world_limits import MAX_LENGTH_M, body_problems
@@ -163,7 +164,7 @@ def _put(
         return f"shapes: {triangles} triangles in all bodies: at most {MAX_TRIANGLES}"
     materials = (material for one in (*there, entity) for material in one.materials)
     textures = {material.texture_sha256 for material in materials} - {""}
-    if (pixels := sum(png_pixels(files[sha256]) for sha256 in textures)) > MAX_TEXTURE_PX:
+    if (pixels := sum(math.prod(png.size_px(files[sha])) for sha in textures)) > MAX_TEXTURE_PX:
         return f"materials: textures of {pixels} pixels in all bodies: at most {MAX_TEXTURE_PX}"
     return bodies.put(entity, meshes)
 

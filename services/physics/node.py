@@ -7,9 +7,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from services.common import messages as msg
+from services.common.assets import asset_message, assets_of
 from services.common.config import ConfigError
 from services.common.documents import (
     Entities,
@@ -48,7 +47,7 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
-from services.physics.assets import Assets, mesh_sha256s, meshes_of, texture_sha256s
+from services.physics.assets import Assets, meshes_of
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.camera_messages import (
     camera_info,
@@ -336,11 +335,8 @@ class PhysicsNode(ClockNode):
 
     def _hand_over(self, entities: Entities, outbox: Outbox) -> None:
         """Send the files of what stands: a spawner takes its own with it when it ends."""
-        formats = dict.fromkeys(texture_sha256s(entities), "png")
-        formats |= dict.fromkeys(mesh_sha256s(entities.bodies), "npz")
-        for sha256, form in formats.items():
-            data = np.frombuffer(self._assets.files[sha256], np.uint8)
-            outbox.put(ASSETS, msg.CompressedImage(msg.header(0, sha256), format=form, data=data))
+        for sha256 in assets_of(*entities.entities):
+            outbox.put(ASSETS, asset_message(sha256, self._assets.files[sha256]))
 
     def _take_in_newest_world(self, world: World, inbox: Inbox) -> None:
         if world.hash == self.world_hash:
@@ -353,29 +349,22 @@ class PhysicsNode(ClockNode):
 
     def _missing(self, world: World) -> str | None:
         """The first thing without which a world cannot begin, in words."""
-        textures = [material.texture_sha256 for material in world.materials]
-        missing = self._assets.missing([*textures, *mesh_sha256s(world.bodies)])
+        missing = self._assets.missing(assets_of(world))
         if missing:
             return f"assets of the world on {ASSETS.name}: {_digests(missing)}"
         desired = self._desired.get(world.hash)
         if desired is None:
             return f"the entities on {DESIRED_ENTITIES.name}"
-        wanted = [*texture_sha256s(desired), *mesh_sha256s(desired.bodies)]
-        missing = self._assets.missing(wanted)
+        missing = self._assets.missing(assets_of(*desired.entities))
         if missing:
             return f"assets of the entities on {ASSETS.name}: {_digests(missing)}"
         return None
 
     def _assets_in_use(self) -> set[str]:
         worlds = [self._next_world, self._simulation.world if self._simulation else None]
-        used: set[str] = set()
-        for world in worlds:
-            if world is not None:
-                used |= {material.texture_sha256 for material in world.materials}
-                used |= set(mesh_sha256s(world.bodies))
-        for entities in (*self._desired.values(), *filter(None, [self._entities])):
-            used |= {*texture_sha256s(entities), *mesh_sha256s(entities.bodies)}
-        return used
+        sets = (*self._desired.values(), *filter(None, [self._entities]))
+        entities = (entity for one in sets for entity in one.entities)
+        return set(assets_of(*filter(None, worlds), *entities))
 
     def _load(self, world: World, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         try:

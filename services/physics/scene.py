@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common.assets import mesh_sha256s
 from services.common.documents import (
     BodyEntity,
     Entity,
@@ -28,7 +29,7 @@ from services.common.frames import Array, pose_matrix
 from services.common.geometry import TriangleMesh, joined, quad_triangles
 from services.common.surfaces import PLAIN as PLAIN_MATERIAL
 from services.common.surfaces import Surface, body_surfaces, surfaces
-from services.physics.assets import decoded_mesh, decoded_png, mesh_sha256s
+from services.physics.assets import decoded_mesh, decoded_png
 
 MAX_LAMPS = 8
 PLAIN = -1

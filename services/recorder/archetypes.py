@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from services.common import documents as doc
 from services.common import messages as msg
+from services.common import png
+from services.common.assets import assets_of
 from services.common.diagnostics import RATE_KEY, REAL_TIME_FACTOR_KEY
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
@@ -68,7 +70,6 @@ from services.recorder.mesh import Mesh, panel
 from services.recorder.obstacles import read_meshes
 from services.recorder.scenery import (
     Part,
-    assets_of,
     entity_parts,
     parts,
     plain_rgba,
@@ -1005,13 +1006,16 @@ def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
     if data is None:
         return None
     canvas.changed(f"world/assets/{sha256}", True)
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if pixels is None:
+    try:
+        rgb = png.decode(data)
+    except ValueError:
         return None
-    scale = _TEXTURE_SIDE_PX / max(pixels.shape[:2])
+    scale = _TEXTURE_SIDE_PX / max(rgb.shape[:2])
     if scale < 1.0:
-        pixels = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(pixels[:, :, ::-1], np.uint8)
+        return np.asarray(
+            cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
+    return rgb
 
 
 def _mesh(

@@ -10,6 +10,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from services.common import documents as doc
+from services.common.assets import assets_of
 from services.common.node import Envelope, Inbox, Node, Outbox
 from services.common.topics import (
     ASSETS,
@@ -34,7 +35,6 @@ from services.recorder.config import RecorderConfig
 from services.recorder.repair import Repair
 from services.recorder.run import Run, Setting
 from services.recorder.run_folder import RunFolder, check_unused, check_writable
-from services.recorder.scenery import assets_of, assets_of_world
 from services.recorder.versions import versions
 
 if TYPE_CHECKING:
@@ -172,11 +172,10 @@ class RecorderNode(Node):
         size_bytes = sum(map(len, assets.values()))
         if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
             return
-        used = assets_of_world(self._run.world) if self._run is not None else set()
+        used = set(assets_of(self._run.world)) if self._run is not None else set()
         for topic in (DESIRED_ENTITIES, ENTITIES):
             entities = self._setting.fixed.get(topic)
-            for entity in entities.entities if entities is not None else ():
-                used |= assets_of(entity)
+            used |= assets_of(*(entities.entities if entities is not None else ())).keys()
         # The newest may be of what is still to come.
         for sha256 in list(assets)[: -ASSETS.depth]:
             if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:

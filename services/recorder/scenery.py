@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from services.common.documents import (
     BodyEntity,
-    Entity,
-    MarkerEntity,
     Material,
     Mesh,
     Thing,
@@ -85,20 +83,6 @@ def seen_meshes(body: Thing) -> set[str]:
         for shape in body.shapes
         if shape.material and isinstance(shape.geometry, Mesh)
     }
-
-
-def assets_of(entity: Entity) -> set[str]:
-    """The textures and meshes, by sha256, that an entity is drawn with; "" is none of them."""
-    if isinstance(entity, MarkerEntity):
-        return {entity.texture_sha256}
-    return {m.texture_sha256 for m in entity.materials} | seen_meshes(entity)
-
-
-def assets_of_world(world: World) -> set[str]:
-    """The textures and meshes, by sha256, that a world is made of; "" is none of them."""
-    shapes = (shape.geometry for body in world.bodies for shape in body.shapes)
-    meshes = {shape.sha256 for shape in shapes if isinstance(shape, Mesh)}
-    return {m.texture_sha256 for m in world.materials} | meshes
 
 
 def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) -> list[Part]:

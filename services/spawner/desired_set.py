@@ -12,6 +12,7 @@ import math
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 
+from services.common.assets import assets_of
 from services.common.documents import (
     BodyEntity,
     DeleteEntity,
@@ -29,7 +30,7 @@ from services.common.documents import (
 from services.common.furnish import MAX_MARKERS
 from services.common.marker_picture import identity_problem
 from services.common.placement import Placement, panel_of
-from services.spawner.entity_assets import decoded, mesh_sha256s, needed
+from services.spawner.entity_assets import decoded
 
 MAX_ASKED_FOR = 200
 MAX_ENTITY_BYTES = 256 * 1024
@@ -88,8 +89,7 @@ class DesiredSet:
         """By sha256."""
         self._world = world
         self._placement = placement
-        self._known = {material.texture_sha256 for material in world.materials}
-        self._known |= set(mesh_sha256s(world))
+        self._known = set(assets_of(world))
         self.refused = hung.refused
         """Markers of the world that cannot hang."""
         self._fixed = {wall.name for wall in world.walls} | {body.name for body in world.bodies}
@@ -108,13 +108,12 @@ class DesiredSet:
 
     def files(self) -> dict[str, bytes]:
         """The assets of what should stand, by sha256, as far as they came this way."""
-        wanted = {sha256 for one in self._entities() for _, sha256 in needed(one)}
+        wanted = assets_of(*self._entities())
         return {sha256: data for sha256, data in self._files.items() if sha256 in wanted}
 
     def take_files(self, files: Mapping[str, bytes]) -> None:
         """Take over what should stand needs and has not come this way."""
-        wanted = {sha256 for one in self._entities() for _, sha256 in needed(one)}
-        wanted -= self._known | self._files.keys()
+        wanted = assets_of(*self._entities()).keys() - self._known - self._files.keys()
         for sha256, data in files.items():
             if sha256 in wanted and hashlib.sha256(data).hexdigest() == sha256:
                 self._files[sha256] = data

@@ -1,49 +1,16 @@
-"""The textures and meshes of things that people ask for: which they need, and whether they are
-whole.
-"""
+"""The textures and meshes that come with a request, and whether they are whole."""
 
 from __future__ import annotations
 
 import base64
 import binascii
 import hashlib
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Mapping
 
 from services.common import png
-from services.common.documents import Entity, MarkerEntity, Mesh, World
+from services.common.assets import assets_of
+from services.common.documents import Entity
 from services.common.geometry import mesh_from_bytes
-
-_PNG_MAGIC = b"\x89PNG"
-
-
-def needed(entity: Entity) -> Iterator[tuple[str, str]]:
-    """Format (`png`, `npz`) and sha256 of each asset that an entity names, some more than once."""
-    if isinstance(entity, MarkerEntity):
-        yield "png", entity.texture_sha256
-        return
-    for material in entity.materials:
-        if material.texture_sha256:
-            yield "png", material.texture_sha256
-    for shape in entity.shapes:
-        if isinstance(shape.geometry, Mesh):
-            yield "npz", shape.geometry.sha256
-
-
-def mesh_sha256s(world: World) -> list[str]:
-    """The meshes of a world, each once."""
-    return list(
-        dict.fromkeys(
-            shape.geometry.sha256
-            for body in world.bodies
-            for shape in body.shapes
-            if isinstance(shape.geometry, Mesh)
-        )
-    )
-
-
-def file_format(data: bytes) -> str:
-    """`png` or `npz`, by its first bytes."""
-    return "png" if data.startswith(_PNG_MAGIC) else "npz"
 
 
 def decoded(assets: Mapping[str, str], entity: Entity, known: Container[str]) -> dict[str, bytes]:
@@ -52,7 +19,7 @@ def decoded(assets: Mapping[str, str], entity: Entity, known: Container[str]) ->
     Raises ValueError, in one line, where one is missing, is not what its sha256 names, or is no
     whole picture or mesh.
     """
-    wanted = {sha256: form for form, sha256 in needed(entity)}
+    wanted = assets_of(entity)
     for sha256 in assets:
         if sha256 not in wanted:
             raise ValueError(f"assets: {sha256!r:.20}: is named by nothing in the entity")

@@ -9,8 +9,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
+from services.common.assets import asset_message, mesh_sha256s
 from services.common.documents import (
     Entities,
     EntityReply,
@@ -23,7 +22,7 @@ from services.common.documents import (
 from services.common.frames import MAP_FRAME
 from services.common.furnish import PanelStyle, furnish
 from services.common.geometry import mesh_from_bytes
-from services.common.messages import CompressedImage, TFMessage, header
+from services.common.messages import TFMessage
 from services.common.node import Inbox, Node, Outbox, Request
 from services.common.placement import Placement
 from services.common.topics import (
@@ -39,7 +38,6 @@ from services.common.topics import (
 )
 from services.spawner.config import SpawnerConfig
 from services.spawner.desired_set import DesiredSet, Later, Waits
-from services.spawner.entity_assets import file_format, mesh_sha256s
 
 MAX_WAITING = 1000
 """Requests that wait for the physics; those beyond are refused."""
@@ -114,7 +112,9 @@ class SpawnerNode(Node):
         for asset in inbox.new(ASSETS):
             self._files[asset.header.frame_id] = asset.data.tobytes()
         world = self._next_world
-        if world is not None and all(sha256 in self._files for sha256 in mesh_sha256s(world)):
+        if world is not None and all(
+            sha256 in self._files for sha256 in mesh_sha256s(world.bodies)
+        ):
             self._furnish(world, outbox)
             self._next_world = None
 
@@ -123,7 +123,7 @@ class SpawnerNode(Node):
         if self.world_hash:
             self._refuse_all(f"world '{world.name}' has taken the place of the one asked for")
         meshes = {}
-        for sha256 in mesh_sha256s(world):
+        for sha256 in mesh_sha256s(world.bodies):
             try:
                 meshes[sha256] = mesh_from_bytes(self._files[sha256])
             except ValueError as error:
@@ -207,10 +207,7 @@ class SpawnerNode(Node):
         # To send one may push another out.
         while missing or (missing := [one for one in files if one not in self._latched]):
             for sha256 in missing:
-                data = files[sha256]
-                content = np.frombuffer(data, np.uint8)
-                message = CompressedImage(header(0, sha256), format=file_format(data), data=content)
-                outbox.put(ASSETS, message)
+                outbox.put(ASSETS, asset_message(sha256, files[sha256]))
                 self._latched.append(sha256)
             missing = []
         outbox.put(DESIRED_ENTITIES, desired.entities())

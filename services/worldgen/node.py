@@ -6,10 +6,9 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
+from services.common.assets import asset_message
 from services.common.documents import WorldRequest, WorldStatus
-from services.common.messages import CompressedImage, header, occupancy_grid
+from services.common.messages import occupancy_grid
 from services.common.node import Inbox, Node, Outbox
 from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
 from services.worldgen.config import WorldgenConfig
@@ -77,9 +76,7 @@ class WorldgenNode(Node):
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
         world = loaded.world
         for sha256, data in loaded.assets.items():
-            form = "npz" if sha256 in loaded.meshes else "png"
-            content = np.frombuffer(data, np.uint8)
-            outbox.put(ASSETS, CompressedImage(header(0, sha256), format=form, data=content))
+            outbox.put(ASSETS, asset_message(sha256, data))
         outbox.put(WORLD, world)
         # A map of a world that does not change has no time of its own.
         outbox.put(

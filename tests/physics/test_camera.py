@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from services.common import png as png_file
 from services.common.config import ROOT, ConfigError
 from services.common.documents import (
     Body,
@@ -44,7 +45,6 @@ from services.common.frames import (
     transform_matrix,
 )
 from services.common.geometry import mesh_to_bytes, triangles_of
-from services.physics.assets import decode_png
 from services.physics.camera import Intrinsics, Renderer, make_renderer
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
 
@@ -681,19 +681,19 @@ def damaged_pngs() -> list[tuple[bytes, str]]:
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 1
     return [
-        (b"", "is no PNG"),
-        (b"\xff\xd8\xff\xe0 a JPEG", "is no PNG"),
-        (whole[:-20], "is cut short"),
-        (whole[:8], "is cut short"),
-        (bytes(flipped), "is damaged"),
-        (header_of(4096), "is 4096 x 4: at most 2048 x 2048"),
+        (b"", "is not a picture, must be a PNG"),
+        (b"\xff\xd8\xff\xe0 a JPEG", "is a JPEG, must be a PNG"),
+        (whole[:-20], "is damaged or cut short, must be a whole PNG"),
+        (whole[:8], "is damaged or cut short, must be a whole PNG"),
+        (bytes(flipped), "is damaged or cut short, must be a whole PNG"),
+        (header_of(4096), "is 4096 x 4 pixels, must be at most 2048 a side"),
     ]
 
 
 @pytest.mark.parametrize(("data", "reason"), damaged_pngs())
 def test_a_damaged_texture_gives_the_plain_colour_and_a_reason(data: bytes, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        decode_png(data)
+        png_file.decode(data)
     sha256 = hashlib.sha256(data).hexdigest()
     plain = Material(name="plain", texture_sha256=sha256, ambient=(0.25, 0.5, 0.75, 1.0))
     scene = build_scene(world((wall(),), (plain,), light_diffuse=0.0), {sha256: data})

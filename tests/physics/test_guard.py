@@ -15,6 +15,7 @@ import pytest
 from pydantic import ValidationError
 
 from services.common import messages as msg
+from services.common import png
 from services.common.documents import (
     BodyEntity,
     Box,
@@ -45,7 +46,7 @@ from services.common.topics import (
     SIMULATION_STATS,
     WORLD,
 )
-from services.physics.assets import MAX_TEXTURE_SIDE_PX, Assets
+from services.physics.assets import Assets
 from services.physics.bullet import pybullet
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.config import PhysicsConfig
@@ -203,7 +204,7 @@ def test_meshes_that_are_damaged_do_not_become_assets(stage: Stage) -> None:
 
 def test_pictures_that_are_damaged_or_huge_do_not_become_assets(stage: Stage) -> None:
     good = texture(7).data.tobytes()
-    side = MAX_TEXTURE_SIDE_PX + 1
+    side = png.MAX_SIDE_PX + 1
     wide = cv2.imencode(".png", np.zeros((1, side, 3), np.uint8))[1].tobytes()
     # A header that tells of a picture of 4 Gpx in a file of few bytes.
     header = b"IHDR" + (65_536).to_bytes(4, "big") * 2 + b"\x08\x02\x00\x00\x00"
