@@ -127,6 +127,11 @@ class Marker(Document):
     offset_m: Finite = Field(0.0, description="along the wall's x axis, from its centre")
     height_m: Finite = Field(description="of the marker's centre above the floor")
 
+    @property
+    def name(self) -> str:
+        """Of its entity, where a world's own marker hangs."""
+        return f"aruco_{self.id}"
+
 
 class Box(Document):
     """Centred at its origin."""

@@ -137,6 +137,14 @@ def pose_matrix(posed: Posed) -> Array:
     return transform_matrix(rotation_from_quaternion(*posed.orientation_xyzw), posed.position_m)
 
 
+def position_and_quaternion(
+    a_from_b: Array,
+) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    """Position and unit quaternion (x, y, z, w) of a (4, 4) matrix."""
+    x, y, z = a_from_b[:3, 3].tolist()
+    return (x, y, z), quaternion_from_rotation(a_from_b[:3, :3])
+
+
 def inverse_matrix(a_from_b: Array) -> Array:
     """`b_from_a` of a rigid (4, 4) matrix."""
     b_from_a = np.eye(4)

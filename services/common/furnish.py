@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from services.common import marker_picture
 from services.common.documents import Entities, Marker, MarkerEntity, Refusal, World
-from services.common.frames import quaternion_from_rotation
+from services.common.frames import position_and_quaternion
 from services.common.geometry import TriangleMesh
 from services.common.placement import Panel, Placement, hang
 
@@ -49,7 +49,7 @@ def furnish(
     textures: dict[str, bytes] = {}
     on_wall: dict[int, str] = {}
     for marker in world.markers:
-        name = f"aruco_{marker.id}"
+        name = marker.name
         reason = marker_picture.identity_problem(marker)
         if not reason and marker.id in on_wall:
             # The small dictionaries are the beginnings of the large ones: an id is one marker.
@@ -79,11 +79,11 @@ def furnish(
 
 def marker_entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
     """A marker on its panel, of the panel's name, with the texture of this sha256."""
-    x, y, z = (float(value) for value in panel.centre_m)
+    position_m, orientation_xyzw = position_and_quaternion(panel.map_from_panel)
     return MarkerEntity(
         name=panel.name,
-        position_m=(x, y, z),
-        orientation_xyzw=quaternion_from_rotation(panel.map_from_panel[:3, :3]),
+        position_m=position_m,
+        orientation_xyzw=orientation_xyzw,
         panel_side_m=panel.side_m,
         texture_sha256=sha256,
         marker_id=marker.id,

@@ -63,7 +63,7 @@ from rosbags.typesys.stores.ros2_jazzy import tf2_msgs__msg__TFMessage as TFMess
 from services.common.frames import (
     SE2,
     Array,
-    quaternion_from_rotation,
+    position_and_quaternion,
     quaternion_from_yaw,
     rotation_from_quaternion,
     yaw_from_quaternion,
@@ -222,11 +222,8 @@ def se2_from_pose(pose: Pose) -> SE2:
 
 def pose_from_matrix(matrix: Array) -> Pose:
     """Pose message of a rigid (4, 4) matrix."""
-    x, y, z = (float(v) for v in matrix[:3, 3])
-    return Pose(
-        position=Point(x=x, y=y, z=z),
-        orientation=Quaternion(*quaternion_from_rotation(matrix[:3, :3])),
-    )
+    position_m, orientation_xyzw = position_and_quaternion(matrix)
+    return Pose(position=Point(*position_m), orientation=Quaternion(*orientation_xyzw))
 
 
 def matrix_from_pose(pose: Pose) -> Array:

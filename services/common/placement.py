@@ -62,14 +62,15 @@ def hang(name: str, marker: Marker, wall: Wall, side_m: float, gap_m: float) -> 
     sign = 1.0 if marker.side == "left" else -1.0
     on_face = SE2(marker.offset_m, sign * (wall.thickness_m / 2.0 + gap_m), sign * math.pi / 2.0)
     map_from_face = wall.map_from_wall() @ on_face
-    normal = np.array([math.cos(map_from_face.yaw_rad), math.sin(map_from_face.yaw_rad), 0.0])
+    place_m = map_from_face.x_m, map_from_face.y_m, marker.height_m
+    return Panel(name, transform_matrix(upright(map_from_face.yaw_rad), place_m), side_m)
+
+
+def upright(yaw_rad: float) -> Array:
+    """(3, 3) map_from_panel of a panel that hangs upright and whose face looks along a heading."""
+    normal = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
     up = np.array([0.0, 0.0, 1.0])
-    rotation = np.stack([np.cross(up, normal), up, normal], axis=1)
-    return Panel(
-        name,
-        transform_matrix(rotation, (map_from_face.x_m, map_from_face.y_m, marker.height_m)),
-        side_m,
-    )
+    return np.stack([np.cross(up, normal), up, normal], axis=1)
 
 
 def panel_of(entity: MarkerEntity) -> Panel:

@@ -37,6 +37,7 @@ from services.common.frames import (
     Array,
     inverse_matrix,
     pose_matrix,
+    position_and_quaternion,
     quaternion_from_rotation,
     rotation_from_quaternion,
     transform_matrix,
@@ -187,15 +188,9 @@ class _Placed:
         pose = self.route.at(self.travelled_m)
         x, y, turn = self.route.velocity(self.travelled_m, self.speed_m_s)
         z = self.thing.position_m[2]
-        return MoverState(
-            (pose.x_m, pose.y_m, z), self._looking(pose), (x, y, 0.0), (0.0, 0.0, turn)
-        )
-
-    def _looking(self, pose: PathPose) -> Quaternion:
-        """The thing's own tilt, and ahead instead of its own heading."""
-        x, y, z, w = self.level_xyzw
-        s, c = math.sin(pose.heading_rad / 2.0), math.cos(pose.heading_rad / 2.0)
-        return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
+        # Its own tilt, and ahead instead of its own heading.
+        ahead_xyzw = _turned(self.level_xyzw, pose.heading_rad)
+        return MoverState((pose.x_m, pose.y_m, z), ahead_xyzw, (x, y, 0.0), (0.0, 0.0, turn))
 
 
 class Touch(NamedTuple):
@@ -541,7 +536,7 @@ class Bodies:
         thing = placed.thing
         if not thing.moves:
             for number, solid in zip(placed.numbers, placed.solids, strict=True):
-                pose = _placed(pose_matrix(thing) @ solid.body_from_solid)
+                pose = position_and_quaternion(pose_matrix(thing) @ solid.body_from_solid)
                 pybullet.resetBasePositionAndOrientation(
                     number, *pose, physicsClientId=self._client
                 )
@@ -549,7 +544,9 @@ class Bodies:
         if placed.route is not None:
             placed.state = placed.path_state()
         elif placed.state is None:
-            pose = _placed(pose_matrix(thing) @ inverse_matrix(placed.com_from_body))
+            pose = position_and_quaternion(
+                pose_matrix(thing) @ inverse_matrix(placed.com_from_body)
+            )
             placed.state = MoverState(*pose, _NOWHERE, _NOWHERE)
         if placed.numbers:
             self._set_state(placed.numbers[0], placed.state)
@@ -640,7 +637,7 @@ class Bodies:
         """A piece of what stands."""
         pose = map_from_body @ solid.body_from_solid
         shape = self._shape_of(solid, (_NOWHERE, _UPRIGHT))
-        return self._add_rigid(name, 0.0, shape, *_placed(pose), _STATIC_GROUP)
+        return self._add_rigid(name, 0.0, shape, *position_and_quaternion(pose), _STATIC_GROUP)
 
     def _add_rigid(
         self,
@@ -692,7 +689,7 @@ class Bodies:
         """One PyBullet shape of several convex pieces, seen from the centre of mass; to be used
         before the context ends.
         """
-        poses = [_placed(com_from_body @ solid.body_from_solid) for solid in solids]
+        poses = [position_and_quaternion(com_from_body @ solid.body_from_solid) for solid in solids]
         if len(solids) == 1:
             yield self._shape_of(solids[0], poses[0])
             return
@@ -831,9 +828,13 @@ def _differ_in_pose_only(old: _Placed, new: _Placed) -> bool:
 
 def _level(turn_xyzw: Quaternion) -> Quaternion:
     """The same tilt with no heading."""
+    return _turned(turn_xyzw, -yaw_from_quaternion(*turn_xyzw))
+
+
+def _turned(turn_xyzw: Quaternion, yaw_rad: float) -> Quaternion:
+    """An orientation turned about the map's z axis."""
     x, y, z, w = turn_xyzw
-    half = -yaw_from_quaternion(x, y, z, w) / 2.0
-    s, c = math.sin(half), math.cos(half)
+    s, c = math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
     return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
@@ -845,9 +846,3 @@ def _moved(shape: Shape, a_from_link: Array) -> Shape:
         shape.length_m,
         a_from_link @ shape.link_from_shape,
     )
-
-
-def _placed(a_from_b: Array) -> tuple[Vector, Quaternion]:
-    """Position and orientation, as PyBullet takes them."""
-    x, y, z = a_from_b[:3, 3].tolist()
-    return (x, y, z), quaternion_from_rotation(a_from_b[:3, :3])

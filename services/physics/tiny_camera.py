@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import Array, quaternion_from_rotation
+from services.common.frames import Array, position_and_quaternion
 from services.physics.bullet import pybullet
 from services.physics.camera import (
     FAR_M,
@@ -128,7 +128,7 @@ class TinyCamera:
 
     def _move(self, map_from_movers: Array) -> None:
         for pose, bodies in zip(map_from_movers, self._bodies_of_mover, strict=True):
-            position, turn = pose[:3, 3].tolist(), quaternion_from_rotation(pose[:3, :3])
+            position, turn = position_and_quaternion(pose)
             for body in bodies:
                 pybullet.resetBasePositionAndOrientation(
                     body, position, turn, physicsClientId=self._client

@@ -335,7 +335,7 @@ class _Export:
         walls = {wall.name: wall for wall in self._world.walls}
         notes: list[dict[str, object]] = []
         for marker in self._world.markers:
-            entity = f"aruco_{marker.id}"
+            entity = marker.name
             panel = None
             if not identity_problem(marker) and marker.wall in walls:
                 wall = walls[marker.wall]
