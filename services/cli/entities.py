@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import json
 import math
-import os
-import queue
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -19,11 +15,14 @@ import numpy as np
 import typer
 from pydantic import ValidationError
 
+from services.cli import session as stack
 from services.cli.number_options import NumbersCommand, numbers
-from services.cli.options import ROUTER, Connect
+from services.cli.options import ROUTER, Connect, model_folders
 from services.common import documents as doc
 from services.common.config import ConfigError, one_line
 from services.common.frames import (
+    Array,
+    position_and_quaternion,
     quaternion_from_rotation,
     quaternion_from_yaw,
     rotation_from_quaternion,
@@ -35,11 +34,8 @@ from services.common.frames import (
 if TYPE_CHECKING:
     import zenoh
 
-    from services.common.topics import Query
     from services.worldgen.model_entity import Model
 
-Q = TypeVar("Q")
-A = TypeVar("A")
 S = TypeVar("S", bound=doc.Document)
 
 _TILTED = 1e-6
@@ -126,7 +122,7 @@ def spawn(
             if value is not None:
                 raise ConfigError(f"{option}: must not be given for a marker")
         place = _WallPlace(wall, side, offset, height)
-        with _session(connect) as session:
+        with stack.connected(connect) as session:
             panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
             _tell(_ask_spawn(session, panel, assets, allow_renaming, timeout_s), is_marker=True)
         return
@@ -139,7 +135,7 @@ def spawn(
     if mass is not None or route is not None:
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
-    with _session(connect) as session:
+    with stack.connected(connect) as session:
         _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s))
 
 
@@ -161,8 +157,8 @@ def move(
     pose = _Pose.of(at, yaw, rpy)
     if pose == _Pose() and wall is None:
         raise ConfigError("move: must be given --at, --yaw, --rpy or --wall")
-    with _session(connect) as session:
-        standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    with stack.connected(connect) as session:
+        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
         entity = next((one for one in standing.entities if one.name == name), None)
         if entity is None:
             raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
@@ -170,15 +166,17 @@ def move(
             if not isinstance(entity, doc.MarkerEntity):
                 raise ConfigError("--wall: is for markers: must be --at")
             place = _WallPlace(wall, side, offset, height)
-            matrix = place.map_from_panel(_world(session, timeout_s), entity.marker_size_m)
+            matrix = place.map_from_panel(
+                stack.world_that_runs(session, timeout_s), entity.marker_size_m
+            )
         else:
             matrix = pose.map_from_thing(entity)
-        position_m, orientation_xyzw = _split(matrix)
+        position_m, orientation_xyzw = position_and_quaternion(matrix)
         state = _document(
             doc.SetEntityState,
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
-        reply = _ask(session, SET_ENTITY_STATE, state, timeout_s)
+        reply = stack.ask(session, SET_ENTITY_STATE, state, timeout_s)
         _tell(reply, isinstance(entity, doc.MarkerEntity))
 
 
@@ -196,13 +194,13 @@ def remove(
     if bool(names) == everything:
         raise ConfigError("remove: must be given names, or --all")
     wrong = []
-    with _session(connect) as session:
+    with stack.connected(connect) as session:
         if everything:
-            standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
-            own = {f"aruco_{one.id}" for one in _world(session, timeout_s).markers}
+            standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+            own = {one.name for one in stack.world_that_runs(session, timeout_s).markers}
             names = [one.name for one in standing.entities if one.name not in own]
         for name in names or ():
-            reply = _ask(session, DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
+            reply = stack.ask(session, DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
             if reply.error:
                 wrong.append(reply.error)
             else:
@@ -219,8 +217,8 @@ def entities(
     """List what stands in the world of a running stack, and what was refused."""
     from services.common.topics import GET_ENTITIES  # noqa: PLC0415
 
-    with _session(connect) as session:
-        standing = _ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    with stack.connected(connect) as session:
+        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
     if as_json:
         sys.stdout.write(json.dumps(standing.model_dump(mode="json"), indent=2) + "\n")
         return
@@ -262,7 +260,7 @@ class _Pose:
             numbers("--rpy", rpy, 3) if rpy is not None else None,
         )
 
-    def rotation(self, is_marker: bool) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    def rotation(self, is_marker: bool) -> Array | None:
         """(3, 3) map_from_thing; None where nothing is said of it."""
         if self.rpy_rad is not None:
             return rotation_from_rpy(*self.rpy_rad)
@@ -270,11 +268,11 @@ class _Pose:
             return None
         if not is_marker:
             return rotation_from_quaternion(*quaternion_from_yaw(self.yaw_rad))
-        normal = np.array([math.cos(self.yaw_rad), math.sin(self.yaw_rad), 0.0])
-        up = np.array([0.0, 0.0, 1.0])
-        return np.stack([np.cross(up, normal), up, normal], axis=1)
+        from services.common.placement import upright  # noqa: PLC0415
 
-    def map_from_thing(self, entity: doc.Entity) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return upright(self.yaw_rad)
+
+    def map_from_thing(self, entity: doc.Entity) -> Array:
         """(4, 4): as said, the rest as the entity stands."""
         rotation = self.rotation(isinstance(entity, doc.MarkerEntity))
         if rotation is None:
@@ -300,9 +298,7 @@ class _WallPlace:
             height_m=self.height_m,
         )  # fmt: skip
 
-    def map_from_panel(
-        self, world: doc.World, size_m: float
-    ) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def map_from_panel(self, world: doc.World, size_m: float) -> Array:
         """(4, 4). Raises ConfigError where there is no such wall."""
         from services.common.furnish import PanelStyle  # noqa: PLC0415
         from services.common.placement import hang  # noqa: PLC0415
@@ -339,7 +335,7 @@ class _MarkerAsked:
         if place.wall is not None:
             if pose != _Pose():
                 raise ConfigError("--wall: must not be given with a pose")
-            matrix = place.map_from_panel(_world(session, timeout_s), self.size_m)
+            matrix = place.map_from_panel(stack.world_that_runs(session, timeout_s), self.size_m)
         else:
             rotation = pose.rotation(is_marker=True)
             if pose.at_m is None or len(pose.at_m) != 3 or rotation is None:
@@ -374,8 +370,7 @@ def _from_files(
     if mesh is not None:
         factors = numbers("--scale", scale, 1, 3)
         return read_mesh(mesh, factors * 3 if len(factors) == 1 else factors)
-    listed = os.environ.get("GZ_SIM_RESOURCE_PATH", "").split(os.pathsep)
-    roots = [*(models or ()), *(Path(folder) for folder in listed if folder)]
+    roots = model_folders("--models", models)
     return read_model(find_model(model or "", roots), roots)
 
 
@@ -459,27 +454,6 @@ def _document(kind: type[S], option: str = "spawn", **values: Any) -> S:
         raise ConfigError(f"{option}: {one_line(error)}") from error
 
 
-@contextlib.contextmanager
-def _session(endpoint: str) -> Iterator[zenoh.Session]:
-    from services.cli.session import connect_to  # noqa: PLC0415
-
-    session = connect_to(endpoint)
-    try:
-        yield session
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
-
-
-def _ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
-    from services.common.bus import NoAnswerError, ask  # noqa: PLC0415
-    from services.common.wire import WireError  # noqa: PLC0415
-
-    try:
-        return ask(session, query, message, timeout_s)
-    except (NoAnswerError, WireError) as error:
-        raise ConfigError(str(error)) from error
-
-
 def _ask_spawn(
     session: zenoh.Session,
     entity: doc.Entity,
@@ -491,35 +465,12 @@ def _ask_spawn(
 
     encoded = {sha256: base64.b64encode(data).decode() for sha256, data in assets.items()}
     request = doc.SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=encoded)
-    return _ask(session, SPAWN_ENTITY, request, timeout_s)
-
-
-def _world(session: zenoh.Session, timeout_s: float) -> doc.World:
-    """The world that runs. Raises ConfigError where none comes."""
-    from services.common import wire  # noqa: PLC0415
-    from services.common.bus import subscribe  # noqa: PLC0415
-    from services.common.topics import WORLD  # noqa: PLC0415
-
-    come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscription = subscribe(session, WORLD, lambda payload, _: come.put(payload))
-    try:
-        return wire.decode(WORLD, come.get(timeout=timeout_s))
-    except queue.Empty:
-        raise ConfigError(f"{WORLD.name}: no world within {timeout_s:g} s") from None
-    finally:
-        del subscription
+    return stack.ask(session, SPAWN_ENTITY, request, timeout_s)
 
 
 def _none_of(standing: doc.Entities) -> str:
     names = ", ".join(one.name for one in standing.entities)
     return f"there is none of this name: must be one of {names:.300}" if names else "nothing stands"
-
-
-def _split(
-    matrix: np.ndarray[Any, np.dtype[np.float64]],
-) -> tuple[doc.Vector, doc.Quaternion]:
-    x, y, z = (float(value) for value in matrix[:3, 3])
-    return (x, y, z), quaternion_from_rotation(matrix[:3, :3])
 
 
 def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:

@@ -7,8 +7,8 @@ import queue
 import sys
 import time
 
-from services.cli.session import connect_to
-from services.cli.sim import stats_now
+from services.cli.session import connected
+from services.cli.sim import PAUSED, stats_now
 from services.common import messages as msg
 from services.common import wire
 from services.common.bus import put_once, subscribe, wait_until_alive
@@ -29,24 +29,25 @@ def send_goal(endpoint: str, x_m: float, y_m: float, yaw_rad: float) -> int:
     for name, value in (("x", x_m), ("y", y_m), ("yaw", yaw_rad)):
         if not math.isfinite(value):
             raise ConfigError(f"goal: {name}: {value} is not a finite number")
-    session = connect_to(endpoint)
-    if not wait_until_alive(session, "navigation", PATIENCE_S):
-        raise ConfigError("goal: no navigation service is running")
     results: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscription = subscribe(session, NAVIGATION_RESULT, lambda payload, _: results.put(payload))
-    now = stats_now(session, "goal")
-    if now.paused:
-        raise ConfigError("goal: the simulation is paused: let it go on with `mazebot sim resume`")
-    stamp_ns = round(now.sim_time_s * 1e9)
-    goal = msg.PoseStamped(
-        header=msg.header(stamp_ns, MAP_FRAME), pose=msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
-    )
-    put_once(session, GOAL_POSE, goal, stamp_ns)
-    sys.stdout.write(f"driving to ({x_m:g}, {y_m:g}, {yaw_rad:g})\n")
-    sys.stdout.flush()
-    result = _await_result(results, stamp_ns)
-    del subscription
-    session.close()  # type: ignore[no-untyped-call]
+    with connected(endpoint) as session:
+        if not wait_until_alive(session, "navigation", PATIENCE_S):
+            raise ConfigError("goal: no navigation service is running")
+        subscription = subscribe(
+            session, NAVIGATION_RESULT, lambda payload, _: results.put(payload)
+        )
+        now = stats_now(session, "goal")
+        if now.paused:
+            raise ConfigError(f"goal: {PAUSED}")
+        stamp_ns = round(now.sim_time_s * 1e9)
+        goal = msg.PoseStamped(
+            header=msg.header(stamp_ns, MAP_FRAME), pose=msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
+        )
+        put_once(session, GOAL_POSE, goal, stamp_ns)
+        sys.stdout.write(f"driving to ({x_m:g}, {y_m:g}, {yaw_rad:g})\n")
+        sys.stdout.flush()
+        result = _await_result(results, stamp_ns)
+        del subscription
     if result.error_code:
         raise ConfigError(f"goal: {result.error_msg} (error code {result.error_code})")
     sys.stdout.write(f"reached after {result.end_time_s - result.start_time_s:.1f} s\n")

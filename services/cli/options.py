@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from services.common.config import ConfigError
+
+RESOURCE_PATHS = ("MAZEBOT_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH")
 ROUTER = "tcp/127.0.0.1:7447"
 Connect = Annotated[
     str,
     typer.Option(envvar="MAZEBOT_BUS_CONNECT", help="Zenoh endpoint of the stack's router"),
 ]
+
+
+def model_folders(option: str, given: Sequence[Path] | None) -> tuple[Path, ...]:
+    """Folders of models: those given, then those of the environment.
+
+    Raises ConfigError where a given one is none.
+    """
+    for folder in given or ():
+        if not folder.is_dir():
+            raise ConfigError(f"{option}: {folder}: must be a folder")
+    listed = (
+        Path(part)
+        for variable in RESOURCE_PATHS
+        for part in os.environ.get(variable, "").split(os.pathsep)
+        if part
+    )
+    return (*(given or ()), *listed)

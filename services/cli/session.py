@@ -1,24 +1,68 @@
-"""How the command reaches a running stack."""
+"""How the command reaches a running stack. Zenoh takes long to load: that is put off until then."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import queue
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TypeVar
 
-from services.common.bus import BusConfig, BusUnavailableError, open_session
 from services.common.config import ConfigError
+from services.common.documents import World
 
 if TYPE_CHECKING:
     import zenoh
 
+    from services.common.topics import Query
 
-def connect_to(endpoint: str) -> zenoh.Session:
-    """Open a session with the stack's router.
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+
+@contextmanager
+def connected(endpoint: str) -> Iterator[zenoh.Session]:
+    """A session with the stack's router while the context lasts.
 
     Raises ConfigError where there is none.
     """
+    from services.common.bus import BusConfig, BusUnavailableError, open_session  # noqa: PLC0415
+
     try:
-        return open_session(BusConfig(connect=endpoint))
+        session = open_session(BusConfig(connect=endpoint))
     except BusUnavailableError as error:
         raise ConfigError(
             f"{error}; is a stack running? (docker compose up demo-world-enhanced)"
         ) from error
+    try:
+        yield session
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
+    """The answer to a query. Raises ConfigError where none comes."""
+    from services.common import bus  # noqa: PLC0415
+    from services.common.wire import WireError  # noqa: PLC0415
+
+    try:
+        return bus.ask(session, query, message, timeout_s)
+    except (bus.NoAnswerError, WireError) as error:
+        raise ConfigError(str(error)) from error
+
+
+def world_that_runs(session: zenoh.Session, timeout_s: float) -> World:
+    """The world of the stack. Raises ConfigError where none comes."""
+    from services.common import wire  # noqa: PLC0415
+    from services.common.bus import subscribe  # noqa: PLC0415
+    from services.common.topics import WORLD  # noqa: PLC0415
+
+    come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    subscription = subscribe(session, WORLD, lambda payload, _: come.put(payload))
+    try:
+        return wire.decode(WORLD, come.get(timeout=timeout_s))
+    except queue.Empty:
+        raise ConfigError(f"{WORLD.name}: no world within {timeout_s:g} s") from None
+    except wire.WireError as error:
+        raise ConfigError(f"{WORLD.name}: {error}") from error
+    finally:
+        del subscription

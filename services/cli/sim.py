@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from services.cli import session as stack
 from services.cli.options import ROUTER, Connect
 from services.common.config import ConfigError, one_line
 from services.common.documents import SimulationControl, SimulationStats
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 5.0
 """Time to wait for an answer that comes at once."""
+PAUSED_PATIENCE_S = 1.0
+"""Time to wait for who can say why nothing else has come."""
 ALL_DAY_S = 86_400.0
 """Time to wait for the end of a run of steps, which takes as long as it takes."""
 RATES_WINDOW_S = 1.0
 """Time between two looks at the clock, and the period of /diagnostics."""
 RATES_PATIENCE_S = 0.5
+PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
 
 app = typer.Typer(
@@ -100,19 +104,17 @@ def stats(
     connect: Connect = ROUTER,
 ) -> None:
     """Print time, real time factor, hashes and the rates of the sensors."""
-    from services.cli.session import connect_to  # noqa: PLC0415 - loads Zenoh
-    from services.common.bus import subscribe  # noqa: PLC0415
+    from services.common.bus import subscribe  # noqa: PLC0415 - loads Zenoh
     from services.common.topics import DIAGNOSTICS  # noqa: PLC0415
 
-    session = connect_to(connect)
     told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscription = subscribe(session, DIAGNOSTICS, lambda payload, _: told.put(payload))
-    first, first_s = stats_now(session, "sim stats"), time.monotonic()
-    time.sleep(RATES_WINDOW_S)
-    last, last_s = stats_now(session, "sim stats"), time.monotonic()
-    rates_hz = _rates(told)
-    del subscription
-    session.close()  # type: ignore[no-untyped-call]
+    with stack.connected(connect) as session:
+        subscription = subscribe(session, DIAGNOSTICS, lambda payload, _: told.put(payload))
+        first, first_s = stats_now(session, "sim stats"), time.monotonic()
+        time.sleep(RATES_WINDOW_S)
+        last, last_s = stats_now(session, "sim stats"), time.monotonic()
+        rates_hz = _rates(told)
+        del subscription
     factor: float | None = None
     if first.epoch == last.epoch and first.world_hash == last.world_hash:
         factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)
@@ -135,30 +137,32 @@ def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
     return found
 
 
-def _control(endpoint: str, **fields: Any) -> None:
-    from services.cli.session import connect_to  # noqa: PLC0415 - loads Zenoh
+def paused(session: zenoh.Session) -> str:
+    """That somebody has paused the simulation, in words; else nothing."""
+    try:
+        found = _asked(session, "", SimulationControl(), PAUSED_PATIENCE_S)
+    except ConfigError:
+        return ""
+    return PAUSED if found is not None and found.paused else ""
 
+
+def _control(endpoint: str, **fields: Any) -> None:
     try:
         request = SimulationControl(**fields)
     except ValidationError as error:
         raise ConfigError(f"sim: {one_line(error)}") from error
     takes_time = request.step is not None or request.run_until_s is not None
-    session = connect_to(endpoint)
-    now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
-    session.close()  # type: ignore[no-untyped-call]
+    with stack.connected(endpoint) as session:
+        now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
     sys.stdout.write(_state(now, request) + "\n")
 
 
 def _asked(
     session: zenoh.Session, who: str, request: SimulationControl, timeout_s: float
 ) -> SimulationStats | None:
-    from services.common.bus import NoAnswerError, ask  # noqa: PLC0415 - loads Zenoh
-    from services.common.topics import SIMULATION_CONTROL  # noqa: PLC0415
+    from services.common.topics import SIMULATION_CONTROL  # noqa: PLC0415 - loads the messages
 
-    try:
-        reply = ask(session, SIMULATION_CONTROL, request, timeout_s)
-    except NoAnswerError as error:
-        raise ConfigError(f"{who}: {error}") from error
+    reply = stack.ask(session, SIMULATION_CONTROL, request, timeout_s)
     if reply.error:
         raise ConfigError(f"{who}: {reply.error}")
     return reply.stats

@@ -8,17 +8,21 @@ import queue
 import statistics
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
-from services.cli.session import connect_to
+from services.cli.session import connected
+from services.cli.sim import paused
 from services.common import wire
 from services.common.bus import alive, subscribe, topic_named
 from services.common.config import ConfigError
 from services.common.documents import Document
 from services.common.topics import TOPICS, Topic
+
+if TYPE_CHECKING:
+    import zenoh
 
 ARRAY_SHOWN = 12
 """Numbers of an array to print; the rest is counted."""
@@ -26,28 +30,30 @@ ARRAY_SHOWN = 12
 
 def list_topics(endpoint: str, verbose: bool) -> None:
     """Print the topics whose owners are there."""
-    session = connect_to(endpoint)
-    services = alive(session)
+    with connected(endpoint) as session:
+        services = alive(session)
     for topic in sorted(TOPICS, key=lambda topic: topic.name):
         if services & set(topic.owners):
             kind = f" [{wire.type_name(topic)}]" if verbose else ""
             sys.stdout.write(f"{topic.name}{kind}\n")
-    session.close()  # type: ignore[no-untyped-call]
 
 
 def measure_rate(endpoint: str, name: str, window_s: float) -> None:
-    """Print the rate of a topic's messages over a window of wall time, and how even it is."""
+    """Print the rate of a topic's messages over a window of wall time, and how even it is.
+
+    Raises ConfigError where too few came.
+    """
     topic = _topic(name)
-    session = connect_to(endpoint)
     times_s: list[float] = []
-    subscription = subscribe(session, topic, lambda *_: times_s.append(time.monotonic()))
-    end_s = time.monotonic() + window_s
-    while time.monotonic() < end_s:
-        time.sleep(min(0.1, window_s))
-    del subscription
-    session.close()  # type: ignore[no-untyped-call]
-    if len(times_s) < 2:
-        raise ConfigError(f"{topic.name}: {len(times_s)} messages in {window_s:g} s")
+    with connected(endpoint) as session:
+        subscription = subscribe(session, topic, lambda *_: times_s.append(time.monotonic()))
+        end_s = time.monotonic() + window_s
+        while time.monotonic() < end_s:
+            time.sleep(min(0.1, window_s))
+        del subscription
+        if len(times_s) < 2:
+            count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
+            raise _too_few(session, topic, f"{count} in {window_s:g} s")
     gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
     sys.stdout.write(
         f"average rate: {1.0 / statistics.fmean(gaps_s):.2f} Hz\n"
@@ -62,27 +68,31 @@ def echo(endpoint: str, name: str, once: bool, timeout_s: float) -> None:
     Raises ConfigError where none came.
     """
     topic = _topic(name)
-    session = connect_to(endpoint)
     payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscription = subscribe(session, topic, lambda payload, _: payloads.put(payload))
-    end_s = time.monotonic() + timeout_s
     count = 0
-    while time.monotonic() < end_s and not (once and count):
-        try:
-            payload = payloads.get(timeout=0.1)
-        except queue.Empty:
-            continue
-        try:
-            text = yaml.safe_dump(plain(wire.decode(topic, payload)), sort_keys=False)
-        except wire.WireError as error:
-            text = f"# rejected: {error}\n"
-        sys.stdout.write(f"{text}---\n")
-        sys.stdout.flush()
-        count += 1
-    del subscription
-    session.close()  # type: ignore[no-untyped-call]
-    if not count:
-        raise ConfigError(f"{topic.name}: no message in {timeout_s:g} s")
+    with connected(endpoint) as session:
+        subscription = subscribe(session, topic, lambda payload, _: payloads.put(payload))
+        end_s = time.monotonic() + timeout_s
+        while time.monotonic() < end_s and not (once and count):
+            try:
+                payload = payloads.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            try:
+                text = yaml.safe_dump(plain(wire.decode(topic, payload)), sort_keys=False)
+            except wire.WireError as error:
+                text = f"# rejected: {error}\n"
+            sys.stdout.write(f"{text}---\n")
+            sys.stdout.flush()
+            count += 1
+        del subscription
+        if not count:
+            raise _too_few(session, topic, f"no message in {timeout_s:g} s")
+
+
+def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigError:
+    why = paused(session)
+    return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
 
 
 def plain(value: Any) -> Any:

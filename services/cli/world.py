@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from services.cli.options import model_folders
 from services.common.config import ConfigError, load
 from services.worldgen.config import WorldgenConfig
 
@@ -32,13 +33,14 @@ app = typer.Typer(
     invoke_without_command=True,
 )
 
-FILE_SUFFIXES = (".sdf", ".world", ".xacro", ".yaml", ".yml")
-RESOURCE_PATHS = ("MAZEBOT_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH")
+FILE_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf", ".yaml", ".yml")
 FOUND_SOMETHING = 1
 """Exit code where a world was read and something is wrong in it."""
 
 World = Annotated[str, typer.Argument(help="a world's name, or a recipe's file")]
-Anything = Annotated[str, typer.Argument(help="a world's name, or a file: recipe, SDF or xacro")]
+Anything = Annotated[
+    str, typer.Argument(help="a world's name, or a file: recipe, SDF, URDF or xacro")
+]
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", help="field=value over the recipe's, e.g. wall_height_m=2.5"),
@@ -116,7 +118,7 @@ def show(
     """Say what is in a world."""
     if frames:
         if not _is_sdf(world):
-            raise ConfigError(f"--frames: {world!r}: must be an SDF or xacro file")
+            raise ConfigError(f"--frames: {world!r}: must be an SDF, URDF or xacro file")
         sdf = _read_sdf(Path(world), arguments, path)
         if as_json:
             _print_json({"world": sdf.name, "frames": [_frame(frame) for frame in sdf.frames]})
@@ -151,7 +153,7 @@ def check(
             worlds_dir=_worlds_dir(worlds_dir),
             overrides=tuple(overrides or ()),
             arguments=_xacro_arguments(arguments),
-            roots=_roots(path),
+            roots=model_folders("--path", path),
         )
         found[world] = [problem.model_dump(mode="json") for problem in problems]
         if not as_json:
@@ -201,7 +203,7 @@ def build(
 
 @app.command("import")
 def import_world(
-    file: Annotated[Path, typer.Argument(help="an SDF or xacro file, or a model's folder")],
+    file: Annotated[Path, typer.Argument(help="an SDF, URDF or xacro file, or a model's folder")],
     arguments: Arguments = None,
     path: Roots = None,
     out: Annotated[
@@ -309,13 +311,13 @@ def _refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | N
     """Raises ConfigError for options that say nothing about a recipe."""
     for option, given in (("--arg", arguments), ("--path", path)):
         if given and not _is_sdf(world):
-            raise ConfigError(f"{option}: {given[0]}: {world} is no SDF or xacro file")
+            raise ConfigError(f"{option}: {given[0]}: {world} is no SDF, URDF or xacro file")
 
 
 def _read_sdf(file: Path, arguments: list[str] | None, path: list[Path] | None) -> SdfWorld:
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
-    return read_sdf(file, _roots(path), _xacro_arguments(arguments))
+    return read_sdf(file, model_folders("--path", path), _xacro_arguments(arguments))
 
 
 def _worlds_dir(worlds_dir: Path | None) -> Path:
@@ -354,20 +356,6 @@ def _world_name(file: Path) -> str:
     stem = file.name.split(".")[0]
     name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in stem)
     return name.lstrip("_-") or "world"
-
-
-def _roots(path: list[Path] | None) -> tuple[Path, ...]:
-    """Folders of models: those given, then those of the environment."""
-    named = [
-        Path(part)
-        for variable in RESOURCE_PATHS
-        for part in os.environ.get(variable, "").split(os.pathsep)
-        if part
-    ]
-    for root in path or []:
-        if not root.is_dir():
-            raise ConfigError(f"--path: {root}: must be a folder")
-    return (*(path or []), *named)
 
 
 def _xacro_arguments(arguments: list[str] | None) -> dict[str, str]:

@@ -26,7 +26,7 @@ from services.worldgen.loader import (
 from services.worldgen.problems import Mistake, Problem, WorldError
 from services.worldgen.yaml_source import Source
 
-SDF_SUFFIXES = (".sdf", ".world", ".xacro")
+SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
 
 
 def problems_of(
@@ -40,8 +40,8 @@ def problems_of(
 ) -> tuple[Problem, ...]:
     """Everything wrong with a world, by the name of its recipe or by a file.
 
-    A text is a name in `worlds_dir`, a path a file: a recipe with what it needs beside it, or an
-    SDF or xacro file, or a model's folder. `arguments` are xacro's, `roots` folders of models.
+    A text is a name in `worlds_dir`, a path a file: a recipe with what it needs beside it, an SDF,
+    URDF or xacro file, or a model's folder. `arguments` are xacro's, `roots` folders of models.
     Empty where all is well. Never raises.
     """
     try:
@@ -128,7 +128,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
         reasons.setdefault(refusal.name, []).append(refusal.reason)
     number_of: Counter[str] = Counter()
     for index, marker in enumerate(markers):
-        name = f"aruco_{marker.id}"
+        name = marker.name
         said = reasons.get(name, [])
         if name in hung:
             # Those of one name that came before it were refused for their place, those after it
@@ -167,7 +167,7 @@ def _refused(draft: Draft, index: int, marker: Marker, reason: str) -> Mistake:
     if field:
         value = getattr(marker, field[1])
         return Mistake(("markers", index, field[1]), value, field[2], fatal=False)
-    return Mistake(("markers", index), f"aruco_{marker.id}", reason, fatal=False)
+    return Mistake(("markers", index), marker.name, reason, fatal=False)
 
 
 def _unused_textures(loading: Loading, draft: Draft) -> None:

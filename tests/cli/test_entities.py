@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.cli import entities
+from services.cli import session
 from services.common import documents as doc
 from services.common.frames import rotation_from_quaternion
 from tests.cli.test_app import assert_one_line, mazebot
@@ -35,9 +35,9 @@ def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
     def ask(session: object, query: Any, message: Any, timeout_s: float) -> Any:
         return one.ask(query, message)
 
-    monkeypatch.setattr(entities, "_ask", ask)
-    monkeypatch.setattr(entities, "_session", lambda endpoint: contextlib.nullcontext())
-    monkeypatch.setattr(entities, "_world", lambda session, timeout_s: HOUSE)
+    monkeypatch.setattr(session, "ask", ask)
+    monkeypatch.setattr(session, "connected", lambda endpoint: contextlib.nullcontext())
+    monkeypatch.setattr(session, "world_that_runs", lambda session, timeout_s: HOUSE)
     return one
 
 
@@ -181,6 +181,7 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
             "spawn crate --box 1 1 1 --at 1 2 --path 1 2 --mass 1",
             "mass_kg: 1: must be 0: it follows a path",
         ),
+        ("spawn crate --model a --models nope --at 1 2", "--models: nope: must be a folder"),
         ("spawn crate --model nope --at 1 2", "model: 'nope': must be a file, a folder, or one of"),
         ("spawn crate --model turtlebot3_waffle --at 1 2", "joint turtlebot3_waffle::wheel_left"),
         ("spawn crate --mesh nope.stl --at 1 2", "nope.stl: cannot be read"),

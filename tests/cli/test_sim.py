@@ -100,6 +100,7 @@ def test_a_simulation_is_controlled_from_the_command_line(
         _refusals(endpoint)
         _pace_and_reset(endpoint)
         _a_goal_while_paused(opened, endpoint)
+        _topics_while_paused(endpoint)
         _cut_short(opened, endpoint)
         _ended(opened, endpoint, process)
         del publishers
@@ -151,6 +152,12 @@ def _a_goal_while_paused(opened: zenoh.Session, endpoint: str) -> None:
     token = opened.liveliness().declare_token(f"{ALIVE_PREFIX}navigation")
     assert_one_line(mazebot("goal", "1", "0", "0", "--connect", endpoint), "is paused", "resume")
     token.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _topics_while_paused(endpoint: str) -> None:
+    words = ["/scan", "the simulation is paused", "mazebot sim resume"]
+    for arguments in (("echo", "/scan", "--timeout", "0.2"), ("hz", "/scan", "--window", "0.5")):
+        assert_one_line(mazebot("topic", *arguments, "--connect", endpoint), *words)
 
 
 def _while_running(opened: zenoh.Session, endpoint: str, end: Callable[[], object]) -> str:

@@ -90,6 +90,17 @@ def test_show_resolves_the_frames_of_an_sdf_file(yard: Path) -> None:
     assert np.allclose(link["pose_in_world"]["rpy_rad"], [0.0, 0.0, 0.5])
 
 
+def test_a_urdf_is_a_world_with_one_model(tmp_path: Path) -> None:
+    file = tmp_path / "post.urdf"
+    box = "<collision><geometry><box size='{}'/></geometry></collision>"
+    file.write_text(f"<robot name='p'><link name='l'>{box.format('1 1 1')}</link></robot>")
+    assert mazebot("world", "check", str(file)).stdout == f"{file}: all well\n"
+    file.write_text(f"<robot name='p'><link name='l'>{box.format('1 one 1')}</link></robot>")
+    checked = mazebot("world", "check", str(file))
+    assert (checked.returncode, checked.stderr.count("\n")) == (1, 1)
+    assert "post.urdf:1: " in checked.stderr
+
+
 def test_check_lists_every_problem_with_its_line(room: Path, yard: Path) -> None:
     assert mazebot("world", "check", str(room), str(yard), "enhanced").returncode == 0
     room.write_text(ROOM.replace("radius_m: 0.2", "radius_m: -1").replace("0.8}", ".nan}"))
