@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from services.common import documents as doc
 from services.common import messages as msg
-from services.common import png
-from services.common.assets import assets_of
-from services.common.diagnostics import RATE_KEY, REAL_TIME_FACTOR_KEY
+from services.common.diagnostics import (
+    RATE_KEY,
+    REAL_TIME_FACTOR_KEY,
+    REJECTED_KEY,
+    WAITING_KEY,
+)
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_OPTICAL_FRAME,
@@ -25,7 +27,6 @@ from services.common.frames import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from services.common.surfaces import PLAIN
 from services.common.topics import (
     AMCL_POSE,
     ASSETS,
@@ -65,88 +66,73 @@ from services.common.topics import (
     WORLD_STATUS,
     Topic,
 )
-from services.recorder.canvas import Canvas, Trail
-from services.recorder.mesh import Mesh, panel
-from services.recorder.obstacles import read_meshes
-from services.recorder.scenery import (
-    Part,
-    entity_parts,
-    parts,
-    plain_rgba,
-    seen_meshes,
+from services.recorder import palette
+from services.recorder.canvas import Canvas, Trail, entity_part
+from services.recorder.mesh import mesh_drawing
+from services.recorder.picture_drawing import (
+    IMAGE_FRAME,
+    draw_camera_compressed,
+    draw_camera_image,
+    draw_camera_info,
+    draw_depth_image,
+    draw_depth_info,
+)
+from services.recorder.world_drawing import (
+    draw_asset,
+    draw_desired_entities,
+    draw_entities,
+    draw_world,
+    place_what_stands,
 )
 
 TRUTH_FRAME = "ground_truth"
 """Frame of the true robot; `base_footprint` is where it believes itself to be."""
-IMAGE_FRAME = "camera_image"
-"""The plane of the camera's picture, in pixels."""
-DEPTH_FRAME = "camera_depth"
-"""The plane of the depth image, in pixels."""
-
-_TEXTURE_SIDE_PX = 512
 
 _PLOT_NS = 95_000_000
 _PATH_NS = 500_000_000
-_DEPTH_NS = 480_000_000
-_DEPTH_RANGE_M = (0.0, 10.0)
-"""Of the depth image's colours."""
 _TRAIL_POINTS = 400
 """Of a way, each of which makes the time until it is drawn again longer."""
 _SECOND_NS = 1_000_000_000
 _LATCH_NS = 10_000_000_000
 """What has not changed is drawn again this often, for viewers that have only the newest data."""
 _MAX_PARTICLES = 500
-_MOST_NAMES = 20
-"""Of entities that one line names."""
-_MOST_GONE = 1000
-"""Of the entities taken away whose looks need not be drawn again when they return."""
-
-_TRUTH = (46, 204, 113)
-_ESTIMATE = (255, 140, 0)
-_PLAN = (52, 152, 255)
-_SCAN = (255, 60, 60)
-_MARKER = (255, 0, 200)
-_NAME = (255, 240, 120)
-_PARTICLE = (255, 200, 60)
-_SECOND = (150, 150, 150)
-_GOOD, _BAD = (46, 204, 113), (231, 76, 60)
 
 _SQUARE: Array = np.array(
     [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
 )
 
 SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
-    "error/localisation_m": ("localisation", _ESTIMATE),
-    "error/odometry_m": ("odometry drift", _SECOND),
-    "error/marker_m": ("marker", _MARKER),
-    "error/localisation_deg": ("heading", _ESTIMATE),
-    "cmd_vel/linear_m_s": ("commanded", _PLAN),
-    "odom/linear_m_s": ("odometry", _SECOND),
-    "ground_truth/odom/linear_m_s": ("true", _TRUTH),
-    "cmd_vel/angular_rad_s": ("commanded", _PLAN),
-    "odom/angular_rad_s": ("odometry", _SECOND),
-    "ground_truth/odom/angular_rad_s": ("true", _TRUTH),
-    "imu/angular_velocity_z_rad_s": ("yaw rate", _PLAN),
-    "imu/linear_acceleration_x_m_s2": ("forward", _ESTIMATE),
-    "imu/linear_acceleration_y_m_s2": ("left", _TRUTH),
-    "joint_states/left_rad_s": ("left wheel", _ESTIMATE),
-    "joint_states/right_rad_s": ("right wheel", _TRUTH),
-    "clock/real_time_factor": ("real time factor", _TRUTH),
-    "simulation/stats/watchdog_stops": ("watchdog stops", _BAD),
-    "navigation/status/distance_remaining_m": ("distance remaining", _PLAN),
-    "navigation/status/number_of_recoveries": ("recoveries", _BAD),
-    "aruco/detections/count": ("markers in view", _MARKER),
+    "error/localisation_m": ("localisation", palette.ESTIMATE),
+    "error/odometry_m": ("odometry drift", palette.SECOND),
+    "error/marker_m": ("marker", palette.MARKER),
+    "error/localisation_deg": ("heading", palette.ESTIMATE),
+    "cmd_vel/linear_m_s": ("commanded", palette.PLAN),
+    "odom/linear_m_s": ("odometry", palette.SECOND),
+    "ground_truth/odom/linear_m_s": ("true", palette.TRUTH),
+    "cmd_vel/angular_rad_s": ("commanded", palette.PLAN),
+    "odom/angular_rad_s": ("odometry", palette.SECOND),
+    "ground_truth/odom/angular_rad_s": ("true", palette.TRUTH),
+    "imu/angular_velocity_z_rad_s": ("yaw rate", palette.PLAN),
+    "imu/linear_acceleration_x_m_s2": ("forward", palette.ESTIMATE),
+    "imu/linear_acceleration_y_m_s2": ("left", palette.TRUTH),
+    "joint_states/left_rad_s": ("left wheel", palette.ESTIMATE),
+    "joint_states/right_rad_s": ("right wheel", palette.TRUTH),
+    "clock/real_time_factor": ("real time factor", palette.TRUTH),
+    "simulation/stats/watchdog_stops": ("watchdog stops", palette.BAD),
+    "navigation/status/distance_remaining_m": ("distance remaining", palette.PLAN),
+    "navigation/status/number_of_recoveries": ("recoveries", palette.BAD),
+    "aruco/detections/count": ("markers in view", palette.MARKER),
 }
 """Entities that are numbers over time, with their name and colour in the plots."""
 
 _STATES: dict[str, tuple[int, int, int]] = {
-    "active": (46, 204, 113),
-    "controlling": (46, 204, 113),
-    "planning": (52, 152, 255),
-    "recovering": (255, 140, 0),
+    "active": palette.GOOD,
+    "controlling": palette.GOOD,
+    "planning": palette.PLAN,
+    "recovering": palette.ESTIMATE,
     "idle": (120, 120, 120),
     "waiting": (120, 120, 120),
-    "rejecting": (231, 76, 60),
+    "rejecting": palette.BAD,
 }
 
 
@@ -154,15 +140,15 @@ def draw_start(canvas: Canvas) -> None:
     """Draw what no message brings: the robot, twice, and the looks of the plots."""
     log = canvas.recording.log
     robot = canvas.robot
-    ghost = (*_ESTIMATE, 90)
+    ghost = (*palette.ESTIMATE, 90)
     for name, frame, tint in (
         ("ground_truth/robot", TRUTH_FRAME, None),
         ("amcl_pose/robot", BASE_FOOTPRINT_FRAME, ghost),
     ):
-        log(name, rr.CoordinateFrame(frame), _mesh(robot.body, tint=tint), static=True)
+        log(name, rr.CoordinateFrame(frame), mesh_drawing(robot.body, tint=tint), static=True)
         for wheel in robot.wheels:
             wheel_frame = f"{frame}/{wheel.joint}"
-            mesh = _mesh(wheel.mesh, tint=tint)
+            mesh = mesh_drawing(wheel.mesh, tint=tint)
             log(f"{name}/{wheel.joint}", rr.CoordinateFrame(wheel_frame), mesh, static=True)
             if frame == BASE_FOOTPRINT_FRAME:
                 mount = rr.Transform3D(
@@ -185,10 +171,7 @@ def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
     """Simulated seconds a second of wall time, once a second of wall time."""
     now_s = canvas.wall_clock_s()
     if canvas.entities is not None and canvas.due("entities", canvas.now_ns, _LATCH_NS):
-        canvas.recording.at(canvas.now_ns)
-        for entity in canvas.entities.entities:
-            if not _moves(entity):
-                _place(canvas, entity)
+        place_what_stands(canvas)
     if canvas.real_time is None:
         canvas.real_time = now_s, canvas.now_ns
         return
@@ -196,22 +179,22 @@ def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
     if now_s - wall_s >= 1.0:
         factor = (canvas.now_ns - sim_ns) * 1e-9 / (now_s - wall_s)
         canvas.real_time = now_s, canvas.now_ns
-        _scalar(canvas, "clock/real_time_factor", factor)
+        canvas.recording.scalar("clock/real_time_factor", factor)
 
 
 def draw_world_request(canvas: Canvas, request: doc.WorldRequest) -> None:
     """The request, in words."""
     markers = "with" if request.use_aruco else "without"
-    _say(canvas, "world/request", f"asked for {request.world_name}, {markers} markers")
+    canvas.say("world/request", f"asked for {request.world_name}, {markers} markers")
 
 
 def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
     """What became of a request, in words."""
     name = status.request.world_name
     if status.error:
-        _say(canvas, "world/status", f"{name} refused: {status.error}", "ERROR")
+        canvas.say("world/status", f"{name} refused: {status.error}", "ERROR")
     else:
-        _say(canvas, "world/status", f"{name} runs as {status.world_hash}")
+        canvas.say("world/status", f"{name} runs as {status.world_hash}")
 
 
 def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
@@ -224,140 +207,10 @@ def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
         canvas.recording.log(path, document, static=True)
 
 
-def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
-    """Draw what waits for a texture or a mesh."""
-    sha256 = asset.header.frame_id
-    if not canvas.changed(f"world/assets/{sha256}", True):
-        return
-    wanted = {mesh for body in canvas.world.bodies for mesh in seen_meshes(body)}
-    if sha256 in wanted:
-        # One drawing for all of them, once the last is there.
-        if wanted <= canvas.assets.keys():
-            draw_world(canvas, canvas.world)
-        return
-    materials = [m.name for m in canvas.world.materials if m.texture_sha256 == sha256]
-    for part in canvas.parts:
-        if part.material in materials:
-            _draw_world_part(canvas, part)
-    for entity in canvas.entities.entities if canvas.entities else ():
-        if sha256 in assets_of(entity):
-            _draw_looks(canvas, entity)
-
-
-def draw_world(canvas: Canvas, world: doc.World) -> None:
-    """Walls, floors, ceiling and bodies by material, rooms, named places and lamps.
-
-    The upper part of walls and of what stands, and the ceiling, are entities of their own.
-    """
-    canvas.parts, _ = parts(world, read_meshes(world.bodies, canvas.assets))
-    for part in canvas.parts:
-        _draw_world_part(canvas, part)
-    log = canvas.recording.log
-    canvas.recording.at(canvas.now_ns)
-    for body in world.bodies:
-        if body.mass_kg > 0.0:
-            # Where it stands until the simulation tells of it.
-            path = f"tf/{_path(body.name)}"
-            pose = body.position_m, body.orientation_xyzw
-            canvas.recording.transform(path, *pose, MAP_FRAME, body.name)
-    outlines = [np.array([*room.polygon_m, room.polygon_m[0]]) for room in world.rooms]
-    log(
-        "world/rooms",
-        rr.CoordinateFrame(MAP_FRAME),
-        rr.LineStrips3D(
-            [np.column_stack([line, np.full(len(line), 0.02)]) for line in outlines],
-            labels=[room.name for room in world.rooms],
-            colors=_SECOND,
-            radii=0.01,
-        ),
-        static=True,
-    )
-    log(
-        "world/locations",
-        rr.CoordinateFrame(MAP_FRAME),
-        rr.Points3D(
-            [(place.x_m, place.y_m, 0.02) for place in world.locations],
-            labels=[place.name for place in world.locations],
-            colors=_PLAN,
-            radii=0.05,
-        ),
-        static=True,
-    )
-    log(
-        "world/lights",
-        rr.CoordinateFrame(MAP_FRAME),
-        rr.Points3D(
-            [lamp.position_m for lamp in world.lights],
-            labels=[lamp.name for lamp in world.lights],
-            colors=[lamp.diffuse for lamp in world.lights],
-            radii=0.06,
-        ),
-        static=True,
-    )
-    text = f"world {world.name}: {len(world.walls)} walls, {len(world.bodies)} bodies"
-    _say(canvas, "world/status", text)
-
-
 def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
     """The occupancy map, just above the floor."""
     drawn = _grid(grid, 0.002, 1.0, rr.components.Colormap.RvizMap)
     canvas.recording.log("map", rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
-
-
-def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """What should stand, and what the placement refused, in words."""
-    names = [entity.name for entity in entities.entities]
-    if entities.world_hash != canvas.world.hash:
-        return
-    if canvas.changed("entities/desired", (names, entities.refused)):
-        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        said = ", ".join(names[:_MOST_NAMES]) or "nothing"
-        _say(canvas, "entities/desired", f"wanted: {said}{more}")
-        _say_refused(canvas, "entities/desired", entities.refused)
-
-
-def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """The markers' panels and the bodies, where and as long as they stand, and what physics
-    refused.
-
-    Each has a frame of its own, which says where it is at which time; its looks hold at every one.
-    """
-    if entities.world_hash != canvas.world.hash:
-        return
-    before = {entity.name: entity for entity in canvas.entities.entities} if canvas.entities else {}
-    after = {entity.name: entity for entity in entities.entities}
-    canvas.entities = entities
-    for name, entity in before.items():
-        if name not in after or _frame_of(after[name]) != _frame_of(entity):
-            canvas.recording.at(canvas.now_ns)
-            _place(canvas, entity, shown=False)
-        if name not in after:
-            _say(canvas, "entities", f"{name} was taken away")
-    for name, entity in after.items():
-        known = before.get(name)
-        if known == entity:
-            continue
-        if canvas.changed(f"entities/{name}#looks", _looks(entity)):
-            _draw_looks(canvas, entity)
-        if (
-            known is None
-            and canvas.now_ns > canvas.start_ns
-            and canvas.changed(_path_of(entity), 0)
-        ):
-            # Until now it was not there.
-            canvas.recording.at(canvas.start_ns)
-            _place(canvas, entity, shown=False)
-        canvas.recording.at(canvas.now_ns)
-        _place(canvas, entity)
-        verb = "stands in the world" if known is None else "stands elsewhere or is another"
-        _say(canvas, "entities", f"{name} {verb}")
-    gone = [name for name in canvas.drawn if name not in after]
-    for name in gone[: max(0, len(gone) - _MOST_GONE)]:
-        del canvas.drawn[name]
-        for path in (f"entities/{name}#looks", f"entities/{_path(name)}", f"tf/{_path(name)}"):
-            canvas.last.pop(path, None)
-    if canvas.changed("entities/refused", entities.refused):
-        _say_refused(canvas, "entities", entities.refused)
 
 
 def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
@@ -366,7 +219,7 @@ def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
         canvas.at(entry.header.stamp)
         t, q = entry.transform.translation, entry.transform.rotation
         canvas.recording.transform(
-            f"tf/{_path(entry.child_frame_id)}",
+            f"tf/{entity_part(entry.child_frame_id)}",
             (t.x, t.y, t.z),
             (q.x, q.y, q.z, q.w),
             entry.header.frame_id,
@@ -389,7 +242,7 @@ def draw_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
         _draw_twist(canvas, "odom", odometry.twist.twist)
         error = canvas.comparison.odometry(odometry)
         if error is not None:
-            _scalar(canvas, "error/odometry_m", error.distance_m)
+            canvas.recording.scalar("error/odometry_m", error.distance_m)
 
 
 def draw_joint_states(canvas: Canvas, joints: msg.JointState) -> None:
@@ -402,16 +255,16 @@ def draw_joint_states(canvas: Canvas, joints: msg.JointState) -> None:
     for name, speed_rad_s in zip(joints.name, joints.velocity.tolist(), strict=False):
         for side in ("left", "right"):
             if side in name:
-                _scalar(canvas, f"joint_states/{side}_rad_s", speed_rad_s)
+                canvas.recording.scalar(f"joint_states/{side}_rad_s", speed_rad_s)
 
 
 def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
     """Yaw rate and level accelerations."""
     stamp_ns = canvas.at(imu.header.stamp)
     if canvas.due("imu", stamp_ns, _PLOT_NS):
-        _scalar(canvas, "imu/angular_velocity_z_rad_s", imu.angular_velocity.z)
-        _scalar(canvas, "imu/linear_acceleration_x_m_s2", imu.linear_acceleration.x)
-        _scalar(canvas, "imu/linear_acceleration_y_m_s2", imu.linear_acceleration.y)
+        canvas.recording.scalar("imu/angular_velocity_z_rad_s", imu.angular_velocity.z)
+        canvas.recording.scalar("imu/linear_acceleration_x_m_s2", imu.linear_acceleration.x)
+        canvas.recording.scalar("imu/linear_acceleration_y_m_s2", imu.linear_acceleration.y)
 
 
 def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
@@ -421,58 +274,9 @@ def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
     echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
     directions = _directions(len(ranges_m), scan.angle_min, scan.angle_increment)
     points = ranges_m[echo, np.newaxis] * directions[echo]
-    looks = rr.Points3D.from_fields(colors=_SCAN, radii=0.02)
-    _frame(canvas, "scan", scan.header.frame_id, looks)
+    looks = rr.Points3D.from_fields(colors=palette.SCAN, radii=0.02)
+    canvas.frame("scan", scan.header.frame_id, looks)
     canvas.recording.log("scan", rr.Points3D(points))
-
-
-def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
-    """The picture, as JPEG; nothing where it comes as JPEG as well."""
-    canvas.at(image.header.stamp)
-    if canvas.comes_compressed:
-        return
-    channels, _ = _TO_BGR.get(image.encoding, (0, None))
-    if not 0 < channels * image.width <= image.step:
-        if canvas.changed("camera/color/image_raw/encoding", image.encoding):
-            text = f"cannot draw pictures in {image.encoding}"
-            _say(canvas, "camera/color/image_raw", text, "WARN")
-        return
-    quality = canvas.jpeg_quality
-    _frame(canvas, "camera/color/image_raw", IMAGE_FRAME)
-    canvas.recording.log_later("camera/color/image_raw", lambda: _jpeg(image, quality))
-
-
-def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
-    """The picture, as it came."""
-    canvas.at(image.header.stamp)
-    canvas.comes_compressed = True
-    kind = "image/png" if "png" in image.format else "image/jpeg"
-    _frame(canvas, "camera/color/image_raw", IMAGE_FRAME)
-    picture = rr.EncodedImage(contents=image.data.tobytes(), media_type=kind)
-    canvas.recording.log("camera/color/image_raw", picture)
-
-
-def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
-    """The pyramid through which the picture is seen, in the camera's frame."""
-    canvas.camera = info
-    _draw_pinhole(canvas, "camera/color/camera_info", info, IMAGE_FRAME)
-
-
-def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
-    """Depths twice a second, as PNG of millimetres: a picture, and points in the camera's frame."""
-    stamp_ns = canvas.at(image.header.stamp)
-    path = "camera/depth/image_rect_raw"
-    if image.encoding != "32FC1" or image.is_bigendian or not 0 < 4 * image.width <= image.step:
-        if canvas.changed(f"{path}/encoding", image.encoding):
-            _say(canvas, path, f"cannot draw depths in {image.encoding}", "WARN")
-    elif canvas.due(path, stamp_ns, _DEPTH_NS):
-        _frame(canvas, path, DEPTH_FRAME)
-        canvas.recording.log_later(path, lambda: _depth_png(image))
-
-
-def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:
-    """The pyramid through which the depths are seen, in the camera's frame."""
-    _draw_pinhole(canvas, "camera/depth/camera_info", info, DEPTH_FRAME)
 
 
 def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
@@ -484,7 +288,7 @@ def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
     canvas.recording.transform(
         "ground_truth/odom", (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), MAP_FRAME, TRUTH_FRAME
     )
-    _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, _TRUTH, 0.03)
+    _draw_trail(canvas, "ground_truth/odom/path", pose, 0.03, palette.TRUTH, 0.03)
     if canvas.due("ground_truth/odom/twist", stamp_ns, _PLOT_NS):
         _draw_twist(canvas, "ground_truth/odom", odometry.twist.twist)
 
@@ -496,7 +300,7 @@ def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
     canvas.recording.log(
         "contacts",
         rr.CoordinateFrame(MAP_FRAME),
-        rr.Points3D(list(canvas.contacts_m), colors=_BAD, radii=0.04),
+        rr.Points3D(list(canvas.contacts_m), colors=palette.BAD, radii=0.04),
         rr.TextLog(
             f"{contact.robot_link} touched {contact.body} with {contact.impulse_n_s:.3f} N s",
             level="WARN",
@@ -515,12 +319,12 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
                 state_hash=stats.state_hash, iterations=stats.iterations, paused=stats.paused
             ),
         )
-        _scalar(canvas, "simulation/stats/watchdog_stops", stats.watchdog_stops)
+        canvas.recording.scalar("simulation/stats/watchdog_stops", stats.watchdog_stops)
     if stats.paused:
         # A pause says nothing of how fast the simulation is.
         canvas.real_time = None
     if canvas.changed("simulation/stats/renderer", stats.renderer):
-        _say(canvas, "simulation/stats", f"renderer: {stats.renderer}")
+        canvas.say("simulation/stats", f"renderer: {stats.renderer}")
 
 
 def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
@@ -529,7 +333,7 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
     The second solution of each pose is grey.
     """
     canvas.at(detections.header.stamp)
-    _scalar(canvas, "aruco/detections/count", len(detections.detections))
+    canvas.recording.scalar("aruco/detections/count", len(detections.detections))
     poses: list[tuple[str, Array, Array]] = []
     others: list[Array] = []
     for detection in detections.detections:
@@ -547,19 +351,19 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
         outlines = [_project(k, corners) for _, corners, _ in poses]
         _draw_outlines(canvas, IMAGE_FRAME, outlines, names)
     if canvas.changed("aruco/detections", bool(poses)) or poses:
-        _frame(canvas, "aruco/detections", frame)
+        canvas.frame("aruco/detections", frame)
         canvas.recording.log(
             "aruco/detections",
             rr.LineStrips3D(
                 [corners for _, corners, _ in poses] + others,
-                colors=[_MARKER] * len(poses) + [_SECOND] * len(others),
+                colors=[palette.MARKER] * len(poses) + [palette.SECOND] * len(others),
                 radii=[0.006] * len(poses) + [0.002] * len(others),
             ),
         )
     entities = canvas.entities.markers if canvas.entities else ()
     errors_m = [error_m for _, error_m in canvas.comparison.markers(detections, entities)]
     if errors_m:
-        _scalar(canvas, "error/marker_m", max(errors_m))
+        canvas.recording.scalar("error/marker_m", max(errors_m))
 
 
 def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
@@ -568,13 +372,13 @@ def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> Non
     seen = [detection for detection in detections.detections if detection.results]
     if canvas.changed("aruco/detections_map", bool(seen)) or seen:
         places = [detection.results[0].pose.pose.position for detection in seen]
-        _frame(canvas, "aruco/detections_map", detections.header.frame_id or MAP_FRAME)
+        canvas.frame("aruco/detections_map", detections.header.frame_id or MAP_FRAME)
         canvas.recording.log(
             "aruco/detections_map",
             rr.Points3D(
                 [(p.x, p.y, p.z) for p in places],
                 labels=[f"id {detection.id.rpartition(':')[2]}" for detection in seen],
-                colors=_NAME,
+                colors=palette.NAME,
                 radii=0.05,
             ),
         )
@@ -583,35 +387,35 @@ def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> Non
 def draw_initial_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
     """Where a person says the robot is."""
     canvas.at(estimate.header.stamp)
-    _draw_arrow(canvas, "initialpose", estimate.pose.pose, _ESTIMATE)
+    _draw_arrow(canvas, "initialpose", estimate.pose.pose, palette.ESTIMATE)
     pose = msg.se2_from_pose(estimate.pose.pose)
     text = f"the robot is at ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.yaw_rad:.2f}), a person says"
-    _say(canvas, "initialpose", text, stamp=estimate.header.stamp)
+    canvas.say("initialpose", text, stamp=estimate.header.stamp)
 
 
 def draw_goal_pose(canvas: Canvas, goal: msg.PoseStamped) -> None:
     """Where to drive."""
     canvas.at(goal.header.stamp)
-    _draw_arrow(canvas, "goal_pose", goal.pose, _PLAN)
+    _draw_arrow(canvas, "goal_pose", goal.pose, palette.PLAN)
     pose = msg.se2_from_pose(goal.pose)
     text = f"goal ({pose.x_m:.2f}, {pose.y_m:.2f}, {pose.yaw_rad:.2f})"
-    _say(canvas, "goal_pose", text, stamp=goal.header.stamp)
+    canvas.say("goal_pose", text, stamp=goal.header.stamp)
 
 
 def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
     """The estimated pose's uncertainty (2 sigma), the way by it, and its error."""
     stamp_ns = canvas.at(estimate.header.stamp)
     pose = estimate.pose.pose
-    _draw_trail(canvas, "amcl_pose/path", pose, 0.06, _ESTIMATE, 0.012)
+    _draw_trail(canvas, "amcl_pose/path", pose, 0.06, palette.ESTIMATE, 0.012)
     if canvas.due("amcl_pose", stamp_ns, _PATH_NS):
         covariance = np.asarray(estimate.pose.covariance).reshape(6, 6)[:2, :2]
         variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
         turn = math.atan2(float(axes[1, 1]), float(axes[0, 1]))
         long_m, short_m = 2.0 * np.sqrt(np.maximum(variances[::-1], 1e-8))
         looks = rr.Ellipsoids3D.from_fields(
-            colors=_ESTIMATE, fill_mode=rr.components.FillMode.Solid
+            colors=palette.ESTIMATE, fill_mode=rr.components.FillMode.Solid
         )
-        _frame(canvas, "amcl_pose", estimate.header.frame_id or MAP_FRAME, looks)
+        canvas.frame("amcl_pose", estimate.header.frame_id or MAP_FRAME, looks)
         canvas.recording.log(
             "amcl_pose",
             rr.Ellipsoids3D(
@@ -622,8 +426,8 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
         )
     error = canvas.comparison.localisation(estimate)
     if error is not None:
-        _scalar(canvas, "error/localisation_m", error.distance_m)
-        _scalar(canvas, "error/localisation_deg", math.degrees(error.angle_rad))
+        canvas.recording.scalar("error/localisation_m", error.distance_m)
+        canvas.recording.scalar("error/localisation_deg", math.degrees(error.angle_rad))
 
 
 def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
@@ -636,8 +440,8 @@ def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
     heads = tails + 0.08 * np.column_stack(
         [np.cos(xyyaw[:, 2]), np.sin(xyyaw[:, 2]), np.zeros(len(xyyaw))]
     )
-    looks = rr.LineStrips3D.from_fields(colors=_PARTICLE, radii=0.004)
-    _frame(canvas, "particle_cloud", cloud.header.frame_id or MAP_FRAME, looks)
+    looks = rr.LineStrips3D.from_fields(colors=palette.PARTICLE, radii=0.004)
+    canvas.frame("particle_cloud", cloud.header.frame_id or MAP_FRAME, looks)
     strokes = np.stack([tails, heads], axis=1).astype(np.float32)
     canvas.recording.log("particle_cloud", rr.LineStrips3D(strokes))
 
@@ -648,7 +452,7 @@ def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
     path = "global_costmap/costmap"
     if canvas.changed(path, grid.data.tobytes()) or canvas.due(path, stamp_ns, _LATCH_NS):
         canvas.due(path, stamp_ns, 0)
-        _frame(canvas, path, grid.header.frame_id or MAP_FRAME)
+        canvas.frame(path, grid.header.frame_id or MAP_FRAME)
         colormap = rr.components.Colormap.RvizCostmap
         canvas.recording.log(path, _grid(grid, 0.006, 0.22, colormap))
 
@@ -657,8 +461,8 @@ def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     """The path being followed."""
     canvas.at(plan.header.stamp)
     points = [(p.pose.position.x, p.pose.position.y, 0.045) for p in plan.poses]
-    looks = rr.LineStrips3D.from_fields(colors=_PLAN, radii=0.018)
-    _frame(canvas, "plan", plan.header.frame_id or MAP_FRAME, looks)
+    looks = rr.LineStrips3D.from_fields(colors=palette.PLAN, radii=0.018)
+    canvas.frame("plan", plan.header.frame_id or MAP_FRAME, looks)
     strips = [np.array(points, np.float32)] if len(points) > 1 else []
     canvas.recording.log("plan", rr.LineStrips3D(strips))
 
@@ -681,22 +485,22 @@ def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None
     ):
         if canvas.changed(path, value):
             canvas.recording.log(path, rr.StateChange(state=value))
-    _scalar(canvas, "navigation/status/distance_remaining_m", status.distance_remaining_m)
-    _scalar(canvas, "navigation/status/number_of_recoveries", status.number_of_recoveries)
+    canvas.recording.scalar("navigation/status/distance_remaining_m", status.distance_remaining_m)
+    canvas.recording.scalar("navigation/status/number_of_recoveries", status.number_of_recoveries)
 
 
 def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None:
     """How a goal ended, in words and in its colour."""
     canvas.recording.at(round(result.end_time_s * 1e9))
     goal = result.goal
-    color = _BAD if result.error_code else _GOOD
+    color = palette.BAD if result.error_code else palette.GOOD
     _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(goal.se2()), color)
     where = f"goal ({goal.x_m:.2f}, {goal.y_m:.2f}, {goal.yaw_rad:.2f})"
     if result.error_code:
         text = f"{where} failed with error {result.error_code}: {result.error_msg}"
     else:
         text = f"{where} reached after {result.end_time_s - result.start_time_s:.1f} s"
-    _say(canvas, "navigation/result", text, "WARN" if result.error_code else "INFO")
+    canvas.say("navigation/result", text, "WARN" if result.error_code else "INFO")
 
 
 def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
@@ -708,7 +512,7 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
             (v.key, v.value) for v in status.values
             if v.value and not v.key.startswith((RATE_KEY, REAL_TIME_FACTOR_KEY))
         ]  # fmt: skip
-        rejected = any(key.startswith("rejected ") for key, _ in said)
+        rejected = any(key.startswith(REJECTED_KEY) for key, _ in said)
         waiting = status.message.startswith("waiting")
         state = "waiting" if waiting else "rejecting" if rejected else "active"
         if canvas.changed(path, state):
@@ -719,7 +523,7 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
                 canvas.recording.log(path, configuration, static=True)
             canvas.recording.log(path, rr.StateChange(state=state))
         if canvas.changed(f"{path}/text", (status.message, tuple(said))):
-            details = "; ".join(f"{key}: {value}" for key, value in said if key != "waiting_for")
+            details = "; ".join(f"{key}: {value}" for key, value in said if key != WAITING_KEY)
             text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
             level = status.level if isinstance(status.level, int) else status.level[0]
             canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
@@ -772,11 +576,6 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     ROSOUT: draw_rosout,
 }
 
-_TO_BGR: dict[str, tuple[int, int | None]] = {
-    "rgb8": (3, cv2.COLOR_RGB2BGR),
-    "bgr8": (3, None),
-    "mono8": (1, None),
-}
 _LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
 
 
@@ -792,75 +591,9 @@ def _directions(count: int, first_rad: float, step_rad: float) -> NDArray[np.flo
     return np.column_stack(beams).astype(np.float32)
 
 
-def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
-    channels, conversion = _TO_BGR[image.encoding]
-    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
-    pixels = rows.reshape(image.height, image.width, channels)
-    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-
-
-def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
-    """Millimetres in 16 bits; what is farther than 65 m is there."""
-    rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
-    depth_m = np.ascontiguousarray(rows).view(np.float32)
-    in_range_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)
-    millimetres = np.clip(np.round(1000.0 * in_range_m), 0, 65_535).astype(np.uint16)
-    _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return rr.EncodedDepthImage(
-        blob=png.tobytes(),
-        media_type=rr.components.MediaType.PNG,
-        meter=1000.0,
-        depth_range=[1000.0 * edge_m for edge_m in _DEPTH_RANGE_M],
-    )
-
-
-def _draw_pinhole(canvas: Canvas, path: str, info: msg.CameraInfo, image_frame: str) -> None:
-    value = (info.k.tobytes(), info.width, info.height, info.header.frame_id)
-    if canvas.changed(path, value):
-        canvas.recording.log(
-            path,
-            rr.Pinhole(
-                image_from_camera=info.k.reshape(3, 3),
-                resolution=(info.width, info.height),
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.5,
-                parent_frame=info.header.frame_id,
-                child_frame=image_frame,
-                color=_ESTIMATE,
-                line_width=0.004,
-            ),
-            static=True,
-        )
-
-
-def _say(
-    canvas: Canvas, path: str, text: str, level: str = "INFO", stamp: msg.Time | None = None
-) -> None:
-    if stamp is None:
-        canvas.recording.at(canvas.now_ns)
-    canvas.recording.log(path, rr.TextLog(text, level=level))
-
-
-def _say_refused(canvas: Canvas, path: str, refused: Iterable[doc.Refusal]) -> None:
-    for refusal in refused:
-        _say(canvas, path, f"{refusal.name} refused: {refusal.reason}", "WARN")
-
-
-def _scalar(canvas: Canvas, path: str, value: float) -> None:
-    canvas.recording.scalar(path, float(value))
-
-
-def _frame(canvas: Canvas, path: str, frame: str, *looks: rr.AsComponents) -> None:
-    """Name the frame that an entity's coordinates are in, and its looks, once."""
-    if canvas.changed(f"{path}#frame", frame):
-        canvas.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
-
-
 def _draw_twist(canvas: Canvas, path: str, twist: msg.Twist) -> None:
-    _scalar(canvas, f"{path}/linear_m_s", twist.linear.x)
-    _scalar(canvas, f"{path}/angular_rad_s", twist.angular.z)
+    canvas.recording.scalar(f"{path}/linear_m_s", twist.linear.x)
+    canvas.recording.scalar(f"{path}/angular_rad_s", twist.angular.z)
 
 
 def _draw_trail(
@@ -881,7 +614,7 @@ def _draw_trail(
     if canvas.last.get(f"{path}#grown") and canvas.due(path, canvas.now_ns, period_ns):
         canvas.last[f"{path}#grown"] = False
         looks = rr.LineStrips3D.from_fields(colors=color, radii=radius_m)
-        _frame(canvas, path, MAP_FRAME, looks)
+        canvas.frame(path, MAP_FRAME, looks)
         canvas.recording.log(path, rr.LineStrips3D([trail.points(z_m)]))
 
 
@@ -892,7 +625,7 @@ def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int
     ring = np.column_stack(
         [at.x_m + 0.25 * np.cos(turn), at.y_m + 0.25 * np.sin(turn), np.full(33, 0.03)]
     )
-    _frame(canvas, path, MAP_FRAME)
+    canvas.frame(path, MAP_FRAME)
     canvas.recording.log(
         path,
         rr.Arrows3D(
@@ -902,7 +635,7 @@ def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int
             radii=0.025,
         ),
     )
-    _frame(canvas, f"{path}/tolerance", MAP_FRAME)
+    canvas.frame(f"{path}/tolerance", MAP_FRAME)
     canvas.recording.log(f"{path}/tolerance", rr.LineStrips3D([ring], colors=color, radii=0.012))
 
 
@@ -911,127 +644,14 @@ def _draw_outlines(
 ) -> None:
     path = "aruco/detections/outline"
     if canvas.changed(path, bool(outlines)) or outlines:
-        lines = rr.LineStrips2D.from_fields(colors=_MARKER, radii=1.5, draw_order=30.0)
-        _frame(canvas, path, frame, lines)
+        lines = rr.LineStrips2D.from_fields(colors=palette.MARKER, radii=1.5, draw_order=30.0)
+        canvas.frame(path, frame, lines)
         canvas.recording.log(path, rr.LineStrips2D(outlines))
         # A label stands over the middle of its outline, and would hide the marker.
         below = [(outline[:, 0].mean(), outline[:, 1].max() + 8.0) for outline in outlines]
-        points = rr.Points2D.from_fields(colors=_NAME, radii=0.0, show_labels=True)
-        _frame(canvas, f"{path}/name", frame, points)
+        points = rr.Points2D.from_fields(colors=palette.NAME, radii=0.0, show_labels=True)
+        canvas.frame(f"{path}/name", frame, points)
         canvas.recording.log(f"{path}/name", rr.Points2D(below, labels=names))
-
-
-def _draw_world_part(canvas: Canvas, part: Part) -> None:
-    material = next((m for m in canvas.world.materials if m.name == part.material), PLAIN)
-    _draw_part(canvas, "world", part, material)
-
-
-def _draw_part(canvas: Canvas, above: str, part: Part, material: doc.Material) -> None:
-    texture = _texture(canvas, material.texture_sha256) if part.textured else None
-    mesh = part.mesh
-    drawn = rr.Mesh3D(
-        vertex_positions=mesh.vertices_m.astype(np.float32),
-        vertex_normals=mesh.normals.astype(np.float32),
-        vertex_texcoords=None if texture is None else mesh.uvs.astype(np.float32),
-        triangle_indices=mesh.triangles.astype(np.uint32),
-        albedo_texture=texture,
-        albedo_factor=plain_rgba(material, part) if texture is None else None,
-    )
-    path = "/".join([above, *map(_path, part.path)])
-    canvas.recording.log(path, rr.CoordinateFrame(part.frame), drawn, static=True)
-
-
-def _path(name: str) -> str:
-    """A name of anybody's as one part of an entity's path."""
-    return rr.escape_entity_path_part(name)
-
-
-def _frame_of(entity: doc.Entity) -> str:
-    """The frame that an entity is drawn in: that of /tf where it moves, or one of its own."""
-    return entity.name if _moves(entity) else f"entities/{entity.name}"
-
-
-def _path_of(entity: doc.Entity) -> str:
-    """Where the drawing says where an entity's frame is."""
-    name = _path(entity.name)
-    return f"tf/{name}" if _moves(entity) else f"entities/{name}"
-
-
-def _moves(entity: doc.Entity) -> bool:
-    """Whether /tf tells where an entity is."""
-    return isinstance(entity, doc.BodyEntity) and entity.moves
-
-
-def _looks(entity: doc.Entity) -> tuple[object, ...]:
-    """What an entity's drawing is made of, but for its place."""
-    if isinstance(entity, doc.MarkerEntity):
-        return entity.panel_side_m, entity.texture_sha256
-    return entity.shapes, entity.materials, entity.moves
-
-
-def _place(canvas: Canvas, entity: doc.Entity, shown: bool = True) -> None:
-    """Say where an entity is, or that it is nowhere. The time must be set."""
-    canvas.recording.transform(
-        _path_of(entity),
-        entity.position_m,
-        entity.orientation_xyzw,
-        MAP_FRAME,
-        _frame_of(entity),
-        shown,
-    )
-
-
-def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
-    """Draw an entity in its frame, in place of what had its name."""
-    above, frame = f"entities/{_path(entity.name)}", _frame_of(entity)
-    drawn: list[str] = []
-    if isinstance(entity, doc.MarkerEntity):
-        drawn.append(f"{above}/panel")
-        mesh = _mesh(panel(entity.panel_side_m), _texture(canvas, entity.texture_sha256))
-        canvas.recording.log(drawn[-1], rr.CoordinateFrame(frame), mesh, static=True)
-    else:
-        materials = {material.name: material for material in entity.materials}
-        for part in entity_parts(entity, frame, canvas.assets):
-            drawn.append("/".join([above, *map(_path, part.path)]))
-            _draw_part(canvas, above, part, materials.get(part.material, PLAIN))
-    for path in canvas.drawn.get(entity.name, ()):
-        if path not in drawn:
-            canvas.recording.log(path, rr.Mesh3D(vertex_positions=[]), static=True)
-    canvas.drawn[entity.name] = drawn
-
-
-def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
-    """A texture that has come, as (h, w, 3) RGB of at most 512 pixels a side."""
-    data = canvas.assets.get(sha256)
-    if data is None:
-        return None
-    canvas.changed(f"world/assets/{sha256}", True)
-    try:
-        rgb = png.decode(data)
-    except ValueError:
-        return None
-    scale = _TEXTURE_SIDE_PX / max(rgb.shape[:2])
-    if scale < 1.0:
-        return np.asarray(
-            cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
-        )
-    return rgb
-
-
-def _mesh(
-    mesh: Mesh,
-    texture: NDArray[np.uint8] | None = None,
-    tint: tuple[int, int, int, int] | None = None,
-) -> rr.Mesh3D:
-    return rr.Mesh3D(
-        vertex_positions=mesh.positions_m,
-        vertex_normals=mesh.normals,
-        vertex_texcoords=None if texture is None else mesh.uvs,
-        vertex_colors=mesh.colors if texture is None and tint is None else None,
-        triangle_indices=mesh.triangles,
-        albedo_texture=texture,
-        albedo_factor=tint,
-    )
 
 
 def _grid(

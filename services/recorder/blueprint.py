@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from services.common.frames import MAP_FRAME
-from services.recorder.archetypes import DEPTH_FRAME, IMAGE_FRAME
+from services.recorder.picture_drawing import DEPTH_FRAME, IMAGE_FRAME
 from services.recorder.recording import TIMELINE
 from services.recorder.scenery import Extent
 

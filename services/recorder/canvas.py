@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import rerun as rr
 from numpy.typing import NDArray
 
 from services.common import messages as msg
@@ -103,3 +104,19 @@ class Canvas:
             return False
         self.last[path] = value
         return True
+
+    def frame(self, path: str, frame: str, *looks: rr.AsComponents) -> None:
+        """Name the frame that an entity's coordinates are in, and its looks, once."""
+        if self.changed(f"{path}#frame", frame):
+            self.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
+
+    def say(self, path: str, text: str, level: str = "INFO", stamp: msg.Time | None = None) -> None:
+        """Log a line of text; now, but where a stamp is given that was set as the time already."""
+        if stamp is None:
+            self.recording.at(self.now_ns)
+        self.recording.log(path, rr.TextLog(text, level=level))
+
+
+def entity_part(name: str) -> str:
+    """A name of anybody's as one part of an entity's path."""
+    return rr.escape_entity_path_part(name)

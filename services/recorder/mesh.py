@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import rerun as rr
 from numpy.typing import NDArray
 
 from services.common.frames import (
@@ -114,6 +115,23 @@ def panel(side_m: float) -> Mesh:
         uvs=_UNIT_UVS,
     )
     return _whole(builder)
+
+
+def mesh_drawing(
+    mesh: Mesh,
+    texture: NDArray[np.uint8] | None = None,
+    tint: tuple[int, int, int, int] | None = None,
+) -> rr.Mesh3D:
+    """A mesh with a texture, in one tint, or else in its own colours."""
+    return rr.Mesh3D(
+        vertex_positions=mesh.positions_m,
+        vertex_normals=mesh.normals,
+        vertex_texcoords=None if texture is None else mesh.uvs,
+        vertex_colors=mesh.colors if texture is None and tint is None else None,
+        triangle_indices=mesh.triangles,
+        albedo_texture=texture,
+        albedo_factor=tint,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ class Recording:
         """Log a number to an entity."""
         stamps_ns, values = self._scalars.setdefault(path, ([], []))
         stamps_ns.append(self._stamp_ns)
-        values.append(value)
+        values.append(float(value))
 
     def transform(
         self,

@@ -213,11 +213,12 @@ class Run:
             self._stop(f"less than {config.min_free_mib} MiB are free")
             return
         # Rerun is loaded only where something is drawn.
-        from services.recorder.archetypes import draw_start, draw_world  # noqa: PLC0415
+        from services.recorder.archetypes import draw_start  # noqa: PLC0415
         from services.recorder.blueprint import run_blueprint  # noqa: PLC0415
         from services.recorder.canvas import Canvas  # noqa: PLC0415
         from services.recorder.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.recording import Recording, RecordingError  # noqa: PLC0415
+        from services.recorder.world_drawing import draw_world  # noqa: PLC0415
 
         _, extent = parts(self.world, read_meshes(self.world.bodies, setting.assets))
         self._parts += 1

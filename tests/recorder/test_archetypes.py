@@ -19,12 +19,13 @@ from services.common.config import ROOT
 from services.common.frames import SE2
 from services.common.geometry import mesh_to_bytes, triangles_of
 from services.common.topics import read_by
-from services.recorder.archetypes import DRAW, SERIES, draw_start, draw_world
+from services.recorder.archetypes import DRAW, SERIES, draw_start
 from services.recorder.blueprint import run_blueprint
 from services.recorder.canvas import Canvas, Trail
 from services.recorder.mesh import robot_from_urdf
 from services.recorder.recording import Recording
 from services.recorder.scenery import parts
+from services.recorder.world_drawing import draw_world
 from tests.common.samples import SAMPLES
 from tests.recorder import synthetic
 from tests.recorder.synthetic import BRICKS, ERROR_M, FOCAL_PX, Said, driving, opening, room
