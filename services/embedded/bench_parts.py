@@ -19,14 +19,13 @@ from services.physics.camera import Intrinsics, RendererKind, make_renderer
 from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from services.physics.robot_model import robot_model_from_urdf
 from services.physics.scene import build_scene
+from services.physics.sensor_profiles import CAMERA_PROFILES
 from services.physics.simulation import STEP_S, Simulation
 from services.worldgen.loader import LoadedWorld, load_world
 from services.worldgen.sdf.convert import to_recipe
 from services.worldgen.sdf.read import read_sdf
 
 THOUSAND_WALLS = ("maze.rows=44", "maze.columns=44")
-_CAMERAS = {"640x480": (640, 480), "320x240": (320, 240)}
-_HORIZONTAL_FOV_RAD = 1.047
 _CAMERA_HEIGHT_M = 0.117
 _DRIVE = (0.3, 0.2)
 
@@ -82,22 +81,27 @@ def sensors_and_steps(loaded: LoadedWorld, seconds: float, repeats: int) -> Figu
 
 
 def cameras(loaded: dict[str, LoadedWorld], frames: int) -> list[Figure]:
-    """One picture, colour and depth, by size and renderer, while the camera turns on the spot."""
+    """One picture, colour and depth, by profile and renderer, while the camera turns."""
     return [
-        camera(label, world, kind, size, frames if kind == "gl" else max(frames // 10, 3))
+        camera(label, world, kind, profile, frames if kind == "gl" else max(frames // 10, 3))
         for label, world in loaded.items()
-        for size in _CAMERAS
+        for profile in CAMERA_PROFILES
         for kind in ("gl", "tiny")
-        if kind == "gl" or (label, size) == ("enhanced", "640x480")
+        if kind == "gl" or (label, profile) == ("enhanced", "d435i")
     ]
 
 
-def camera(label: str, loaded: LoadedWorld, kind: RendererKind, size: str, frames: int) -> Figure:
+def camera(
+    label: str, loaded: LoadedWorld, kind: RendererKind, profile: str, frames: int
+) -> Figure:
     """One renderer's pictures."""
-    group, name = "camera, one picture", f"{label}, {size}, {kind}"
-    intrinsics = Intrinsics.from_horizontal_fov(*_CAMERAS[size], _HORIZONTAL_FOV_RAD)
+    sensor = CAMERA_PROFILES[profile]
+    width, height = sensor.camera_width_px, sensor.camera_height_px
+    group, name = "camera, one picture", f"{label}, {profile} {width}x{height} RGB-D, {kind}"
+    intrinsics = Intrinsics.from_horizontal_fov(width, height, sensor.camera_horizontal_fov_rad)
+    depth_range_m = sensor.camera_depth_min_m, sensor.camera_depth_max_m
     try:
-        renderer = make_renderer(kind, intrinsics)
+        renderer = make_renderer(kind, intrinsics, depth_range_m)
     except ConfigError as error:
         return missing(group, name, "ms", str(error))
     if renderer is None:

@@ -66,6 +66,7 @@ def assert_same(first: Path, second: Path) -> None:
     assert one["state_hash"]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_a_run_is_the_same_under_load_and_another_with_another_seed(tmp_path: Path) -> None:
     short: dict[str, Any] = {
