@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -21,6 +21,7 @@ from services.common import messages as msg
 from services.common import wire
 from services.common.bus import BusConfig, BusUnavailableError, open_session, publish, subscribe
 from services.common.topics import CAMERA_IMAGE, SCAN, Topic
+from services.embedded.bench_figures import timed_ms
 
 _DEADLINE_S = 20.0
 _PREFIX = "wire_speed/"
@@ -50,9 +51,9 @@ def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
         for name, (topic, message) in samples().items():
             data = wire.encode(topic, message)
             measured[name] = {
-                "check": _timed_ms(partial(wire.validate, topic, message), repeats),
-                "encode": _timed_ms(partial(wire.encode, topic, message), repeats),
-                "decode": _timed_ms(partial(wire.decode, topic, data), repeats),
+                "check": timed_ms(partial(wire.validate, topic, message), repeats),
+                "encode": timed_ms(partial(wire.encode, topic, message), repeats),
+                "decode": timed_ms(partial(wire.decode, topic, data), repeats),
                 "there and back through a router": _round_trips_ms(
                     endpoint, topic, message, repeats
                 ),
@@ -81,21 +82,11 @@ def _round_trips_ms(endpoint: str, topic: Topic[Any], message: Any, repeats: int
             if time.monotonic() > deadline_s:
                 raise TimeoutError("the router does not connect its clients")
             time.sleep(0.01)
-        return _timed_ms(round_trip, repeats)
+        return timed_ms(round_trip, repeats)
     finally:
         kept.clear()
         near.close()  # type: ignore[no-untyped-call]
         far.close()  # type: ignore[no-untyped-call]
-
-
-def _timed_ms(work: Callable[[], object], repeats: int) -> list[float]:
-    work()
-    taken_ms = []
-    for _ in range(repeats):
-        start_s = time.perf_counter()
-        work()
-        taken_ms.append((time.perf_counter() - start_s) * 1e3)
-    return taken_ms
 
 
 @contextmanager

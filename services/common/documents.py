@@ -364,7 +364,8 @@ class Entities(Document):
     revision: Annotated[int, Field(ge=0)] = Field(
         0,
         description="counts the desired sets; of the set that exists: which of them it answers. "
-        "0: the first set of a spawner that has just begun: what stands already stays as it is",
+        "0: the first set of a spawner that has just begun. Where a set exists already, all of it "
+        "stays as it is, and of this one only what was refused before is tried again",
     )
     entities: tuple[Entity, ...] = ()
     refused: tuple[Refusal, ...] = ()

@@ -1,4 +1,4 @@
-"""A planar lidar by ray casting against the walls."""
+"""A planar lidar by ray casting against all that is solid."""
 
 from __future__ import annotations
 
