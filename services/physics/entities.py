@@ -18,6 +18,7 @@ from services.common.documents import (
     Polyline,
     Refusal,
 )
+from services.common.entity_problems import entity_problems
 from services.common.geometry import triangles_of
 from services.common.placement import Placement, panel_of
 from services.physics.assets import meshes_of
@@ -37,10 +38,7 @@ MAX_TEXTURE_PX = 32 * 1024 * 1024
 """Of all bodies: a renderer holds them unpacked."""
 MAX_WAY_M = 200.0
 """Of a path, from the start back to the start"""
-MAX_PATH_SPEED_M_S = 5.0
 MAX_PANEL_SIDE_M = 3.0
-MAX_COORDINATE_M = 1_000.0
-_MAX_NAME = 100
 
 
 def establish(
@@ -115,26 +113,10 @@ def _hang(
 
 
 def _marker_problem(entity: MarkerEntity, files: Container[str]) -> str:
-    numbers = (
-        *entity.position_m,
-        *entity.orientation_xyzw,
-        entity.panel_side_m,
-        entity.marker_size_m,
-    )
-    if not all(map(math.isfinite, numbers)):
-        return "position_m, orientation_xyzw, panel_side_m, marker_size_m: must be finite"
-    if max(map(abs, entity.position_m)) > MAX_COORDINATE_M:
-        return f"position_m: {entity.position_m} is farther than {MAX_COORDINATE_M:g} m"
-    norm = math.hypot(*entity.orientation_xyzw)
-    if abs(norm - 1.0) > 1e-3:
-        return f"orientation_xyzw: {entity.orientation_xyzw} is not of unit length"
+    for problem in entity_problems(entity):
+        return problem
     if entity.panel_side_m > MAX_PANEL_SIDE_M:
         return f"panel_side_m: {entity.panel_side_m:g} is more than {MAX_PANEL_SIDE_M:g}"
-    if entity.marker_size_m > entity.panel_side_m:
-        return (
-            f"marker_size_m: {entity.marker_size_m:g} is more than the panel's "
-            f"{entity.panel_side_m:g}"
-        )
     if entity.texture_sha256 not in files:
         return f"texture_sha256: there is no asset {entity.texture_sha256[:16]!r}"
     return ""
@@ -147,7 +129,9 @@ def _put(
     there = [one for one in others.values() if isinstance(one, BodyEntity)]
     if len(there) >= MAX_BODIES:
         return f"there are {MAX_BODIES} bodies already: no more fit"
-    for problem in (*_name_problems(entity, bodies), *_size_problems(entity)):
+    if entity.name in bodies.fixed_names:
+        return f"name: {entity.name!r:.60}: is that of something in the world"
+    for problem in (*entity_problems(entity), *_size_problems(entity)):
         return problem
     try:
         meshes = meshes_of([entity], files)
@@ -185,14 +169,6 @@ def _drawn(geometry: Geometry) -> int:
     return len(triangles_of(geometry, {}).triangles)
 
 
-def _name_problems(entity: BodyEntity, bodies: Bodies) -> Iterator[str]:
-    name = entity.name
-    if not (0 < len(name) <= _MAX_NAME and name.isprintable()):
-        yield f"name: {name!r:.60}: must be 1 to {_MAX_NAME} printable characters"
-    if name in bodies.fixed_names:
-        yield f"name: {name!r:.60}: is that of something in the world"
-
-
 def _size_problems(entity: BodyEntity) -> Iterator[str]:
     if not 0 < len(entity.shapes) <= MAX_SHAPES:
         yield f"shapes: {len(entity.shapes)} of them: must be 1 to {MAX_SHAPES}"
@@ -210,10 +186,6 @@ def _path_problems(entity: BodyEntity) -> Iterator[str]:
     path = entity.path
     if path is None:
         return
-    if entity.mass_kg > 0.0:
-        yield f"mass_kg: {entity.mass_kg}: must be 0 in a body that follows a path"
-    if not 0.0 < path.speed_m_s <= MAX_PATH_SPEED_M_S:
-        yield f"path: speed_m_s: {path.speed_m_s}: must be above 0, at most {MAX_PATH_SPEED_M_S:g}"
     for place in path.waypoints_m:
         if not all(abs(value) <= MAX_LENGTH_M for value in place):
             yield f"path: waypoints_m: {place}: must be within {MAX_LENGTH_M:g} m"
@@ -228,15 +200,6 @@ def _path_problems(entity: BodyEntity) -> Iterator[str]:
 
 
 def _material_problems(entity: BodyEntity, files: Container[str]) -> Iterator[str]:
-    names = [material.name for material in entity.materials]
-    if len(set(names)) < len(names):
-        yield "materials: must have names of their own"
-    for shape in entity.shapes:
-        if shape.material and shape.material not in names:
-            yield (
-                f"shape {shape.name!r:.60}: material: {shape.material!r:.60}: "
-                "must be one of its materials"
-            )
     for material in entity.materials:
         for problem in _look_problems(material, files):
             yield f"material {material.name!r:.60}: {problem}"

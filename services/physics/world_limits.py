@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -22,6 +21,7 @@ from services.common.documents import (
     Thing,
     World,
 )
+from services.common.entity_problems import MAX_DISTANCE_M, pose_problems
 from services.common.frames import Array, pose_matrix
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, triangles_of
 
@@ -33,7 +33,7 @@ MAX_OVERLAPS = 10
 """Of one body that moves with others at the start: 100 in one place are never pushed apart."""
 MAX_CORNERS = 20_000
 """Of all polylines."""
-MAX_LENGTH_M = 1_000.0
+MAX_LENGTH_M = MAX_DISTANCE_M
 MAX_MASS_KG = 1e6
 MIN_MASS_KG = 1e-3
 _THIN_M = 0.002
@@ -104,7 +104,7 @@ def body_problems(
 ) -> Iterator[str]:
     """What of a body cannot be simulated, each in a phrase. `frames` are the robot's."""
     moves = body.moves
-    yield from _pose_problems(body)
+    yield from pose_problems(body)
     if not 0.0 <= body.mass_kg <= MAX_MASS_KG or 0.0 < body.mass_kg < MIN_MASS_KG:
         yield f"mass_kg: {body.mass_kg}: must be 0, or {MIN_MASS_KG:g} to {MAX_MASS_KG:g}"
     if moves and body.name in frames:
@@ -112,15 +112,8 @@ def body_problems(
     if body.mass_kg > 0.0 and not any(shape.solid for shape in body.shapes):
         yield f"mass_kg: {body.mass_kg}: must be 0: none of its shapes is solid"
     for shape in body.shapes:
-        for problem in (*_pose_problems(shape), *_shape_problems(shape, meshes, moves)):
+        for problem in (*pose_problems(shape), *_shape_problems(shape, meshes, moves)):
             yield f"shape {shape.name!r:.60}: {problem}"
-
-
-def _pose_problems(thing: Thing | Shape) -> Iterator[str]:
-    if not all(abs(value) <= MAX_LENGTH_M for value in thing.position_m):
-        yield f"position_m: {thing.position_m}: must be within {MAX_LENGTH_M:g} m"
-    if not abs(math.hypot(*thing.orientation_xyzw) - 1.0) <= 1e-3:
-        yield f"orientation_xyzw: {thing.orientation_xyzw}: must be of unit length"
 
 
 def _shape_problems(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> Iterator[str]:

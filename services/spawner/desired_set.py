@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import math
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from services.common.assets import assets_of
@@ -21,12 +20,11 @@ from services.common.documents import (
     EntityReply,
     Marker,
     MarkerEntity,
-    Quaternion,
     SetEntityState,
     SpawnEntity,
-    Vector,
     World,
 )
+from services.common.entity_problems import entity_problems, name_problems, pose_problems
 from services.common.furnish import MAX_MARKERS
 from services.common.marker_picture import identity_problem
 from services.common.placement import Placement, panel_of
@@ -39,8 +37,6 @@ MAX_SET_BYTES = 4 * 1024 * 1024
 MAX_ASSETS = 228
 """Of all things together: 100 and one for each marker, fewer than a late reader is given."""
 MAX_ASSET_BYTES = 64 * 1024 * 1024
-MAX_NAME = 100
-MAX_DISTANCE_M = 1_000.0
 
 Asked = SpawnEntity | DeleteEntity | SetEntityState
 
@@ -188,7 +184,7 @@ class DesiredSet:
         return replies
 
     def _spawn(self, message: SpawnEntity) -> EntityReply | Waits | Later:
-        _check_name(message.entity.name)
+        _refuse(name_problems(message.entity.name))
         for name in _names(message):
             entity = message.entity.model_copy(update={"name": name})
             thing, change = self._things.get(name), self._changes.get(name)
@@ -202,11 +198,9 @@ class DesiredSet:
                 raise _RefusedError(f"name: {name!r:.60} is there already")
         size = len(entity.model_dump_json())
         self._check_room(size)
-        _check_pose(entity.position_m, entity.orientation_xyzw)
+        _refuse(entity_problems(entity))
         if isinstance(entity, MarkerEntity):
             self._check_marker(entity)
-        else:
-            _check_body(entity)
         try:
             files = decoded(message.assets, entity, self._known | self._files.keys())
         except ValueError as error:
@@ -229,7 +223,7 @@ class DesiredSet:
         if change is not None:
             return Waits(message.name) if is_there else Later(message.name)
         assert thing is not None
-        _check_pose(*pose)
+        _refuse(pose_problems(message))
         entity = thing.entity
         update: dict[str, object] = {"position_m": pose[0], "orientation_xyzw": pose[1]}
         if isinstance(entity, BodyEntity):
@@ -279,8 +273,6 @@ class DesiredSet:
         same = next((one.name for one in markers if one.marker_id == entity.marker_id), "")
         if not problem and same:
             problem = f"marker_id: {entity.marker_id}: must be unique: {same!r:.60} has it"
-        if not problem and not entity.marker_size_m <= entity.panel_side_m:
-            problem = f"marker_size_m: {entity.marker_size_m:g}: must be at most the panel's side"
         if problem:
             raise _RefusedError(problem)
         self._check_place(entity)
@@ -322,31 +314,7 @@ def _names(message: SpawnEntity) -> Iterator[str]:
             yield f"{message.entity.name}_{number}"
 
 
-def _check_name(name: str) -> None:
-    if not (0 < len(name) <= MAX_NAME and name.isprintable() and name == name.strip()):
-        raise _RefusedError(
-            f"name: {name!r:.60}: must be 1 to {MAX_NAME} printable letters, with no space around"
-        )
-    if name.startswith("/"):
-        raise _RefusedError(f"name: {name!r:.60}: must not begin with a slash: it names a frame")
-
-
-def _check_pose(position_m: Vector, orientation_xyzw: Quaternion) -> None:
-    if not all(abs(value) <= MAX_DISTANCE_M for value in position_m):
-        raise _RefusedError(f"position_m: {position_m}: must be within {MAX_DISTANCE_M:g} m")
-    if not abs(math.hypot(*orientation_xyzw) - 1.0) <= 1e-3:
-        raise _RefusedError(f"orientation_xyzw: {orientation_xyzw}: must be of unit length")
-
-
-def _check_body(entity: BodyEntity) -> None:
-    names = {material.name for material in entity.materials}
-    if len(names) < len(entity.materials):
-        raise _RefusedError("materials: must have names of their own")
-    for shape in entity.shapes:
-        if shape.material and shape.material not in names:
-            raise _RefusedError(
-                f"shape {shape.name!r:.60}: material: {shape.material!r:.60}: must be one of its "
-                "materials"
-            )
-    if entity.path is not None and entity.mass_kg > 0.0:
-        raise _RefusedError(f"mass_kg: {entity.mass_kg:g}: must be 0: it follows a path")
+def _refuse(problems: Iterable[str]) -> None:
+    """Raises _RefusedError with the first problem, where there is one."""
+    for problem in problems:
+        raise _RefusedError(problem)

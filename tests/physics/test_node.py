@@ -222,7 +222,7 @@ def test_entities_that_cannot_stand_are_refused_with_a_reason() -> None:
     good = panel("good", PANEL_SHA)
     bad = {
         "texture_sha256": panel("unknown", "f" * 64),
-        "position_m, orien": panel("nan", PANEL_SHA, position_m=(math.nan, 0.0, 0.0)),
+        "position_m: (nan": panel("nan", PANEL_SHA, position_m=(math.nan, 0.0, 0.0)),
         "panel_side_m": panel("huge", PANEL_SHA, panel_side_m=50.0),
         "position_m: ": panel("far", PANEL_SHA, position_m=(0.0, 1e6, 0.0)),
         "orientation_xyzw": panel("turn", PANEL_SHA, orientation_xyzw=(0.0, 0.0, 0.0, 2.0)),
