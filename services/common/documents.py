@@ -310,13 +310,16 @@ class MarkerEntity(Document):
     dictionary: str
 
 
+MAX_PATH_SPEED_M_S = 5.0
+
+
 class ScriptedPath(Document):
     """A way that a body follows over and over, at one speed, looking ahead: from its pose to each
     waypoint in turn, and then back to its pose (`loop`) or the same way back.
     """
 
     waypoints_m: tuple[Point2, ...] = Field(min_length=1, max_length=1000)
-    speed_m_s: Annotated[float, Field(gt=0.0, le=5.0, allow_inf_nan=False)]
+    speed_m_s: Annotated[float, Field(gt=0.0, le=MAX_PATH_SPEED_M_S, allow_inf_nan=False)]
     loop: bool = False
     yields: bool = Field(True, description="waits while the robot is in its way")
 

@@ -8,6 +8,7 @@ from collections.abc import Container, Iterator, Mapping
 
 from services.common import png
 from services.common.documents import (
+    MAX_PATH_SPEED_M_S,
     BodyEntity,
     Entities,
     Entity,
@@ -186,6 +187,8 @@ def _path_problems(entity: BodyEntity) -> Iterator[str]:
     path = entity.path
     if path is None:
         return
+    if not 0.0 < path.speed_m_s <= MAX_PATH_SPEED_M_S:
+        yield f"path: speed_m_s: {path.speed_m_s}: must be above 0, at most {MAX_PATH_SPEED_M_S:g}"
     for place in path.waypoints_m:
         if not all(abs(value) <= MAX_LENGTH_M for value in place):
             yield f"path: waypoints_m: {place}: must be within {MAX_LENGTH_M:g} m"
