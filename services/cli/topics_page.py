@@ -1,10 +1,11 @@
-"""Prints docs/topics.md from the table of topics."""
+"""Prints docs/topics.md from the table of topics and queries."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
-from services.common.topics import TOPICS
+from services.common.topics import QUERIES, TOPICS
 from services.common.wire import key_from_topic, type_name
 
 _HEAD = """# Topics
@@ -19,10 +20,20 @@ a JSON document in `std_msgs/msg/String`, declared in `services/common/documents
 | --- | --- | --- | --- | --- | --- | --- | --- |
 """
 
+_QUERIES_HEAD = """
+## Queries
+
+What people's tools ask one service, as a Zenoh query on the name's key; request and answer are JSON
+documents of `services/common/documents.py`.
+
+| query | key | request | answer | asked of | what |
+| --- | --- | --- | --- | --- | --- |
+"""
+
 
 def topics_page() -> str:
     """The page's text."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for topic in sorted(TOPICS, key=lambda topic: topic.name):
         kind = type_name(topic)
         if kind.startswith("std_msgs"):
@@ -32,8 +43,19 @@ def topics_page() -> str:
             f"`{topic.name}`", f"`{key_from_topic(topic)}`", f"`{kind}`", rate,
             ", ".join(topic.owners), ", ".join(topic.readers), topic.delivery.value, topic.about,
         )  # fmt: skip
-        rows.append("| " + " | ".join(cells) + " |")
-    return _HEAD + "\n".join(rows) + "\n"
+        rows.append(cells)
+    queries = [
+        (
+            f"`{query.name}`", f"`{key_from_topic(query)}`", f"`{query.request.__name__}`",
+            f"`{query.response.__name__}`", query.owner, query.about,
+        )
+        for query in sorted(QUERIES, key=lambda query: query.name)
+    ]  # fmt: skip
+    return _HEAD + _table(rows) + _QUERIES_HEAD + _table(queries)
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> str:
+    return "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 
 
 if __name__ == "__main__":
