@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from typing import Any
 
 import cv2
@@ -23,6 +24,7 @@ from services.common.topics import (
     SIMULATION_STATS,
     Topic,
 )
+from services.physics.bullet import pybullet
 from services.physics.camera_noise import CameraNoise
 from services.physics.config import PhysicsConfig
 from services.physics.image_hash import ImageHash
@@ -195,6 +197,21 @@ def test_the_hash_is_that_of_all_pictures_of_an_epoch() -> None:
     for image in driver.all(CAMERA_IMAGE):
         anew.add(image.data)
     assert driver.last(SIMULATION_STATS).image_hash == anew.hex()
+
+
+def test_the_hash_begins_anew_with_a_world_that_is_built_anew() -> None:
+    driver = Driver(**SMALL).load(world())
+    driver.drive(0.2, 0.3, 0.3)
+    driver.sent.clear()
+    assert driver.node._simulation is not None
+    bodies = driver.node._simulation.bodies
+    pybullet.resetBaseVelocity(bodies._robot, [math.nan, 0, 0], physicsClientId=bodies._client)
+    driver.drive(0.2, 0.3, 0.5)
+    told = ImageHash()
+    for image in driver.all(CAMERA_IMAGE):
+        told.add(image.data)
+    stats = driver.last(SIMULATION_STATS)
+    assert (stats.epoch, stats.image_hash) == (2, told.hex())
 
 
 def test_the_hash_is_the_same_in_every_run_of_a_seed() -> None:

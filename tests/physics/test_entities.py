@@ -132,6 +132,19 @@ def test_what_falls_is_told_of_and_put_back_at_rest(stage: Stage) -> None:
     assert abs(state.velocity_m_s[2]) < 0.1
 
 
+def test_a_reset_while_paused_tells_where_what_moves_is(stage: Stage) -> None:
+    stage.desire(crate("ball", 1.0, 0.5, 0.8, Sphere(radius_m=0.1), mass_kg=1.0))
+    stage.wait(0.3)
+    assert stage.last(TF).transforms[-1].transform.translation.z < 0.7
+    answers: list[SimulationControlReply] = []
+    stage.inbox.ask(SIMULATION_CONTROL, SimulationControl(reset="all", pause=True), answers.append)
+    stage.turn()
+    (frame,) = stage.last(TF).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("map", "ball")
+    assert (frame.header.stamp.sec, frame.header.stamp.nanosec) == (0, 0)
+    assert frame.transform.translation.z == pytest.approx(0.8)
+
+
 def test_what_moves_counts_in_the_hash_of_the_states() -> None:
     hashes = []
     for at_m in (0.5, 0.5, 0.500001):
