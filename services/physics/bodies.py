@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from services.common.documents import BodyEntity, Plane, Thing, World
+from services.common.documents import BodyEntity, Plane, Quaternion, Thing, Vector, World
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
@@ -44,10 +44,11 @@ from services.common.frames import (
     yaw_from_quaternion,
 )
 from services.common.geometry import TriangleMesh
+from services.physics.body_state import BodyState, MoverState
 from services.physics.bullet import pybullet
 from services.physics.collision import Solid, as_obj, extent_of, inertia_of, solids_of
 from services.physics.config import STEPS_PER_SECOND
-from services.physics.robot_model import ModelError, RobotModel, Shape, Vector
+from services.physics.robot_model import ModelError, RobotModel, Shape
 from services.physics.scripted_path import Floorplan, PathPose, Route, meets
 from services.physics.world_limits import PENETRATION_M, check
 
@@ -76,14 +77,6 @@ _MAX_GARBAGE_BYTES = 16_000_000
 made anew, as it moves.
 """
 _BODY_BYTES, _CORNER_BYTES, _TRIANGLE_BYTES = 4_000, 200, 150
-_FAR_M = 10_000.0
-_LOWEST_M, _HIGHEST_M = -0.05, 0.5
-_MAX_SPEED_M_S = 20.0
-_MAX_WHEEL_SPEED_RAD_S = 10_000.0
-_DEEPEST_M = -1.0
-_MAX_MOVER_SPEED_M_S = 200.0
-
-Quaternion = tuple[float, float, float, float]
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
 _UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
@@ -95,60 +88,6 @@ _KINDS = {
     "hull": pybullet.GEOM_MESH,
     "triangles": pybullet.GEOM_MESH,
 }
-
-
-class BodyState(NamedTuple):
-    """The robot after a step, exactly as PyBullet has it, in the map frame."""
-
-    position_m: Vector
-    """Of the base's centre of mass."""
-    orientation_xyzw: Quaternion
-    velocity_m_s: Vector
-    """Of the base's centre of mass."""
-    angular_velocity_rad_s: Vector
-    wheel_angles_rad: tuple[float, float]
-    """Left, right; turning forwards is positive; not wrapped."""
-    wheel_speeds_rad_s: tuple[float, float]
-
-    def is_sane(self) -> bool:
-        """Whether a robot can be so: PyBullet keeps what is not finite without a word."""
-        x, y, z = self.position_m
-        fast = max(map(abs, self.velocity_m_s))
-        turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
-        wheels = self.wheel_angles_rad[0] + self.wheel_angles_rad[1]
-        # A comparison with what is not a number is False.
-        return (
-            -_FAR_M < x < _FAR_M
-            and -_FAR_M < y < _FAR_M
-            and _LOWEST_M < z < _HIGHEST_M
-            and fast < _MAX_SPEED_M_S
-            and -_FAR_M < turn < _FAR_M
-            and max(map(abs, self.wheel_speeds_rad_s)) < _MAX_WHEEL_SPEED_RAD_S
-            and math.isfinite(wheels)
-        )
-
-
-class MoverState(NamedTuple):
-    """A body that moves after a step, exactly as PyBullet has it, in the map frame."""
-
-    position_m: Vector
-    """Of its centre of mass."""
-    orientation_xyzw: Quaternion
-    """Of its principal axes."""
-    velocity_m_s: Vector
-    angular_velocity_rad_s: Vector
-
-    def is_sane(self) -> bool:
-        """Whether a thing can be so."""
-        x, y, z = self.position_m
-        turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
-        return (
-            -_FAR_M < x < _FAR_M
-            and -_FAR_M < y < _FAR_M
-            and _DEEPEST_M < z < _FAR_M
-            and max(map(abs, self.velocity_m_s)) < _MAX_MOVER_SPEED_M_S
-            and -_FAR_M < turn < _FAR_M
-        )
 
 
 @dataclass(eq=False)
