@@ -72,7 +72,7 @@ _YIELD_M = 0.3
 _YIELD_STEP_M = 0.05
 _WAY_STEP_M = 0.1
 """Between the places on a path at which it is looked for walls; these are thicker."""
-_MAX_GARBAGE_BYTES = 16_000_000
+_MAX_GARBAGE_BYTES = 8_000_000
 """PyBullet never gives back the shape of a body that is removed: from so much on, everything is
 made anew, as it moves.
 """

@@ -654,6 +654,7 @@ def test_whatever_is_asked_for_the_state_stays_finite() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_whatever_is_asked_for_the_state_stays_finite_for_40_000_requests() -> None:
     fuzz = Fuzz(seed=12)
     fuzz.run(20_000)
