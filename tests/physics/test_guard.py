@@ -666,7 +666,7 @@ def test_whatever_is_asked_for_the_state_stays_finite_for_40_000_requests(
     before_mb = resident_mb()
     other = Fuzz(seed=13)
     other.run(20_000)
-    # Caches of pictures and meshes are filled more or less; a texture lost a set would be gigabytes.
+    # Caches fill more or less; a texture lost with each set would be gigabytes.
     assert resident_mb() - before_mb < 100.0
 
 
