@@ -47,6 +47,7 @@ from services.common.frames import (
 from services.common.geometry import mesh_to_bytes, triangles_of
 from services.physics.camera import Intrinsics, Renderer, make_renderer
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
+from tests.physics.stage import resident_mb
 
 Picture = NDArray[np.uint8]
 
@@ -548,11 +549,6 @@ def test_two_cameras_of_one_process_do_not_mix(renderer: Renderer) -> None:
     other.close()
     other.close()
     assert (renderer.render(view()).rgb == alone).all()
-
-
-def resident_mb() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def test_scenes_do_not_pile_up(renderer: Renderer) -> None:
