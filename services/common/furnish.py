@@ -23,8 +23,6 @@ class PanelStyle:
     """From a wall's face to the marker's, against z-fighting."""
     module_px: int = 64
     """Side of one module of a marker in its picture."""
-    clear_view_m: float = 0.5
-    """Depth in front of a marker that must be free."""
 
 
 def furnish(
@@ -41,7 +39,7 @@ def furnish(
     marker's way. `placement` is the judge of places in this world where there is one already.
     """
     if placement is None:
-        placement = Placement(world, style.clear_view_m, meshes)
+        placement = Placement(world, meshes)
     walls = {wall.name: wall for wall in world.walls}
     entities: list[MarkerEntity] = []
     refused: list[Refusal] = []

@@ -22,6 +22,8 @@ from services.common.obstruction import obstructions, wall_polygons
 
 CONTACT_M = 0.01
 """A panel farther than this from its wall's face floats."""
+CLEAR_VIEW_M = 0.5
+"""Depth in front of a panel that must be free."""
 MAX_DISTANCE_M = 10_000.0
 FOOT_M, TOP_M = 0.02, 0.22
 """Heights above the floor between which the robot meets bodies."""
@@ -95,16 +97,10 @@ class Placement:
     `meshes` are by sha256; a shape whose mesh is not there is not met.
     """
 
-    def __init__(
-        self,
-        world: World,
-        clear_view_m: float,
-        meshes: Mapping[str, TriangleMesh] | None = None,
-    ) -> None:
+    def __init__(self, world: World, meshes: Mapping[str, TriangleMesh] | None = None) -> None:
         self._walls = world.walls
         self._start = shapely.Point(world.start.x_m, world.start.y_m)
         self._ceiling_m = world.ceiling.height_m if world.ceiling else math.inf
-        self._clear_view_m = clear_view_m
         self._footprints = wall_polygons(world.walls)
         self._tree = shapely.STRtree(self._footprints)
         self._numbers: dict[str, list[int]] = {}
@@ -214,7 +210,7 @@ class Placement:
     def _view(self, panel: Panel) -> shapely.Polygon:
         """What lies before the face, up to the depth that must be clear."""
         half = panel.side_m / 2.0 * panel.right[:2]
-        near, ahead = panel.centre_m[:2], self._clear_view_m * panel.normal[:2]
+        near, ahead = panel.centre_m[:2], CLEAR_VIEW_M * panel.normal[:2]
         return shapely.Polygon([near - half, near + half, near + half + ahead, near - half + ahead])
 
     def _at_height_of(
@@ -259,7 +255,7 @@ class Placement:
             for polygon in one.between(FOOT_M, TOP_M).polygons
         ]
         taken = shapely.union_all([*self._footprints, *solid])
-        around = shapely.union(taken, self._start).envelope.buffer(2.0 * self._clear_view_m + 1.0)
+        around = shapely.union(taken, self._start).envelope.buffer(2.0 * CLEAR_VIEW_M + 1.0)
         parts = shapely.get_parts(around.difference(taken))
         found = parts[shapely.contains(parts, self._start)]
         floor = found[0] if len(found) else shapely.Polygon()

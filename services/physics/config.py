@@ -152,10 +152,6 @@ class PhysicsConfig(ServiceConfig):
     camera_compressed_enabled: bool = Field(False, description="send pictures as JPEG too")
     camera_jpeg_quality: int = Field(80, ge=1, le=100, description="of the pictures sent as JPEG")
 
-    clear_view_m: float = Field(
-        0.5, gt=0.0, le=10.0, description="depth in front of a marker that must be free"
-    )
-
     @model_validator(mode="before")
     @classmethod
     def _fill_in_profiles(cls, values: Any) -> Any:

@@ -372,7 +372,7 @@ class PhysicsNode(ClockNode):
             simulation = self._simulation_of(world, meshes, self._seed)
             try:
                 seen = surfaces(world, meshes) if self._renderer is not None else ()
-                placement = Placement(world, self._config.clear_view_m, meshes)
+                placement = Placement(world, meshes)
             except ValueError:
                 simulation.close()
                 raise

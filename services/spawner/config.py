@@ -16,6 +16,3 @@ class SpawnerConfig(ServiceConfig):
     module_px: int = Field(
         64, ge=8, le=256, description="side of one module of a marker in its texture"
     )
-    clear_view_m: float = Field(
-        0.5, gt=0.0, le=10.0, description="depth in front of a marker that must be free of walls"
-    )

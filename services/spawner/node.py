@@ -63,7 +63,7 @@ class SpawnerNode(Node):
 
     def __init__(self, config: SpawnerConfig) -> None:
         self._config = config
-        self._style = PanelStyle(config.panel_gap_m, config.module_px, config.clear_view_m)
+        self._style = PanelStyle(config.panel_gap_m, config.module_px)
         self._next_world: World | None = None
         self._files: dict[str, bytes] = {}
         """Assets that came, by sha256, until the world's set has been settled once."""
@@ -129,7 +129,7 @@ class SpawnerNode(Node):
             except ValueError as error:
                 # The physics says so too, and keeps what runs.
                 _log.error("mesh %.12s: %s", sha256, error)
-        placement = Placement(world, self._style.clear_view_m, meshes)
+        placement = Placement(world, meshes)
         hung, textures = furnish(world, self._style, placement=placement)
         self.world_hash = world.hash
         self._desired = DesiredSet(world, placement, hung, textures)

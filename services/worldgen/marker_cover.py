@@ -209,7 +209,7 @@ def _places(
 ) -> list[tuple[Marker, Panel]]:
     """Where a marker may hang, wall by wall."""
     style = PanelStyle()
-    placement = Placement(world, style.clear_view_m, meshes)
+    placement = Placement(world, meshes)
     side_m = marker_picture.panel_side_m(like)
     room_m = [wall.length_m - side_m for wall in world.walls]
     total_m = 2.0 * sum(room for room in room_m if room > 0.0)

@@ -20,7 +20,7 @@ def problem(
     one: Marker, *others: Wall, host: Wall | None = None, hanging: tuple[Panel, ...] = ()
 ) -> str:
     host = host or wall()
-    placement = Placement(world([host, *others], []), clear_view_m=0.5)
+    placement = Placement(world([host, *others], []))
     panel = hang("marker", one, host, SIDE_M, 0.002)
     by_name = placement.problem(panel, hanging, host.name)
     if by_name == "" or "beyond" not in by_name:
@@ -45,7 +45,7 @@ def test_a_panel_hangs_flat_on_its_face_whatever_the_walls_yaw(yaw_rad: float, s
     assert np.linalg.det(panel.map_from_panel) == pytest.approx(1.0)
     ahead = panel.centre_m + 2.0 * panel.normal
     start = SE2(float(ahead[0]), float(ahead[1]), 0.0)
-    assert Placement(world([host], [], start), 0.5).problem(panel, (), "wall") == ""
+    assert Placement(world([host], [], start)).problem(panel, (), "wall") == ""
 
 
 @pytest.mark.parametrize(
@@ -134,14 +134,14 @@ FACING_EAST = (math.pi / 2, 0.0, math.pi / 2)
 )
 def test_a_panel_in_the_house_is_judged_by_its_pose(panel: Panel, said: str) -> None:
     house = load_world("sim_house_enhanced").world
-    found = Placement(house, 0.5).problem(panel, ())
+    found = Placement(house).problem(panel, ())
     assert found.startswith(said) if said else found == "", found
 
 
 def test_without_walls_there_is_nowhere_to_hang() -> None:
     panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
-    assert Placement(world([], []), 0.5).problem(panel, ()) == "floats: there is no wall"
-    assert "none of this name" in Placement(world([wall()], []), 0.5).problem(
+    assert Placement(world([], [])).problem(panel, ()) == "floats: there is no wall"
+    assert "none of this name" in Placement(world([wall()], [])).problem(
         hang("marker", marker(), wall(pose=SE2(0.0, 1.0, 0.0)), SIDE_M, 0.002), (), "other"
     )
 
@@ -157,7 +157,7 @@ def among(*bodies: Body, meshes: dict[str, TriangleMesh] | None = None, **change
     """What is wrong with a marker on the left face, at y = 0.1, among bodies."""
     one = world([wall()], []).model_copy(update={"bodies": bodies, **changes})
     panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
-    return Placement(one, 0.5, meshes).problem(panel, (), "wall")
+    return Placement(one, meshes).problem(panel, (), "wall")
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_a_panel_stays_under_the_ceiling() -> None:
 
 
 def test_a_panel_must_be_seen_from_somewhere_where_that_is_known() -> None:
-    placement = Placement(world([wall()], []), 0.5)
+    placement = Placement(world([wall()], []))
     panel = hang("marker", marker(), wall(), SIDE_M, 0.002)
     nowhere = np.zeros((3, 3), np.bool_)
     said = "is seen from nowhere that the robot can go"
@@ -226,7 +226,7 @@ def test_hundreds_of_panels_among_thousands_of_walls_are_judged_at_once() -> Non
         for row in range(50)
         for column in range(50)
     ]
-    placement = Placement(world(walls, [], start=SE2(0.0, 0.7, 0.0)), 0.5)
+    placement = Placement(world(walls, [], start=SE2(0.0, 0.7, 0.0)))
     hanging: list[Panel] = []
     for host in walls[:300]:
         panel = hang(host.name, marker(wall=host.name), host, SIDE_M, 0.002)
