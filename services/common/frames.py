@@ -55,6 +55,55 @@ class SE2(NamedTuple):
         return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
 
 
+class SE3(NamedTuple):
+    """A spatial pose or transform `a_from_b`: the origin of b in metres in a, and its turn, a unit
+    quaternion. In plain numbers: for one pose at a time several times as fast as matrices.
+    """
+
+    position_m: tuple[float, float, float]
+    orientation_xyzw: tuple[float, float, float, float]
+
+    @classmethod
+    def from_matrix(cls, a_from_b: Array) -> SE3:
+        """Of a rigid (4, 4) matrix."""
+        return cls(*position_and_quaternion(a_from_b))
+
+    def __matmul__(self, other: SE3) -> SE3:
+        """`a_from_b @ b_from_c` is `a_from_c`."""
+        x, y, z = self.position_m
+        dx, dy, dz = self.rotate(*other.position_m)
+        ax, ay, az, aw = self.orientation_xyzw
+        bx, by, bz, bw = other.orientation_xyzw
+        turn = (
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+        return SE3((x + dx, y + dy, z + dz), turn)
+
+    def rotate(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """A vector of b, along the axes of a."""
+        qx, qy, qz, qw = self.orientation_xyzw
+        # v + w t + q x t with t = 2 q x v.
+        tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
+        return (
+            x + qw * tx + qy * tz - qz * ty,
+            y + qw * ty + qz * tx - qx * tz,
+            z + qw * tz + qx * ty - qy * tx,
+        )
+
+    def rotate_back(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """A vector of a, along the axes of b."""
+        qx, qy, qz, qw = self.orientation_xyzw
+        tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
+        return (
+            x - qw * tx + qy * tz - qz * ty,
+            y - qw * ty + qz * tx - qx * tz,
+            z - qw * tz + qx * ty - qy * tx,
+        )
+
+
 def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:
     """Unit quaternion (x, y, z, w) of a turn about z."""
     return 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)

@@ -62,6 +62,7 @@ from rosbags.typesys.stores.ros2_jazzy import tf2_msgs__msg__TFMessage as TFMess
 
 from services.common.frames import (
     SE2,
+    SE3,
     Array,
     position_and_quaternion,
     quaternion_from_yaw,
@@ -220,6 +221,11 @@ def se2_from_pose(pose: Pose) -> SE2:
     return SE2(pose.position.x, pose.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
+def pose_from_se3(pose: SE3) -> Pose:
+    """Pose message of a spatial pose."""
+    return Pose(position=Point(*pose.position_m), orientation=Quaternion(*pose.orientation_xyzw))
+
+
 def pose_from_matrix(matrix: Array) -> Pose:
     """Pose message of a rigid (4, 4) matrix."""
     position_m, orientation_xyzw = position_and_quaternion(matrix)
@@ -239,7 +245,21 @@ def transform_stamped(
     stamp_ns: int, parent_frame: str, child_frame: str, parent_from_child: Array
 ) -> TransformStamped:
     """TF entry of a rigid (4, 4) matrix."""
-    pose = pose_from_matrix(parent_from_child)
+    return _transform_stamped(
+        stamp_ns, parent_frame, child_frame, pose_from_matrix(parent_from_child)
+    )
+
+
+def planar_transform_stamped(
+    stamp_ns: int, parent_frame: str, child_frame: str, parent_from_child: SE2
+) -> TransformStamped:
+    """TF entry of a planar pose."""
+    return _transform_stamped(stamp_ns, parent_frame, child_frame, pose_from_se2(parent_from_child))
+
+
+def _transform_stamped(
+    stamp_ns: int, parent_frame: str, child_frame: str, pose: Pose
+) -> TransformStamped:
     return TransformStamped(
         header=header(stamp_ns, parent_frame),
         child_frame_id=child_frame,

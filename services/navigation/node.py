@@ -480,8 +480,8 @@ class NavigationNode(Node):
                 TF,
                 msg.TFMessage(
                     transforms=[
-                        msg.transform_stamped(
-                            now_ns, MAP_FRAME, ODOM_FRAME, localization.map_from_odom().matrix()
+                        msg.planar_transform_stamped(
+                            now_ns, MAP_FRAME, ODOM_FRAME, localization.map_from_odom()
                         )
                     ]
                 ),

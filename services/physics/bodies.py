@@ -34,6 +34,7 @@ from services.common.frames import (
     BASE_LINK_FRAME,
     MAP_FRAME,
     ODOM_FRAME,
+    SE3,
     Array,
     inverse_matrix,
     pose_matrix,
@@ -59,6 +60,12 @@ FLOOR = "floor"
 WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 _SURFACE_FRICTION = 1.0
+_NEAR_M = 0.1
+"""Around the robot: farther than it, and what comes towards it, moves in a step."""
+_FLOOR_CONTACT_M = 1e-4
+"""How near to the floor a point must be for the solver to look at it: of the four points that
+Bullet keeps of each rolling wheel, three have left the floor, and would cost a third of a step.
+"""
 _STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP, _SCRIPTED_GROUP = 1, 2, 4, 8
 _MEETS = {
     _STATIC_GROUP: _ROBOT_GROUP | _MOVER_GROUP,
@@ -141,6 +148,14 @@ class Touch(NamedTuple):
     force_n: float
 
 
+class Motion(NamedTuple):
+    """Where a frame of the robot is, and how it moves, along the map's axes."""
+
+    map_from_frame: SE3
+    velocity_m_s: Vector
+    angular_velocity_rad_s: Vector
+
+
 class Bodies:
     """One world in a PyBullet client of its own: nothing of an earlier world is left in it."""
 
@@ -201,6 +216,9 @@ class Bodies:
         still: list[Solid] = []
         floor = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         self._floor = self._add_rigid(FLOOR, 0.0, floor, _NOWHERE, _UPRIGHT, _STATIC_GROUP)
+        pybullet.changeDynamics(
+            self._floor, -1, contactProcessingThreshold=_FLOOR_CONTACT_M, physicsClientId=client
+        )
         for wall in world.walls:
             half = wall.length_m / 2.0, wall.thickness_m / 2.0, wall.height_m / 2.0
             middle = wall.map_from_wall().matrix(wall.height_m / 2.0)
@@ -318,7 +336,17 @@ class Bodies:
 
     def touches(self) -> list[Touch]:
         """Where the robot presses against anything that is not the floor, after the last step."""
-        points = pybullet.getContactPoints(self._robot, physicsClientId=self._client)
+        client, (x, y, z) = self._client, self.state.position_m
+        reach_m = self._reach_m
+        near = pybullet.getOverlappingObjects(
+            (x - reach_m, y - reach_m, z - reach_m),
+            (x + reach_m, y + reach_m, z + reach_m),
+            physicsClientId=client,
+        )
+        # Found in a quarter of the time that the contacts take: the floor is always among those.
+        if {number for number, _ in near or ()} <= self._floor_and_robot:
+            return []
+        points = pybullet.getContactPoints(self._robot, physicsClientId=client)
         # Bullet also lists points up to 2 cm apart: only where there is a force do the two touch.
         return [
             Touch(self._link_names[point[3]], self._names[point[2]], point[6], point[9])
@@ -332,35 +360,28 @@ class Bodies:
 
     def map_from_footprint(self) -> Array:
         """True (4, 4) pose of base_footprint."""
-        return self._map_from_com() @ self._com_from_footprint
+        return pose_matrix(self.state) @ self._com_from_footprint
 
-    def footprint_velocity(self) -> tuple[Array, Array]:
-        """True linear and angular velocity, (3,) each, of base_footprint in its own axes."""
-        turn, velocity, spin = self.motion_at(self._com_from_footprint)
-        return velocity @ turn, spin @ turn
+    def footprint_motion(self) -> Motion:
+        """True motion of base_footprint."""
+        return self.motion_at(self._footprint_on_com)
 
-    def motion_at(self, com_from_frame: Array) -> tuple[Array, Array, Array]:
-        """Of a frame fixed to the base: rotation map_from_frame, and velocity and angular velocity.
-
-        (3, 3), (3,) and (3,), the last two in the map's axes.
-        """
+    def motion_at(self, com_from_frame: SE3) -> Motion:
+        """The true motion of a frame fixed to the base."""
         state = self.state
-        turn = rotation_from_quaternion(*state.orientation_xyzw)
-        ax, ay, az = (turn @ com_from_frame[:3, 3]).tolist()
+        map_from_com = SE3(state.position_m, state.orientation_xyzw)
+        ax, ay, az = map_from_com.rotate(*com_from_frame.position_m)
         vx, vy, vz = state.velocity_m_s
         wx, wy, wz = state.angular_velocity_rad_s
-        # Velocity of the centre of mass plus spin x arm; np.cross is slow on single vectors.
-        velocity = np.array(
-            [vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax]
-        )
-        return turn @ com_from_frame[:3, :3], velocity, np.array([wx, wy, wz])
+        # Velocity of the centre of mass plus spin x arm.
+        velocity = (vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax)
+        return Motion(map_from_com @ com_from_frame, velocity, state.angular_velocity_rad_s)
 
-    def com_from(self, footprint_from_frame: Array) -> Array:
-        """(4, 4) pose of a frame of the robot seen from the base's centre of mass."""
-        return self._com_from_footprint @ footprint_from_frame
-
-    def _map_from_com(self) -> Array:
-        return pose_matrix(self.state)
+    def com_from(self, footprint_from_frame: Array) -> SE3:
+        """Pose of a frame of the robot, (4, 4) seen from base_footprint, seen from the base's
+        centre of mass.
+        """
+        return SE3.from_matrix(self._com_from_footprint @ footprint_from_frame)
 
     def _read(self) -> BodyState:
         client, robot = self._client, self._robot
@@ -663,6 +684,7 @@ class Bodies:
         footprint_from_base = model.transform(BASE_FOOTPRINT_FRAME, BASE_LINK_FRAME)
         base_from_com = transform_matrix(np.eye(3), base.centre_of_mass_m)
         self._com_from_footprint = inverse_matrix(footprint_from_base @ base_from_com)
+        self._footprint_on_com = SE3.from_matrix(self._com_from_footprint)
         map_from_com = world.start.se2().matrix() @ footprint_from_base @ base_from_com
         com_from_base = inverse_matrix(base_from_com)
         bodies = [model.body(joint.child) for joint in parts]
@@ -717,16 +739,15 @@ class Bodies:
             (body, footprint_from_base @ joint.parent_from_child)
             for joint, body in zip(parts, bodies, strict=True)
         ]
-        self._robot_floorplan = Floorplan.of(
-            *extent_of(
-                [
-                    _solid(shape, footprint_from_body @ shape.link_from_shape)
-                    for body, footprint_from_body in members
-                    for shape in body.shapes
-                ],
-                np.eye(4),
-            )
-        )
+        solids = [
+            _solid(shape, footprint_from_body @ shape.link_from_shape)
+            for body, footprint_from_body in members
+            for shape in body.shapes
+        ]
+        self._robot_floorplan = Floorplan.of(*extent_of(solids, np.eye(4)))
+        farthest_m = np.abs(extent_of(solids, self._com_from_footprint)).max(0)
+        self._floor_and_robot = {self._floor, self._robot}
+        self._reach_m = float(np.linalg.norm(farthest_m)) + _NEAR_M
         names = [joint.name for joint in parts]
         for wheel in WHEELS:
             if model.joint(wheel).kind != "continuous" or wheel not in names:

@@ -14,16 +14,15 @@ _EXACT.setflags(write=False)
 
 def ground_truth(bodies: Bodies, stamp_ns: int) -> msg.Odometry:
     """True pose of base_footprint in the map, and its true velocity in its own axes."""
-    linear, angular = bodies.footprint_velocity()
+    map_from_footprint, velocity, spin = bodies.footprint_motion()
     return msg.Odometry(
         header=msg.header(stamp_ns, MAP_FRAME),
         child_frame_id=BASE_FOOTPRINT_FRAME,
-        pose=msg.PoseWithCovariance(
-            pose=msg.pose_from_matrix(bodies.map_from_footprint()), covariance=_EXACT
-        ),
+        pose=msg.PoseWithCovariance(pose=msg.pose_from_se3(map_from_footprint), covariance=_EXACT),
         twist=msg.TwistWithCovariance(
             twist=msg.Twist(
-                linear=msg.Vector3(*linear.tolist()), angular=msg.Vector3(*angular.tolist())
+                linear=msg.Vector3(*map_from_footprint.rotate_back(*velocity)),
+                angular=msg.Vector3(*map_from_footprint.rotate_back(*spin)),
             ),
             covariance=_EXACT,
         ),

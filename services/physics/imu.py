@@ -36,24 +36,25 @@ class Imu:
         self._accelerometer_covariance = _diagonal(accelerometer_noise_m_s2**2)
         self._no_orientation = _diagonal(0.0)
         self._no_orientation[0] = -1.0
-        self._velocity_m_s = bodies.motion_at(self._com_from_imu)[1]
+        self._velocity_m_s = bodies.motion_at(self._com_from_imu).velocity_m_s
 
     def read(self, stamp_ns: int, elapsed_s: float) -> msg.Imu:
         """The reading now, `elapsed_s` after the last one."""
         map_from_imu, velocity, spin = self._bodies.motion_at(self._com_from_imu)
-        acceleration = (velocity - self._velocity_m_s) / elapsed_s
+        (vx, vy, vz), (ux, uy, uz) = velocity, self._velocity_m_s
         self._velocity_m_s = velocity
-        acceleration[2] += GRAVITY_M_S2
-        noise = self._random.standard_normal(6) * self._sigma
-        gx, gy, gz = (spin @ map_from_imu + noise[:3]).tolist()
-        ax, ay, az = (acceleration @ map_from_imu + noise[3:]).tolist()
+        gx, gy, gz = map_from_imu.rotate_back(*spin)
+        ax, ay, az = map_from_imu.rotate_back(
+            (vx - ux) / elapsed_s, (vy - uy) / elapsed_s, (vz - uz) / elapsed_s + GRAVITY_M_S2
+        )
+        noise = (self._random.standard_normal(6) * self._sigma).tolist()
         return msg.Imu(
             header=msg.header(stamp_ns, IMU_FRAME),
             orientation=msg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
             orientation_covariance=self._no_orientation,
-            angular_velocity=msg.Vector3(x=gx, y=gy, z=gz),
+            angular_velocity=msg.Vector3(gx + noise[0], gy + noise[1], gz + noise[2]),
             angular_velocity_covariance=self._gyro_covariance,
-            linear_acceleration=msg.Vector3(x=ax, y=ay, z=az),
+            linear_acceleration=msg.Vector3(ax + noise[3], ay + noise[4], az + noise[5]),
             linear_acceleration_covariance=self._accelerometer_covariance,
         )
 

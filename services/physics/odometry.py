@@ -14,6 +14,9 @@ WHEEL_SIGMA_M_PER_SQRT_M = 0.01
 _UNUSED_VARIANCE = 1e-6
 """Of z, roll and pitch: the floor is flat."""
 
+_FORWARD = 0.5
+"""How far forward one metre of one wheel takes the robot; round, one over the separation."""
+
 
 class WheelOdometry:
     """Pose, speed and covariance from the wheels' angles alone. Starts at the origin.
@@ -48,6 +51,8 @@ class WheelOdometry:
         self.linear_m_s = 0.0
         self.angular_rad_s = 0.0
         self._twist_covariance: Array = np.zeros((3, 3))
+        round_ = 1.0 / wheel_separation_m
+        self._speeds_by_wheels = np.array([[_FORWARD] * 2, [0.0] * 2, [-round_, round_]])
 
     def update(self, wheel_angles_rad: tuple[float, float], elapsed_s: float) -> None:
         """Take in the angles (left, right) that the wheels have `elapsed_s` after the last ones."""
@@ -94,8 +99,8 @@ class WheelOdometry:
         """The same pose as a TF message."""
         return msg.TFMessage(
             transforms=[
-                msg.transform_stamped(
-                    stamp_ns, ODOM_FRAME, BASE_FOOTPRINT_FRAME, self.odom_from_footprint.matrix()
+                msg.planar_transform_stamped(
+                    stamp_ns, ODOM_FRAME, BASE_FOOTPRINT_FRAME, self.odom_from_footprint
                 )
             ]
         )
@@ -105,8 +110,7 @@ class WheelOdometry:
     ) -> None:
         c, s = math.cos(heading), math.sin(heading)
         by_pose = np.array([[1.0, 0.0, -chord_m * s], [0.0, 1.0, chord_m * c], [0.0, 0.0, 1.0]])
-        # How far forward and how far round one metre of a wheel takes the robot.
-        forward, round_ = 0.5, 1.0 / self._separation_m
+        forward, round_ = _FORWARD, 1.0 / self._separation_m
         lean = chord_m * round_ / 2.0
         by_wheels = np.array(
             [
@@ -115,7 +119,8 @@ class WheelOdometry:
                 [-round_, round_],
             ]
         )
-        wheels = np.diag([abs(left_m), abs(right_m)]) * self._variance_per_m
-        self.covariance = by_pose @ self.covariance @ by_pose.T + by_wheels @ wheels @ by_wheels.T
-        by_speed = np.array([[forward, forward], [0.0, 0.0], [-round_, round_]]) / elapsed_s
-        self._twist_covariance = by_speed @ wheels @ by_speed.T
+        variances = np.array([abs(left_m), abs(right_m)]) * self._variance_per_m
+        spread = (by_wheels * variances) @ by_wheels.T
+        self.covariance = by_pose @ self.covariance @ by_pose.T + spread
+        by_speed = self._speeds_by_wheels / elapsed_s
+        self._twist_covariance = (by_speed * variances) @ by_speed.T

@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from services.common.frames import (
     LINK_FROM_OPTICAL,
     SE2,
+    SE3,
+    Array,
     inverse_matrix,
+    pose_matrix,
     quaternion_from_rotation,
     rotation_from_quaternion,
     rotation_from_rpy,
@@ -19,11 +22,28 @@ from services.common.frames import (
 angle = st.floats(-10.0, 10.0)
 length = st.floats(-50.0, 50.0)
 pose = st.builds(SE2, length, length, angle)
+turn = st.builds(rotation_from_rpy, angle, angle, angle)
+rigid = st.builds(transform_matrix, turn, st.tuples(length, length, length))
 
 
 @given(pose, pose)
 def test_composition_agrees_with_matrices(a: SE2, b: SE2) -> None:
     assert np.allclose((a @ b).matrix(), a.matrix() @ b.matrix(), atol=1e-9)
+
+
+@given(rigid, rigid)
+def test_spatial_composition_agrees_with_matrices(a: Array, b: Array) -> None:
+    composed = SE3.from_matrix(a) @ SE3.from_matrix(b)
+    assert np.allclose(pose_matrix(composed), a @ b, atol=1e-9)
+
+
+@given(rigid, st.tuples(length, length, length))
+def test_a_vector_turns_as_by_its_matrix_and_back(
+    a: Array, vector: tuple[float, float, float]
+) -> None:
+    frame = SE3.from_matrix(a)
+    assert np.allclose(frame.rotate(*vector), a[:3, :3] @ vector, atol=1e-9)
+    assert np.allclose(frame.rotate_back(*vector), a[:3, :3].T @ vector, atol=1e-9)
 
 
 @given(pose)

@@ -8,7 +8,7 @@ import pytest
 from services.common import messages as msg
 from services.common import wire
 from services.common.documents import Document
-from services.common.topics import CMD_VEL, GOAL_POSE, SCAN, TOPICS, WORLD, Topic
+from services.common.topics import CMD_VEL, GOAL_POSE, ODOM, SCAN, TOPICS, WORLD, Topic
 from tests.common.samples import SAMPLES
 
 
@@ -47,6 +47,18 @@ def test_numbers_that_are_not_finite_are_refused(value: float) -> None:
     command.twist.angular.z = value
     with pytest.raises(wire.WireError, match="not finite"):
         wire.validate(CMD_VEL, command)
+
+
+def test_an_array_may_hold_huge_numbers_but_none_that_is_not_finite() -> None:
+    odometry = copy.deepcopy(SAMPLES[ODOM])
+    assert isinstance(odometry, msg.Odometry)
+    odometry.pose.covariance = np.full(36, 1e200)
+    wire.validate(ODOM, odometry)
+    for value in (np.nan, np.inf, -np.inf):
+        odometry.pose.covariance = np.zeros(36)
+        odometry.pose.covariance[35] = value
+        with pytest.raises(wire.WireError, match="not finite"):
+            wire.validate(ODOM, odometry)
 
 
 def test_a_rotation_must_be_one() -> None:

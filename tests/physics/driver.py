@@ -173,8 +173,8 @@ class Driver:
         """True linear (m/s) and angular (rad/s) speed, at this very step."""
         simulation = self.node._simulation
         assert simulation is not None
-        linear, angular = simulation.bodies.footprint_velocity()
-        return float(linear[0]), float(angular[2])
+        map_from_footprint, velocity, spin = simulation.bodies.footprint_motion()
+        return map_from_footprint.rotate_back(*velocity)[0], spin[2]
 
     def send_asset(self, image: msg.CompressedImage) -> None:
         self.deliver(ASSETS, image)

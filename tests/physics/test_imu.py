@@ -8,11 +8,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from services.common.frames import Array, rotation_from_rpy
+from services.common.frames import SE3, Array, rotation_from_rpy, transform_matrix
 from services.common.messages import Imu as Reading
 from services.common.node import random_generator
 from services.common.topics import IMU
-from services.physics.bodies import Bodies
+from services.physics.bodies import Bodies, Motion
 from services.physics.config import PhysicsConfig
 from services.physics.imu import Imu
 from tests.physics.driver import Driver, world
@@ -25,13 +25,13 @@ class AtRest:
     """What an IMU asks of bodies, with a robot that lies tilted and does not move."""
 
     def __init__(self, map_from_imu: Array) -> None:
-        self.map_from_imu = map_from_imu
+        self.map_from_imu = SE3.from_matrix(transform_matrix(map_from_imu, (0.0, 0.0, 0.0)))
 
-    def com_from(self, footprint_from_frame: Array) -> Array:
-        return footprint_from_frame
+    def com_from(self, footprint_from_frame: Array) -> SE3:
+        return SE3.from_matrix(footprint_from_frame)
 
-    def motion_at(self, _: Array) -> tuple[Array, Array, Array]:
-        return self.map_from_imu, np.zeros(3), np.zeros(3)
+    def motion_at(self, _: SE3) -> Motion:
+        return Motion(self.map_from_imu, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def _values(readings: list[Reading]) -> Array:
