@@ -27,8 +27,8 @@ MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 # A lidar has no echo at inf; a covariance of -1 or a huge one is an honest answer. Only these may
 # be infinite.
 _MAY_BE_INFINITE = {("sensor_msgs/msg/LaserScan", "ranges")}
-_FEW = 64
-"""Numbers in an array that are faster summed up than looked at one by one."""
+_FEW = 40
+"""Numbers in an array that are looked at faster in Python than in numpy."""
 
 
 class WireError(ValueError):
@@ -215,10 +215,8 @@ def _nothing(_: object) -> str:
 
 
 def _not_finite(values: Any) -> str:
-    # The sum of the squares of few numbers is found at once; it is finite where all are, unless
-    # they are huge.
-    if len(values) <= _FEW and math.isfinite(values.dot(values)):
-        return ""
+    if len(values) <= _FEW:
+        return "" if all(map(math.isfinite, values.tolist())) else "not finite"
     return "" if np.isfinite(values).all() else "not finite"
 
 
