@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import operator
 import struct
@@ -143,13 +144,14 @@ class _Fields:
     arrays: list[tuple[str, bool]]
     """With whether its values may be infinite."""
     extras: list[tuple[str, _Check]]
-    lists: list[tuple[str, _Check]]
+    lists: list[tuple[str, str]]
+    """With the type of their messages."""
 
 
 @functools.cache
-def _checker(type_name_: str) -> _Check:
-    """Build, once a type, the function that looks through its fields. All numbers of a message are
-    fetched in one call: most messages hold little else, and each of them is checked.
+def _checks(type_name_: str) -> tuple[_Get | None, list[tuple[_Get, _Check]]]:
+    """What fetches all numbers of a message in one call, since most messages hold little else and
+    each is checked, and what else has to be fetched and looked at.
     """
     fields = _Fields([], [], [], [])
     _collect(type_name_, "", fields)
@@ -161,10 +163,15 @@ def _checker(type_name_: str) -> _Check:
         (operator.attrgetter(path) if path else _itself, extra) for path, extra in fields.extras
     ]
     checks += [
-        (operator.attrgetter(path), functools.partial(_each, inner)) for path, inner in fields.lists
+        (operator.attrgetter(path), functools.partial(_each, item)) for path, item in fields.lists
     ]
-    if numbers is None and not checks:
-        return _nothing
+    return numbers, checks
+
+
+@functools.cache
+def _checker(type_name_: str) -> _Check:
+    """The function that looks through a message of a type; made once."""
+    numbers, checks = _checks(type_name_)
 
     def check(message: object) -> str:
         if numbers is not None and not all(map(math.isfinite, numbers(message))):
@@ -187,8 +194,8 @@ def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
         if item_kind == Nodetype.NAME:
             if not is_list:
                 _collect(item, f"{path}.", fields)
-            elif _checker(item) is not _nothing:
-                fields.lists.append((path, _checker(item)))
+            elif _checks(item) != (None, []):
+                fields.lists.append((path, item))
         elif item[0] in ("float32", "float64"):
             if is_list:
                 fields.arrays.append((path, (type_name_, name) in _MAY_BE_INFINITE))
@@ -210,10 +217,6 @@ def _itself(message: object) -> object:
     return message
 
 
-def _nothing(_: object) -> str:
-    return ""
-
-
 def _not_finite(values: Any) -> str:
     if len(values) <= _FEW:
         return "" if all(map(math.isfinite, values.tolist())) else "not finite"
@@ -224,11 +227,16 @@ def _nan(values: Any) -> str:
     return "not finite" if np.isnan(values).any() else ""
 
 
-def _each(inner: _Check, values: list[object]) -> str:
-    for value in values:
-        problem = inner(value)
-        if problem:
-            return problem
+def _each(type_name_: str, messages: list[object]) -> str:
+    numbers, checks = _checks(type_name_)
+    if numbers is not None:
+        if not all(map(math.isfinite, itertools.chain.from_iterable(map(numbers, messages)))):
+            return "not finite"
+    for get, problem_of in checks:
+        for value in map(get, messages):
+            problem = problem_of(value)
+            if problem:
+                return problem
     return ""
 
 
