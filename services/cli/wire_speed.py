@@ -6,20 +6,17 @@ from __future__ import annotations
 
 import json
 import queue
-import socket
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from services.cli.loopback_router import running_router
 from services.common import messages as msg
 from services.common import wire
-from services.common.bus import BusConfig, BusUnavailableError, open_session, publish, subscribe
+from services.common.bus import BusConfig, open_session, publish, subscribe
 from services.common.topics import CAMERA_IMAGE, SCAN, Topic
 from services.embedded.bench_figures import timed_ms
 
@@ -47,7 +44,7 @@ def samples() -> dict[str, tuple[Topic[Any], Any]]:
 def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
     """Milliseconds of each way of each sample, by name."""
     measured = {}
-    with _router() as endpoint:
+    with running_router() as endpoint:
         for name, (topic, message) in samples().items():
             data = wire.encode(topic, message)
             measured[name] = {
@@ -87,29 +84,6 @@ def _round_trips_ms(endpoint: str, topic: Topic[Any], message: Any, repeats: int
         kept.clear()
         near.close()  # type: ignore[no-untyped-call]
         far.close()  # type: ignore[no-untyped-call]
-
-
-@contextmanager
-def _router() -> Iterator[str]:
-    """The endpoint of a router in a process of its own, which takes connections."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    command = [sys.executable, "-m", "services.router", "--listen", endpoint]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    try:
-        deadline_s = time.monotonic() + _DEADLINE_S
-        while True:
-            try:
-                open_session(BusConfig(connect=endpoint)).close()  # type: ignore[no-untyped-call]
-                break
-            except BusUnavailableError:
-                if time.monotonic() > deadline_s:
-                    raise
-        yield endpoint
-    finally:
-        process.terminate()
-        process.wait(_DEADLINE_S)
 
 
 def main() -> None:

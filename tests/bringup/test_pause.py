@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 import zenoh
 
+from services.cli.loopback_router import running_router
 from services.common.bus import BusConfig, ask, open_session, subscribe
 from services.common.documents import SimulationControl, SimulationStats
 from services.common.messages import DiagnosticArray, TwistStamped, ns_from_time
 from services.common.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
 from services.common.wire import decode
-from tests.router import running_router
 
 pytestmark = pytest.mark.slow
 

@@ -15,12 +15,12 @@ import pytest
 import yaml
 
 from services.cli.app import main, parse_bool
+from services.cli.loopback_router import free_port, running_router
 from services.cli.topic import plain
 from services.common.config import ConfigError
 from services.common.messages import matrix_from_pose
 from services.common.topics import GOAL_POSE, SCAN, WORLD
 from tests.common.samples import SAMPLES
-from tests.router import free_port, running_router
 
 NO_GL = {
     "EGL_PLATFORM": "surfaceless",

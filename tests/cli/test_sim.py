@@ -13,6 +13,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+from services.cli.loopback_router import running_router
 from services.common.bus import (
     ALIVE_PREFIX,
     BusConfig,
@@ -27,7 +28,6 @@ from services.common.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
 from services.common.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.physics.driver import world
-from tests.router import running_router
 
 DEADLINE_S = 30.0
 

@@ -5,9 +5,9 @@ import subprocess
 import sys
 import time
 
+from services.cli.loopback_router import free_port, running_router
 from services.common.bus import ALIVE_PREFIX, BusConfig, open_session, wait_until_alive
 from services.common.health import ALIVE_KEY, is_alive
-from tests.router import free_port, running_router
 
 
 def probe(endpoint: str, *services: str) -> int:

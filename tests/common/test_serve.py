@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from services.cli.loopback_router import free_port, running_router
 from services.common import documents as doc
 from services.common.bus import (
     BusConfig,
@@ -29,7 +30,6 @@ from services.common.node import ClockNode, Envelope, Inbox, Outbox
 from services.common.serve import _Service
 from services.common.topics import DIAGNOSTICS, SIMULATION_CONTROL, WORLD_REQUEST, WORLD_STATUS
 from services.common.wire import decode
-from tests.router import free_port, running_router
 
 DEADLINE_S = 30.0
 

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+from services.cli.loopback_router import free_port
 from services.common.config import ROOT
-from tests.router import free_port
 
 SERVICES = ("router", "worldgen", "physics", "spawner", "perception", "navigation", "recorder")
 DEMOS = {"original": "demo-world", "enhanced": "demo-world-enhanced"}

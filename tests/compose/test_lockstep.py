@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from services.cli.loopback_router import wait_for_router
 from services.common.bus import BusConfig, open_session, subscribe
 from services.common.documents import SimulationStats
 from services.common.executive import Executive, MemoryTransport
@@ -16,7 +17,6 @@ from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
 from tests.compose.checks import check_recordings, check_table
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
-from tests.router import wait_for_router
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 

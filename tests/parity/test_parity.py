@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from services.cli.loopback_router import running_router
 from services.common import log
 from services.common.bus import BusConfig, ask, open_session
 from services.common.documents import GetEntities, SimulationControl
@@ -29,7 +30,6 @@ from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
 from tests.parity.processes import DEADLINE_S, busy, running_services
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
-from tests.router import running_router
 
 EPISODE_S = 4.0
 ANSWER_S = 10.0

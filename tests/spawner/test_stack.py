@@ -20,6 +20,7 @@ from typing import TypeVar
 import pytest
 import zenoh
 
+from services.cli.loopback_router import running_router
 from services.common import documents as doc
 from services.common.bus import BusConfig, ask, open_session, publish, wait_until_alive
 from services.common.bus import pack_attachment as packed
@@ -37,7 +38,6 @@ from services.common.topics import (
 from services.common.wire import encode
 from tests.cli.test_app import mazebot
 from tests.common.house import marker, wall, world
-from tests.router import running_router
 from tests.spawner.stage import box
 
 Q = TypeVar("Q")

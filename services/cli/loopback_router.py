@@ -1,4 +1,4 @@
-"""A real router on the loopback, for tests."""
+"""A router of one's own on the loopback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from services.common.bus import BusConfig, BusUnavailableError, open_session
 
-DEADLINE_S = 20.0
+_DEADLINE_S = 20.0
 
 
 def free_port() -> int:
@@ -23,7 +23,10 @@ def free_port() -> int:
 
 @contextmanager
 def running_router(port: int | None = None) -> Iterator[str]:
-    """The endpoint of a router in a process of its own, which takes connections."""
+    """The endpoint of a router in a process of its own, which takes connections.
+
+    Raises TimeoutError where it does not.
+    """
     endpoint = f"tcp/127.0.0.1:{port or free_port()}"
     command = [sys.executable, "-m", "services.router", "--listen", endpoint]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -32,12 +35,12 @@ def running_router(port: int | None = None) -> Iterator[str]:
         yield endpoint
     finally:
         process.terminate()
-        process.wait(DEADLINE_S)
+        process.wait(_DEADLINE_S)
 
 
 def wait_for_router(endpoint: str) -> None:
     """Return when a session can be opened. Raises TimeoutError where none can be."""
-    deadline_s = time.monotonic() + DEADLINE_S
+    deadline_s = time.monotonic() + _DEADLINE_S
     while time.monotonic() < deadline_s:
         try:
             session = open_session(BusConfig(connect=endpoint))
