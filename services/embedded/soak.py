@@ -5,11 +5,9 @@ touched, and memory may not grow.
 from __future__ import annotations
 
 import argparse
-import gc
 import json
 import logging
 import math
-import resource
 import sys
 import tempfile
 import time
@@ -40,6 +38,7 @@ from services.common.topics import (
     WORLD_REQUEST,
 )
 from services.embedded.demo import DemoOptions, robot_nodes
+from services.embedded.memory import resident_mb
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
 from services.worldgen.loader import LoadedWorld, load_world
@@ -230,22 +229,13 @@ def _run(
         executive.run(lambda until_ns=until_ns: executive.now_ns >= until_ns)  # type: ignore[misc]
         now_s = executive.now_ns * 1e-9
         done.results, done.evaluation = goals.results, goals.evaluation
-        done.samples.append(Sample(now_s, memory_mb()))
+        done.samples.append(Sample(now_s, resident_mb()))
         done.real_time_factor = now_s / (time.perf_counter() - start_s)
         if len(done.results) > ended:
             ended, ended_s = len(done.results), now_s
         done.stuck = now_s - ended_s > _NOTHING_NEW_S
         if len(done.samples) % 30 == 0:
             console.print(_progress(done), style="dim")
-
-
-def memory_mb() -> float:
-    """Resident memory of this process, after what is no longer used has been let go of."""
-    gc.collect()
-    statm = Path("/proc/self/statm")
-    if statm.is_file():
-        return int(statm.read_text(encoding="utf-8").split()[1]) * resource.getpagesize() / 2**20
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _progress(done: Drive) -> str:

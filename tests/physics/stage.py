@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import resource
-from pathlib import Path
 from typing import Any
 
 from services.common.documents import (
@@ -77,9 +75,3 @@ def names(told: Entities) -> list[str]:
 
 def reasons(told: Entities) -> dict[str, str]:
     return {refusal.name: refusal.reason for refusal in told.refused}
-
-
-def resident_mb() -> float:
-    """Memory of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6

@@ -45,9 +45,9 @@ from services.common.frames import (
     transform_matrix,
 )
 from services.common.geometry import mesh_to_bytes, triangles_of
+from services.embedded.memory import resident_mb
 from services.physics.camera import Intrinsics, Renderer, make_renderer
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
-from tests.physics.stage import resident_mb
 
 Picture = NDArray[np.uint8]
 

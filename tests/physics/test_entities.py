@@ -35,6 +35,7 @@ from services.common.topics import (
     SIMULATION_STATS,
     TF,
 )
+from services.embedded.memory import resident_mb
 from services.physics import bodies as bodies_module
 from services.physics import entities as entities_module
 from tests.physics.driver import panel, texture
@@ -48,7 +49,6 @@ from tests.physics.stage import (
     names,
     path,
     reasons,
-    resident_mb,
 )
 from tests.physics.test_bodies import mesh_asset
 
