@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import zlib
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 MAX_SIDE_PX = 2048
 MAX_BYTES = 16 * 1024 * 1024
+_MOST_KEPT_BYTES = 32 * 1024 * 1024
+"""Of decoded pictures: all of a common world's."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _OTHERS = {b"\xff\xd8\xff": "a JPEG", b"GIF8": "a GIF", b"BM": "a BMP", b"RIFF": "a WebP"}
@@ -20,7 +22,7 @@ _OTHERS = {b"\xff\xd8\xff": "a JPEG", b"GIF8": "a GIF", b"BM": "a BMP", b"RIFF":
 def problem(data: bytes) -> str:
     """What is wrong with a texture's bytes, as the rest of a sentence; empty where nothing is."""
     try:
-        _decoded_bgr(data)
+        decode(data)
     except ValueError as error:
         return str(error)
     return ""
@@ -29,11 +31,22 @@ def problem(data: bytes) -> str:
 def decode(data: bytes) -> NDArray[np.uint8]:
     """The picture: (h, w, 3) uint8 RGB, read-only.
 
+    The newest ones are kept: who checks a picture, simulates it and draws it shares one.
     Raises ValueError, with what `problem` says, where the bytes are no whole picture.
     """
-    rgb = np.ascontiguousarray(_decoded_bgr(data)[:, :, ::-1], np.uint8)
-    rgb.setflags(write=False)
+    key = hashlib.sha256(data).digest()
+    rgb = _kept.pop(key, None)
+    if rgb is None:
+        rgb = _decoded_rgb(data)
+        rgb.setflags(write=False)
+    _kept[key] = rgb
+    while sum(one.nbytes for one in _kept.values()) > _MOST_KEPT_BYTES:
+        del _kept[next(iter(_kept))]
     return rgb
+
+
+_kept: dict[bytes, NDArray[np.uint8]] = {}
+"""Pictures by the sha256 of their files, the newest last."""
 
 
 def size_px(data: bytes) -> tuple[int, int]:
@@ -42,7 +55,7 @@ def size_px(data: bytes) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def _decoded_bgr(data: bytes) -> NDArray[Any]:
+def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
     """The chunks are checked before the decoder sees them: it fills in for a damaged file silently,
     and would allocate what a header claims.
     """
@@ -57,12 +70,12 @@ def _decoded_bgr(data: bytes) -> NDArray[Any]:
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
         raise ValueError(f"is {width} x {height} pixels, must be at most {MAX_SIDE_PX} a side")
     try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
     except cv2.error:
         picture = None
     if picture is None or picture.shape[:2] != (height, width):
         raise ValueError("cannot be decoded, must be a PNG picture")
-    return picture
+    return np.asarray(picture, np.uint8)
 
 
 def _is_whole(data: bytes) -> bool:

@@ -11,8 +11,8 @@ from typing import Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
+from services.common.distance_transform import distance_cells
 from services.common.frames import SE2, Array
 
 Cells = NDArray[np.int8]
@@ -124,12 +124,8 @@ def inflate(frame: GridFrame, lethal: Mask, unknown: Mask, params: InflationPara
     252 exp(-cost_scaling_factor (d - robot_radius)) out to the inflation radius.
     """
     far_m = math.hypot(frame.rows, frame.columns) * frame.resolution_m
-    if lethal.any():
-        # Exact, where the last bits of OpenCV's transform depend on threads and memory.
-        cells = distance_transform_edt(np.logical_not(lethal))
-        clearance_m = np.minimum(np.asarray(cells, np.float32) * frame.resolution_m, far_m)
-    else:
-        clearance_m = np.full(lethal.shape, far_m)
+    cells = np.asarray(distance_cells(lethal), np.float32)
+    clearance_m = np.minimum(cells * frame.resolution_m, far_m)
     beyond_m = clearance_m.astype(np.float64) - params.robot_radius_m
     fall = np.exp(-params.cost_scaling_factor * beyond_m) * (INSCRIBED_INFLATED_OBSTACLE - 1)
     costs = np.where(clearance_m <= params.inflation_radius_m, np.minimum(fall, 252.0), 0.0)

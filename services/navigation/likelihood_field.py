@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
+from services.common.distance_transform import distance_cells
 from services.common.frames import SE2
 
 OCCUPIED = 50
@@ -78,14 +78,12 @@ def _signed_distance(
     # Interpolating before the threshold turns the stairs of slanted walls into slopes and leaves
     # the edges of the others on the border of their cells.
     fine = cv2.resize(occupied, (columns * factor, rows * factor), interpolation=cv2.INTER_LINEAR)
-    wall = (fine >= 0.5).astype(np.uint8)
+    wall = fine >= 0.5
     if wall.all():
-        wall[0, 0] = 0
-    # Exact, where the last bits of OpenCV's transform depend on threads and memory.
-    to_wall = distance_transform_edt(wall == 0)
-    to_free = distance_transform_edt(wall > 0)
+        wall[0, 0] = False
+    to_wall, to_free = distance_cells(wall), distance_cells(~wall)
     # Both count from centre to centre; the border lies half a cell before the other kind's first.
-    signed = np.where(wall > 0, 0.5 - to_free, to_wall - 0.5)
+    signed = np.where(wall, 0.5 - to_free, to_wall - 0.5)
     cell_m = resolution_m / factor
     distance_m = np.asarray(signed * cell_m, np.float32)
     along_y, along_x = np.gradient(distance_m, cell_m)

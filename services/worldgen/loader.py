@@ -23,7 +23,6 @@ from services.common.documents import Planar, World
 from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from services.worldgen.clearance import nearest_place
-from services.worldgen.map_files import MapFile, disagreement, read_map
 from services.worldgen.mistakes import mistakes
 from services.worldgen.occupancy import FREE, OCCUPIED, Grid, grid_of, occupancy
 from services.worldgen.overrides import (
@@ -56,6 +55,7 @@ from services.worldgen.sound_parts import SoundParts, sound_parts
 from services.worldgen.yaml_source import Source, read_source
 
 if TYPE_CHECKING:
+    from services.worldgen.map_files import MapFile
     from services.worldgen.maze import Maze
 
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
@@ -454,6 +454,9 @@ class Loading:
 
     def _with_ready_map(self, name: str, draft: Draft) -> tuple[World, NDArray[np.int8], SE2]:
         """The world, the map's cells and its origin."""
+        # Most worlds have none, and need not wait for what reads it.
+        from services.worldgen.map_files import read_map  # noqa: PLC0415
+
         try:
             ready = read_map(self._worlds_dir / "maps" / name)
         except ConfigError as error:
@@ -471,6 +474,8 @@ class Loading:
 
     def _judge_map(self, name: str, ready: MapFile, draft: Draft) -> None:
         """A ready map must be of the world that it is used in."""
+        from services.worldgen.map_files import MapFile, disagreement  # noqa: PLC0415
+
         own = MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin)
         try:
             found = disagreement(ready, own)

@@ -12,9 +12,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from services.common.documents import World
 from services.common.footprint import Footprint, footprints
@@ -157,7 +157,7 @@ def occupancy(world: World, meshes: Mapping[str, TriangleMesh], grid: Grid) -> N
     cells = np.full(occupied.shape, UNKNOWN, np.int8)
     start = grid.cell(world.start.x_m, world.start.y_m)
     if start is not None and not occupied[start]:
-        rooms, _ = ndimage.label(~occupied)
+        _, rooms = cv2.connectedComponents((~occupied).view(np.uint8), connectivity=4)
         cells[rooms == rooms[start]] = FREE
     cells[occupied] = OCCUPIED
     return cells
