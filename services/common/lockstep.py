@@ -41,6 +41,9 @@ MAX_UNTOLD = 1000
 MAX_OUTSIDE = 1000
 """Messages a topic from none of the services that wait for a turn; the oldest go first."""
 
+_LOOK_UP_S = 0.05
+"""How often one who waits for a message asks whether it is still wanted."""
+
 _LATCHED = {topic.name for topic in TOPICS if topic.delivery is Delivery.LATCHED}
 
 
@@ -158,9 +161,16 @@ class HeldInbox(Inbox):
     taken in at the next turn, whichever it is.
     """
 
-    def __init__(self, node: Node, on_outside: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        on_outside: Callable[[], None],
+        still_wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """`still_wanted` is asked while a message is waited for, often."""
         super().__init__(node)
         self._on_outside = on_outside
+        self._still_wanted = still_wanted
         self._arrival = threading.Condition()
         self._held: dict[tuple[str, str], deque[tuple[Any, Envelope]]] = {}
         self._outside: dict[str, deque[tuple[Any, Envelope]]] = {
@@ -212,8 +222,8 @@ class HeldInbox(Inbox):
         and_outside: bool,
     ) -> str:
         """Take in the messages that a turn names, in its order, when they have come; then, where
-        that is said, those from outside. What has not come within `timeout_s`, in words; empty: all
-        has.
+        that is said, those from outside. What has not come within `timeout_s`, or before it was no
+        longer wanted, in words; empty: all has.
         """
         deadline_s = time.monotonic() + timeout_s
         with self._arrival:
@@ -223,8 +233,9 @@ class HeldInbox(Inbox):
                 key = name, source
                 while self._arrived.get(key, -1) < last:
                     left_s = deadline_s - time.monotonic()
-                    if left_s <= 0.0 or not self._arrival.wait(left_s):
+                    if left_s <= 0.0 or not self._still_wanted():
                         return f"{name} #{last} never came"
+                    self._arrival.wait(min(left_s, _LOOK_UP_S))
                 held = self._held.get(key, ())
                 while held and held[0][1].sequence <= last:
                     super().deliver(BY_NAME[name], *held.popleft())

@@ -132,10 +132,14 @@ class _Service:
         bus.announce()
         self._log.info("connected to %s", self._bus_config.connect)
 
+    def _still_wanted(self) -> bool:
+        """Whether nobody has told the service to end; asked whenever it waits."""
+        self._turn()
+        return not self._stop.is_set()
+
     def _working(self) -> bool:
         """Whether to go on; asked once a turn of the loop."""
-        self._turn()
-        return not self._stop.is_set() and self._node.exit_code is None
+        return self._still_wanted() and self._node.exit_code is None
 
     def _rest(self, seconds: float) -> None:
         """Wait for something to come, no longer than that."""
@@ -205,7 +209,7 @@ class _Service:
     def _run_in_lockstep(self, session: zenoh.Session) -> None:
         """What is said outside of a turn stays on the console: it is no part of the run."""
         prefix = self._bus_config.prefix
-        inbox = HeldInbox(self._node, self._wake.set)
+        inbox = HeldInbox(self._node, self._wake.set, self._still_wanted)
         bus = Bus(session, self._node, inbox, prefix, lossless=True)
         outbox = bus.outbox(self._node)
         self._begin(bus, outbox)
@@ -239,6 +243,9 @@ class _Service:
                     self._log.warning("turn refused: it is none of lockstep")
                     continue
                 end = participant.take(turn)
+                if end.error and self._stop.is_set():
+                    # It leaves, rather than be blamed for what it no longer waits for.
+                    return
                 called = end.woken
                 respond(end.model_dump_json().encode())
                 self._turn()
@@ -264,13 +271,9 @@ class _Service:
             notes.put((service, source, there))
             self._wake.set()
 
-        def still_wanted() -> bool:
-            self._turn()
-            return not self._stop.is_set()
-
         def ask(service: str, source: str, turn: Turn) -> TurnEnd | None:
             data = turn.model_dump_json().encode()
-            end = give_turn(session, service, source, data, timeout_s, prefix, still_wanted)
+            end = give_turn(session, service, source, data, timeout_s, prefix, self._still_wanted)
             try:
                 return None if end is None else TurnEnd.model_validate_json(end)
             except ValueError:

@@ -378,6 +378,15 @@ def test_a_message_that_never_comes_is_named() -> None:
             stack.run(60 * STEP_NS)
 
 
+def test_who_is_no_longer_wanted_waits_for_no_message() -> None:
+    wanted = iter([True, True, False])
+    inbox = HeldInbox(Physics([]), lambda: None, lambda: next(wanted))
+    start_s = time.monotonic()
+    error = inbox.take_in(["ab"], [(CMD_VEL.name, "ab", 3)], DEADLINE_S, and_outside=False)
+    assert error == "/cmd_vel #3 never came"
+    assert time.monotonic() - start_s < DEADLINE_S / 2.0
+
+
 def test_one_who_leaves_ends_the_run_but_for_bringup() -> None:
     with stack_of([]) as stack:
         stack.meet_all()

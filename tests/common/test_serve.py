@@ -8,27 +8,38 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
 from services.cli.loopback_router import free_port, running_router
 from services.common import documents as doc
+from services.common import serve
 from services.common.bus import (
     BusConfig,
     alive,
+    give_turn,
     open_session,
     pack_attachment,
     publish,
     put_once,
     subscribe,
     wait_until_alive,
+    watch_seats,
 )
 from services.common.config import ConfigError, ServiceConfig, load
 from services.common.documents import SimulationControl, SimulationControlReply
+from services.common.lockstep import HeldInbox, Turn
 from services.common.log import RosoutHandler
-from services.common.node import ClockNode, Envelope, Inbox, Outbox
+from services.common.node import ClockNode, Envelope, Inbox, Node, Outbox
 from services.common.serve import _Service
-from services.common.topics import DIAGNOSTICS, SIMULATION_CONTROL, WORLD_REQUEST, WORLD_STATUS
+from services.common.topics import (
+    CLOCK,
+    DIAGNOSTICS,
+    SIMULATION_CONTROL,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+)
 from services.common.wire import decode
 
 DEADLINE_S = 30.0
@@ -158,6 +169,57 @@ def test_a_slow_or_paused_simulation_answers_at_once_and_can_be_stopped() -> Non
     stop.set()
     loop.join(5.0)
     assert not loop.is_alive()
+
+
+class Listener(Node):
+    """Has nothing to do."""
+
+    name = "recorder"
+    _config = ServiceConfig()
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        pass
+
+
+def test_a_service_that_waits_in_its_turn_ends_as_soon_as_it_is_told(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits, stop = threading.Event(), threading.Event()
+    seats, ends = queue.SimpleQueue[str](), queue.SimpleQueue[bytes | None]()
+
+    class Inbox(HeldInbox):
+        def take_in(self, *turn: Any) -> str:
+            waits.set()
+            return super().take_in(*turn)
+
+    monkeypatch.setattr(serve, "HeldInbox", Inbox)
+    config = BusConfig(connect=endpoint, pace="lockstep")
+    executive = open_session(config)
+    service_ = _Service(Listener(), config, RosoutHandler(), stop)
+    loop = threading.Thread(target=service_._run_in_lockstep, args=(open_session(config),))
+    loop.start()
+    watch = watch_seats(executive, lambda _, source, there: seats.put(source), lambda *_: None)
+    source, never_sent = seats.get(timeout=DEADLINE_S), (CLOCK.name, "ab" * 16, 0)
+    turn = Turn(
+        executive="ab" * 16, now_ns=0, step=True, sources={"physics": "ab" * 16},
+        sent=(never_sent,), timeout_s=DEADLINE_S,
+    )  # fmt: skip
+    data = turn.model_dump_json().encode()
+
+    def give() -> None:
+        ends.put(give_turn(executive, "recorder", source, data, DEADLINE_S))
+
+    asker = threading.Thread(target=give)
+    asker.start()
+    assert waits.wait(DEADLINE_S)
+    stop.set()
+    loop.join(2.0)
+    assert not loop.is_alive()
+    # Its executive learns that it has left, and need not wait either.
+    assert ends.get(timeout=2.0) is None
+    asker.join()
+    watch.clear()
+    executive.close()  # type: ignore[no-untyped-call]
 
 
 @pytest.mark.parametrize(
