@@ -7,9 +7,8 @@ import re
 from typing import Annotated
 
 from pydantic import BeforeValidator, Field
-from pydantic_settings import NoDecode
 
-from services.common.config import ServiceConfig
+from services.common.config import PlainText, ServiceConfig
 from services.common.documents import Finite
 
 
@@ -28,8 +27,8 @@ class BringupConfig(ServiceConfig):
 
     world_name: str = Field("sim_house_enhanced", description="the world to ask for")
     use_aruco: bool = Field(True, description="keep the world's ArUco markers")
-    # NoDecode: a flag given twice arrives as one text, with a comma between.
-    world_overrides: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)] = Field(
+    # A flag given twice arrives as one text, with a comma between.
+    world_overrides: Annotated[tuple[str, ...], PlainText, BeforeValidator(_listed)] = Field(
         (),
         description="put over the world's recipe: `maze.seed=3`; more after commas or as JSON",
     )

@@ -6,18 +6,12 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from pydantic_settings import (
-    BaseSettings,
-    CliSettingsSource,
-    PydanticBaseSettingsSource,
-    SettingsConfigDict,
-    SettingsError,
-)
 
 ROOT = Path(__file__).resolve().parents[2]
 """The folder that holds services/, worlds/ and models/."""
@@ -35,64 +29,43 @@ class ServiceConfig(BaseModel):
     seed: int = Field(7, ge=0, description="the run's one seed; each random stream derives from it")
 
 
+class PlainText:
+    """Marks a field, in its annotation, that takes a flag or a variable as the text it is, where
+    others that hold lists take JSON.
+    """
+
+
 C = TypeVar("C", bound=ServiceConfig)
 
+_NOTHING: Mapping[str, object] = {}
 
-def load(model: type[C], service: str, arguments: list[str]) -> C:
+
+def load(
+    model: type[C], service: str, arguments: Sequence[str], given: Mapping[str, object] = _NOTHING
+) -> C:
     """Read a service's configuration.
 
     Flags (`--scan-rate-hz 5`) win over the environment (`MAZEBOT_PHYSICS_SCAN_RATE_HZ`), over the
-    service's section
-    of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over the defaults.
+    service's section of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over the defaults;
+    and the values `given` by name win over all.
 
     Raises ConfigError with one line that names the source, the field and the value.
     """
     rest, path = _take_config_flag(arguments)
-    section = _yaml_section(path, service) if path else {}
+    values = _yaml_section(path, service) if path else {}
     if os.environ.get("MAZEBOT_SEED"):
         # One seed for all services, under one name.
-        section = {**section, "seed": os.environ["MAZEBOT_SEED"]}
+        values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
     prefix = f"MAZEBOT_{service.upper()}_"
-
-    class Settings(BaseSettings):
-        model_config = SettingsConfigDict(
-            env_prefix=prefix, extra="forbid", frozen=True, allow_inf_nan=False
-        )
-
-        @classmethod
-        def settings_customise_sources(
-            cls,
-            settings_cls: type[BaseSettings],
-            init_settings: PydanticBaseSettingsSource,
-            env_settings: PydanticBaseSettingsSource,
-            dotenv_settings: PydanticBaseSettingsSource,
-            file_secret_settings: PydanticBaseSettingsSource,
-        ) -> tuple[PydanticBaseSettingsSource, ...]:
-            cli: CliSettingsSource[BaseSettings] = CliSettingsSource(
-                settings_cls,
-                cli_parse_args=rest,
-                cli_prog_name=f"python -m services.{service}",
-                cli_kebab_case=True,
-                cli_exit_on_error=False,
-            )
-            return cli, env_settings, init_settings
-
-    fields: dict[str, Any] = {
-        "__annotations__": {k: f.rebuild_annotation() for k, f in model.model_fields.items()},
-        "__module__": model.__module__,
-        "__doc__": model.__doc__,
-    }
-    for name, info in model.model_fields.items():
-        fields[name] = info
-    settings_type: type[BaseSettings] = type(model.__name__, (Settings,), fields)
     try:
-        # Only what somebody set: what is not set may follow from what is.
-        values = settings_type(**section).model_dump(exclude_unset=True)
-        return model.model_validate(values)
+        if rest or any(name.upper().startswith(prefix) for name in os.environ):
+            # What reads them takes long to import.
+            from services.common.settings import settings  # noqa: PLC0415
+
+            values = settings(model, service, rest, prefix, values)
+        return model.model_validate({**values, **given})
     except ValidationError as error:
         raise ConfigError(f"{service}: {one_line(error)}") from error
-    except SettingsError as error:
-        raise ConfigError(f"{service}: {' '.join(str(error).split())}") from error
 
 
 def one_line(error: ValidationError) -> str:
@@ -110,7 +83,7 @@ def fail(message: str) -> None:
     raise SystemExit(2)
 
 
-def _take_config_flag(arguments: list[str]) -> tuple[list[str], Path | None]:
+def _take_config_flag(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
     rest: list[str] = []
     path = os.environ.get("MAZEBOT_CONFIG") or None
     words = iter(arguments)

@@ -7,7 +7,7 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,15 +64,17 @@ def build_nodes(options: DemoOptions) -> list[Node]:
 
     Raises ConfigError where an option cannot be met.
     """
-    seed = ["--seed", str(options.seed)]
-    recorder = ["--record", str(options.record), "--compact-timeout-s", str(COMPACT_TIMEOUT_S)]
-    if options.out_dir is not None:
-        recorder += ["--out-dir", str(options.out_dir)]
+    recorder = {
+        "seed": options.seed,
+        "record": options.record,
+        "out_dir": options.out_dir,
+        "compact_timeout_s": COMPACT_TIMEOUT_S,
+    }
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
         *robot_nodes(options),
         BringupNode(_bringup_config(options)),
-        RecorderNode(load(RecorderConfig, "recorder", seed + recorder)),
+        RecorderNode(load(RecorderConfig, "recorder", (), _set(recorder))),
     ]
 
 
@@ -81,33 +83,40 @@ def robot_nodes(options: DemoOptions, physics_flags: Sequence[str] = ()) -> list
 
     Raises ConfigError where an option cannot be met.
     """
-    seed = ["--seed", str(options.seed)]
-    camera = ["--camera-enabled", str(options.camera), "--renderer", options.renderer]
+    seed = {"seed": options.seed}
+    camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     return [
-        WorldgenNode(load(WorldgenConfig, "worldgen", _worldgen_flags(options))),
-        PhysicsNode(load(PhysicsConfig, "physics", [*seed, *camera, *physics_flags])),
-        SpawnerNode(load(SpawnerConfig, "spawner", seed)),
-        PerceptionNode(load(PerceptionConfig, "perception", seed)),
-        NavigationNode(load(NavigationConfig, "navigation", seed)),
+        WorldgenNode(_worldgen_config(options)),
+        PhysicsNode(load(PhysicsConfig, "physics", physics_flags, seed | camera)),
+        SpawnerNode(load(SpawnerConfig, "spawner", (), seed)),
+        PerceptionNode(load(PerceptionConfig, "perception", (), seed)),
+        NavigationNode(load(NavigationConfig, "navigation", (), seed)),
     ]
 
 
 def _bringup_config(options: DemoOptions) -> BringupConfig:
-    flags = ["--seed", str(options.seed), "--world-name", options.world_name]
-    flags += ["--use-aruco", str(options.use_aruco)]
-    flags += ["--world-overrides", json.dumps(options.overrides)]
-    if options.goal is not None:
-        flags += ["--goal", json.dumps(options.goal)]
-    return load(BringupConfig, "bringup", flags)
+    told = {
+        "seed": options.seed,
+        "world_name": options.world_name,
+        "use_aruco": options.use_aruco,
+        "world_overrides": options.overrides,
+        "goal": options.goal,
+    }
+    return load(BringupConfig, "bringup", (), _set(told))
 
 
-def _worldgen_flags(options: DemoOptions) -> list[str]:
-    flags = ["--seed", str(options.seed)]
-    if options.texture_base is not None:
-        flags += ["--texture-base", str(options.texture_base)]
-    if options.worlds_dir is not None:
-        flags += ["--worlds-dir", str(options.worlds_dir)]
-    return flags
+def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
+    told = {
+        "seed": options.seed,
+        "texture_base": options.texture_base,
+        "worlds_dir": options.worlds_dir,
+    }
+    return load(WorldgenConfig, "worldgen", (), _set(told))
+
+
+def _set(told: Mapping[str, object]) -> dict[str, object]:
+    """Without what is left to the environment and the defaults."""
+    return {name: value for name, value in told.items() if value is not None}
 
 
 def check_world(options: DemoOptions) -> None:
@@ -116,7 +125,7 @@ def check_world(options: DemoOptions) -> None:
     Raises ConfigError where it cannot be had or lacks a place of the tour, NoLocationsError where
     it has none at all.
     """
-    config = load(WorldgenConfig, "worldgen", _worldgen_flags(options))
+    config = _worldgen_config(options)
     loaded = load_world(
         options.world_name,
         options.use_aruco,
