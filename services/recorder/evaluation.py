@@ -7,7 +7,7 @@ from array import array
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,9 +28,7 @@ from services.common.pose_history import PoseHistory
 from services.recorder.driven_way import DrivenWay
 from services.recorder.error_summary import ErrorSummary
 from services.recorder.obstacles import obstacles, read_meshes
-
-if TYPE_CHECKING:
-    from services.recorder.shortest_path import ShortestPath
+from services.recorder.shortest_path import ShortestPath
 
 GOAL_TOLERANCE_M = 0.25
 """A goal counts as reached within this distance, Nav2's `xy_goal_tolerance`."""
@@ -240,9 +238,6 @@ class RunEvaluation:
 
     def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
         """Of the robot's disc, past the walls and what stood still when the goal was sent."""
-        # It takes a second to import, and is first needed when a goal has been reached.
-        from services.recorder.shortest_path import ShortestPath  # noqa: PLC0415
-
         standing = self._standing_at.get(result.goal_stamp_ns, self._standing)
         if self._paths is None or self._paths[0] != standing:
             meshes = read_meshes((*self._world.bodies, *standing), self._assets)

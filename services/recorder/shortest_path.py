@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
+import math
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import Delaunay
 from shapely.geometry import Point
 
 Array = NDArray[np.float64]
@@ -32,6 +31,8 @@ _ROUNDS = 2
 """Times that sides which the triangles lack are halved."""
 _MARGIN_M = 20.0
 """Of free floor around all obstacles. Ways that lead farther out are not known."""
+_SIDES = [1, 2, 2, 0, 0, 1]
+"""Ends of the sides opposite a triangle's corners."""
 _SHARES = np.array([0.1, 0.5, 0.9])
 """Of the way along a triangle's side, where the search may cross it."""
 
@@ -123,7 +124,8 @@ class _Floor:
         shares = _SHARES[None, :, None]
         self._gates = (1.0 - shares) * ends[:, None, 0] + shares * ends[:, None, 1]
         """(s, g, 2) points of each side."""
-        self._graph = self._connected()
+        self._ways = self._connected()
+        """To which points each leads, and how far they are."""
 
     def way(self, start: Array, goal: Array) -> Array | None:
         """(n, 2) corners of the shortest way; None where there is none."""
@@ -148,8 +150,8 @@ class _Floor:
         shape = self._tree.geometries[triangle]
         return bool(shapely.dwithin(shape, Point(point), _TOUCH_M))
 
-    def _connected(self) -> csr_array:
-        """Lengths between the points on different sides of each triangle."""
+    def _connected(self) -> list[list[tuple[int, float]]]:
+        """Between the points on different sides of each triangle."""
         side_of = np.full((len(self._triangles), 3), -1)
         for column in (0, 1):
             rows = self._between[:, column]
@@ -165,42 +167,70 @@ class _Floor:
         start, end = np.concatenate(starts), np.concatenate(ends)
         points = self._gates.reshape(-1, 2)
         lengths_m = np.hypot(*(points[start] - points[end]).T)
-        return csr_array((lengths_m, (start, end)), shape=(len(points), len(points)))
+        ways: list[list[tuple[int, float]]] = [[] for _ in points]
+        for one, other, length_m in zip(
+            start.tolist(), end.tolist(), lengths_m.tolist(), strict=True
+        ):
+            ways[one].append((other, length_m))
+            ways[other].append((one, length_m))
+        return ways
 
     def _triangles_between(self, start: Array, goal: Array) -> list[int] | None:
         """The triangles to go through, each beside the next; None where there is no way."""
         first, last = (int(self._tree.nearest(Point(point))) for point in (start, goal))
         if first == last:
             return [first]
-        points, gates = self._gates.reshape(-1, 2), len(_SHARES)
-        count = len(points)
-        # The start becomes one more point, with a way to every point of its triangle's sides.
-        own = np.flatnonzero((self._between == first).any(axis=1))
-        own = (own[:, None] * gates + np.arange(gates)).ravel()
-        lengths_m = np.hypot(*(points[own] - start).T)
-        graph = self._graph.copy()
-        graph.resize((count + 1, count + 1))
-        graph = graph + csr_array(
-            (lengths_m, (np.full(len(own), count), own)), shape=(count + 1, count + 1)
-        )
-        reached_m, before = dijkstra(graph, directed=False, indices=count, return_predecessors=True)
-        ends = np.flatnonzero((self._between == last).any(axis=1))
-        ends = (ends[:, None] * gates + np.arange(gates)).ravel()
-        if not len(ends):
-            return None
-        whole_m = reached_m[ends] + np.hypot(*(points[ends] - goal).T)
-        node = int(ends[whole_m.argmin()])
-        if not np.isfinite(reached_m[node]):
+        gates = len(_SHARES)
+        points = self._search(start, first, goal, last)
+        if points is None:
             return None
         triangles = [last]
-        while node != count:
-            beside = self._between[node // gates].tolist()
+        for point in reversed(points):
+            beside = self._between[point // gates].tolist()
             # Two sides of one triangle in a row: what lay behind the first was not entered.
             while triangles[-1] not in beside:
                 triangles.pop()
             triangles.append(beside[0] if beside[1] == triangles[-1] else beside[1])
-            node = int(before[node])
         return triangles[::-1]
+
+    def _search(self, start: Array, first: int, goal: Array, last: int) -> list[int] | None:
+        """The points on sides through which the shortest way leads, by A*; None where none does."""
+        points = self._gates.reshape(-1, 2)
+        left_m = np.hypot(*(points - goal).T).tolist()
+        """To the goal, if nothing were in the way."""
+        own = self._points_around(first)
+        lengths_m = np.hypot(*(points[own] - start).T)
+        at_goal = set(self._points_around(last).tolist())
+        reached_m = [math.inf] * len(points)
+        before = [-1] * len(points)
+        heap: list[tuple[float, int]] = []
+        for point, length_m in zip(own.tolist(), lengths_m.tolist(), strict=True):
+            reached_m[point] = length_m
+            heap.append((length_m + left_m[point], point))
+        heapq.heapify(heap)
+        done = [False] * len(points)
+        while heap:
+            _, point = heapq.heappop(heap)
+            if done[point]:
+                continue
+            done[point] = True
+            if point in at_goal:
+                way = [point]
+                while before[way[-1]] >= 0:
+                    way.append(before[way[-1]])
+                return way[::-1]
+            for other, length_m in self._ways[point]:
+                whole_m = reached_m[point] + length_m
+                if whole_m < reached_m[other]:
+                    reached_m[other] = whole_m
+                    before[other] = point
+                    heapq.heappush(heap, (whole_m + left_m[other], other))
+        return None
+
+    def _points_around(self, triangle: int) -> Indices:
+        """The points on a triangle's sides."""
+        sides = np.flatnonzero((self._between == triangle).any(axis=1))
+        return np.asarray((sides[:, None] * len(_SHARES) + np.arange(len(_SHARES))).ravel())
 
 
 def _triangles(obstacles: Any, spacing_m: float) -> tuple[Array, Indices, Indices]:
@@ -218,9 +248,9 @@ def _triangles(obstacles: Any, spacing_m: float) -> tuple[Array, Indices, Indice
     both = np.round([np.concatenate(starts), np.concatenate(ends)], _DIGITS)
     points, index = np.unique(both.reshape(-1, 2), axis=0, return_inverse=True)
     segments = index.reshape(2, -1).T
-    mesh = Delaunay(points)
+    triangles = _delaunay(points)
     for _ in range(_ROUNDS):
-        lacking = ~np.isin(_pairs(segments), _pairs(mesh.simplices[:, [0, 1, 1, 2, 2, 0]]))
+        lacking = ~np.isin(_pairs(segments), _pairs(triangles[:, _SIDES]))
         if not lacking.any():
             break
         halved = segments[lacking]
@@ -230,8 +260,32 @@ def _triangles(obstacles: Any, spacing_m: float) -> tuple[Array, Indices, Indice
             [segments[~lacking], np.stack([halved[:, 0], middles], 1),
              np.stack([middles, halved[:, 1]], 1)]
         )  # fmt: skip
-        mesh = Delaunay(points)
-    return points, mesh.simplices.astype(np.int64), mesh.neighbors.astype(np.int64)
+        triangles = _delaunay(points)
+    return points, triangles, _neighbours(triangles)
+
+
+def _delaunay(points: Array) -> Indices:
+    """(m, 3) Delaunay's triangles of points (n, 2), counter-clockwise."""
+    shapes = shapely.get_parts(shapely.delaunay_triangles(shapely.multipoints(points)))
+    corners = shapely.get_coordinates(shapes).reshape(-1, 4, 2)[:, :3]
+    number = {xy: index for index, xy in enumerate(map(tuple, points.tolist()))}
+    indices = [number[xy] for xy in map(tuple, corners.reshape(-1, 2).tolist())]
+    triangles = np.array(indices, np.int64).reshape(-1, 3)
+    (ax, ay), (bx, by) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
+    clockwise = ax * by < ay * bx
+    triangles[clockwise] = triangles[clockwise, ::-1]
+    return triangles
+
+
+def _neighbours(triangles: Indices) -> Indices:
+    """(m, 3) the triangle beyond the side that lies opposite each corner; -1: none."""
+    sides = _pairs(triangles[:, _SIDES])
+    order = np.argsort(sides, kind="stable")
+    same = np.flatnonzero(np.diff(sides[order]) == 0)
+    one, other = order[same], order[same + 1]
+    neighbours = np.full(sides.shape, -1)
+    neighbours[one], neighbours[other] = other // 3, one // 3
+    return neighbours.reshape(-1, 3)
 
 
 def _pairs(indices: NDArray[Any]) -> Indices:
