@@ -11,6 +11,8 @@ HOURS ?= 1
 # A local uv where the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
+# Without byte code kept, each process compiles all that it imports anew: a second and more.
+unexport PYTHONDONTWRITEBYTECODE
 PYTHON := .venv/bin/python
 comma := ,
 space := $(subst ,, )
