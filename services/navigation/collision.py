@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from services.common.frames import SE2, Array
+from services.common.kernels import kernel
 from services.navigation.costmap import Clearance, Costmap
 
 
@@ -76,7 +76,7 @@ def first_contact_s(
     )
 
 
-@numba.njit(cache=True)
+@kernel()
 def _nearest_echo_m(echoes_m: Array, x_m: float, y_m: float) -> float:
     best = np.inf
     for i in range(len(echoes_m)):
@@ -85,7 +85,7 @@ def _nearest_echo_m(echoes_m: Array, x_m: float, y_m: float) -> float:
     return math.sqrt(best)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _first_contact_s(
     clearance_m: Clearance,
     column: float,

@@ -8,12 +8,12 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.common.distance_transform import distance_cells
 from services.common.frames import SE2, Array
+from services.common.kernels import kernel
 
 Cells = NDArray[np.int8]
 Costs = NDArray[np.uint8]
@@ -290,7 +290,7 @@ def scan_points(
     )
 
 
-@numba.njit(cache=True)
+@kernel()
 def _mark_and_clear(
     marked: Mask,
     markable: Mask,

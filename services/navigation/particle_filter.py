@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from services.common.frames import SE2, Array, wrap_angle
+from services.common.kernels import kernel
 from services.navigation.likelihood_field import LikelihoodField
 
 _NO_TURN_BELOW_M = 0.01
@@ -169,9 +169,8 @@ def heaviest_cluster(
     return np.asarray(near & (np.abs(turned) <= bin_rad))
 
 
-@njit(
+@kernel(
     "void(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64, float64, float64)",
-    cache=True,
 )
 def _move(
     particles: Array,
@@ -192,10 +191,9 @@ def _move(
         particles[i, 2] = (yaw + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@njit(
+@kernel(
     "void(float64[:, ::1], float64[:, ::1], float32[:, ::1], float64, float64, float64, float64, "
     "float64, float64[::1])",
-    cache=True,
 )
 def _score(
     particles: Array,
@@ -228,10 +226,7 @@ def _score(
         weights[i] = total
 
 
-@njit(
-    "Tuple((float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])",
-    cache=True,
-)
+@kernel("Tuple((float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])")
 def _moments(particles: Array, weights: Array) -> tuple[Array, Array]:
     mean = np.zeros(3)
     cosine = 0.0
@@ -255,7 +250,7 @@ def _moments(particles: Array, weights: Array) -> tuple[Array, Array]:
     return mean, covariance
 
 
-@njit("int64[::1](float64[::1], float64, int64)", cache=True)
+@kernel("int64[::1](float64[::1], float64, int64)")
 def _systematic(weights: Array, uniform: float, count: int) -> NDArray[np.int64]:
     indices = np.empty(count, np.int64)
     last = weights.shape[0] - 1

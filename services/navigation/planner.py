@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import SE2, Array
+from services.common.kernels import kernel
 from services.navigation.costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
@@ -177,7 +177,7 @@ def _thin(points: Array) -> Array:
     return points if len(points) < 4 else np.concatenate([points[:-1:2], points[-1:]])
 
 
-@numba.njit(cache=True)
+@kernel()
 def _a_star(
     costs: Costs,
     start_row: int,
@@ -292,7 +292,7 @@ def _a_star(
     return status, way
 
 
-@numba.njit(cache=True)
+@kernel()
 def _line_cost(
     costs: Costs, x0: float, y0: float, x1: float, y1: float, weight: float, limit: float
 ) -> float:
@@ -319,7 +319,7 @@ def _line_cost(
     return total
 
 
-@numba.njit(cache=True)
+@kernel()
 def _cheapest_polyline(points: Array, costs: Costs, weight: float) -> Indices:
     """Indices of those of (n, 2) points, in cells, that make the cheapest polyline from the first
     to the last.
@@ -359,7 +359,7 @@ def _cheapest_polyline(points: Array, costs: Costs, weight: float) -> Indices:
     return chosen
 
 
-@numba.njit(cache=True)
+@kernel()
 def _smooth(
     points: Array, costs: Costs, clearance_m: Clearance, safe_m: float, passes: int
 ) -> Array:

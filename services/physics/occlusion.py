@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import Array
+from services.common.kernels import kernel
 
 CELL_PX = 8
 _SLACK_PX = 1.0
@@ -23,7 +23,7 @@ _SLACK = 1.0 + 1e-4
 """By which its rounding of depths may bring something nearer, amply."""
 
 
-@numba.njit(cache=True)
+@kernel()
 def visible_quads(
     corners_m: Array,
     optical_from_map: Array,
@@ -169,6 +169,6 @@ def compile_kernels() -> None:
     visible_quads(np.empty((0, 4, 3)), np.eye(4), pair, pair, size_px, pair)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _cross(a: Array, b: Array) -> tuple[float, float, float]:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

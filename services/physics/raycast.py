@@ -12,11 +12,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import Array
+from services.common.kernels import kernel
 from services.physics.collision import Solid, hull_triangles
 
 _Vector = tuple[float, float, float]
@@ -222,7 +222,7 @@ def _along_a_curve(points: Array) -> NDArray[np.int64]:
     return np.argsort(code, kind="stable")
 
 
-@numba.njit(cache=True)
+@kernel()
 def _cast(
     kinds: NDArray[np.int32],
     groups: NDArray[np.int32],
@@ -280,24 +280,24 @@ def _cast(
             )
 
 
-@numba.njit(cache=True, inline="always")
+@kernel(inline="always")
 def _row(poses: Array, group: int, row: int) -> _Row:
     return poses[group, row, 0], poses[group, row, 1], poses[group, row, 2], poses[group, row, 3]
 
 
-@numba.njit(cache=True, inline="always")
+@kernel(inline="always")
 def _coordinate(row: _Row, point: _Vector) -> float:
     """One coordinate of a point of a group in the frame of the scan."""
     return row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]
 
 
-@numba.njit(cache=True, inline="always")
+@kernel(inline="always")
 def _vertex(vertices_m: Array, corners: NDArray[np.int32], face: int, corner: int) -> _Vector:
     index = corners[face, corner]
     return vertices_m[index, 0], vertices_m[index, 1], vertices_m[index, 2]
 
 
-@numba.njit(cache=True)
+@kernel()
 def _meet_face(
     rows: tuple[_Row, _Row, _Row],
     vertices_m: Array,
@@ -341,7 +341,7 @@ def _meet_face(
         _meet_segment(x0, y0, x1, y1, directions, range_max_m, ranges)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _meet_segment(
     x0: float,
     y0: float,
@@ -384,7 +384,7 @@ def _meet_segment(
         ray += 1
 
 
-@numba.njit(cache=True)
+@kernel()
 def _meet_round(
     kind: int,
     centre: _Vector,

@@ -6,7 +6,6 @@ import heapq
 import itertools
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -14,6 +13,7 @@ from scipy import ndimage
 
 from services.common.documents import Document, Planar
 from services.common.frames import SE2, Array, wrap_angle
+from services.common.kernels import kernel
 from services.worldgen import maze as mazes
 from services.worldgen.loader import LoadedWorld
 from services.worldgen.occupancy import FREE
@@ -134,7 +134,7 @@ def _middle(square: NDArray[np.int64], place: tuple[int, int]) -> tuple[int, int
         place = best
 
 
-@numba.njit(cache=True)
+@kernel()
 def _search(fits: Bits, start: int) -> tuple[Array, NDArray[np.int64]]:
     """(rows, columns) of the distances from a cell, in cells, and (cells,) of the cell before each.
 
@@ -165,7 +165,7 @@ def _search(fits: Bits, start: int) -> tuple[Array, NDArray[np.int64]]:
     return distance.reshape(rows, columns), before
 
 
-@numba.njit(cache=True)
+@kernel()
 def _straight(fits: Bits, a: NDArray[np.int64], b: NDArray[np.int64]) -> bool:
     """Whether the robot fits all along a straight line between two cells."""
     count = 2 * max(abs(b[0] - a[0]), abs(b[1] - a[1]))
@@ -177,7 +177,7 @@ def _straight(fits: Bits, a: NDArray[np.int64], b: NDArray[np.int64]) -> bool:
     return True
 
 
-@numba.njit(cache=True)
+@kernel()
 def _pulled(fits: Bits, way: NDArray[np.int64]) -> NDArray[np.int64]:
     """The way with straight lines wherever they are free, (n, 2): the shortest of such."""
     count = len(way)

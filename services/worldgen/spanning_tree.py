@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from services.common.kernels import kernel
 
 Bits = NDArray[np.bool_]
 
@@ -52,7 +53,7 @@ def _directions(seed: int, count: int) -> NDArray[np.uint8]:
     return directions.ravel()
 
 
-@numba.njit(cache=True)
+@kernel()
 def _neighbour(cell: int, direction: int, rows: int, columns: int) -> int:
     """The cell next to one; -1 outside the grid."""
     row, column = cell // columns, cell % columns
@@ -65,7 +66,7 @@ def _neighbour(cell: int, direction: int, rows: int, columns: int) -> int:
     return cell - columns if row > 0 else -1
 
 
-@numba.njit(cache=True)
+@kernel()
 def _open(right_open: Bits, up_open: Bits, cell: int, direction: int) -> None:
     columns = right_open.shape[1]
     row, column = cell // columns, cell % columns
@@ -79,7 +80,7 @@ def _open(right_open: Bits, up_open: Bits, cell: int, direction: int) -> None:
         up_open[row - 1, column] = True
 
 
-@numba.njit(cache=True)
+@kernel()
 def _wilson(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> bool:
     """False where the directions do not suffice. One that leads out of the grid is drawn again, so
     that each neighbour is equally likely.
@@ -109,7 +110,7 @@ def _wilson(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> b
     return True
 
 
-@numba.njit(cache=True)
+@kernel()
 def _backtracker(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> bool:
     """False where the directions do not suffice."""
     rows, columns = right_open.shape
@@ -142,7 +143,7 @@ def _backtracker(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8])
     return True
 
 
-@numba.njit(cache=True)
+@kernel()
 def _joined(right_open: Bits, up_open: Bits, cell: int, direction: int) -> bool:
     columns = right_open.shape[1]
     row, column = cell // columns, cell % columns
@@ -155,7 +156,7 @@ def _joined(right_open: Bits, up_open: Bits, cell: int, direction: int) -> bool:
     return bool(row > 0 and up_open[row - 1, column])
 
 
-@numba.njit(cache=True)
+@kernel()
 def _search(
     right_open: Bits,
     up_open: Bits,
@@ -182,7 +183,7 @@ def _search(
     return int(queue[tail - 1])
 
 
-@numba.njit(cache=True)
+@kernel()
 def _farthest_of_all(right_open: Bits, up_open: Bits, inside: Bits) -> tuple[int, int]:
     count = right_open.size
     steps, queue = np.empty(count, np.int32), np.empty(count, np.int32)

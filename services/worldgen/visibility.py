@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-import numba
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from scipy import ndimage
 from services.common.documents import Planar, World
 from services.common.frames import SE2, Array
 from services.common.geometry import TriangleMesh
+from services.common.kernels import kernel
 from services.common.obstruction import Obstruction, obstructions, wall_polygons
 from services.common.placement import Panel
 from services.worldgen.occupancy import FREE
@@ -254,7 +254,7 @@ class _Hiding:
         return np.asarray(numbers[np.argsort(distances_m, kind="stable")], np.int64)
 
 
-@numba.njit(cache=True)
+@kernel()
 def _unhidden(
     places: Array,
     targets: Array,
@@ -293,7 +293,7 @@ def _unhidden(
     return found
 
 
-@numba.njit(cache=True)
+@kernel()
 def _between(
     x: float, y: float, dx: float, dy: float, heights_m: Array, planes: Array, span_m: Array
 ) -> bool:

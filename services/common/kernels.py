@@ -1,0 +1,29 @@
+"""Compiled loops over arrays: the one place that knows Numba."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_BLAS = "scipy.linalg.cython_blas"
+if _BLAS not in sys.modules:
+    # Numba loads SciPy's linear algebra in case a kernel calls np.cov: none does, and it is large.
+    sys.modules[_BLAS] = None  # type: ignore[assignment]
+    try:
+        import numba.np.arraymath
+    finally:
+        del sys.modules[_BLAS]
+
+
+def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
+    """Have a function of numbers and arrays compiled: with its types in Numba's words where it is
+    defined, else where it is first called. What was compiled is kept on the disk.
+
+    It runs in one thread, and gives the same bits each time. It may call other kernels.
+    """
+    return cast("Callable[[F], F]", numba.njit(signature, cache=True, **options))
