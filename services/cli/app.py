@@ -12,6 +12,7 @@ from services.cli import entities, markers, sim, world
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect
 from services.common.config import ConfigError
+from services.common.garbage import collections_held_off
 
 app = typer.Typer(
     name="mazebot",
@@ -84,22 +85,24 @@ def demo(
     record: Annotated[bool, typer.Option("--record/--no-record", help="write run.rrd")] = True,
 ) -> None:  # fmt: skip
     """Drive the tour of a world in this process, as fast as the machine allows."""
-    from services.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
+    with collections_held_off():
+        from services.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
 
-    options = embedded.DemoOptions(
-        world_name=world_name,
-        seed=seed,
-        out_dir=out,
-        camera=camera,
-        record=record,
-        use_aruco=parse_bool("--use_aruco", use_aruco),
-        texture_base=texture_base,
-        renderer=renderer,
-        goal=goal,
-        overrides=tuple(overrides or ()),
-        worlds_dir=worlds_dir,
-    )
-    raise typer.Exit(embedded.run(options))
+        options = embedded.DemoOptions(
+            world_name=world_name,
+            seed=seed,
+            out_dir=out,
+            camera=camera,
+            record=record,
+            use_aruco=parse_bool("--use_aruco", use_aruco),
+            texture_base=texture_base,
+            renderer=renderer,
+            goal=goal,
+            overrides=tuple(overrides or ()),
+            worlds_dir=worlds_dir,
+        )
+        code = embedded.run(options)
+    raise typer.Exit(code)
 
 
 @app.command()

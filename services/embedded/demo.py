@@ -21,6 +21,7 @@ from services.bringup.tour import NoLocationsError, tour_goals
 from services.common import log
 from services.common.config import ConfigError, load
 from services.common.executive import Executive, MemoryTransport, StalledError
+from services.common.garbage import settled
 from services.common.node import Node
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
@@ -33,8 +34,8 @@ from services.recorder.node import RecorderNode
 from services.spawner.config import SpawnerConfig
 from services.spawner.node import SpawnerNode
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import load_world
-from services.worldgen.node import WorldgenNode
+from services.worldgen.loader import LoadedWorld, load_world
+from services.worldgen.node import Load, WorldgenNode
 
 EXIT_INTERRUPTED = 130
 COMPACT_TIMEOUT_S = 20.0
@@ -59,7 +60,7 @@ class DemoOptions:
     worlds_dir: Path | None = None
 
 
-def build_nodes(options: DemoOptions) -> list[Node]:
+def build_nodes(options: DemoOptions, load_world: Load = load_world) -> list[Node]:
     """Every node of a run, configured by the options over environment and defaults.
 
     Raises ConfigError where an option cannot be met.
@@ -72,13 +73,15 @@ def build_nodes(options: DemoOptions) -> list[Node]:
     }
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
-        *robot_nodes(options),
+        *robot_nodes(options, load_world=load_world),
         BringupNode(_bringup_config(options)),
         RecorderNode(load(RecorderConfig, "recorder", (), _set(recorder))),
     ]
 
 
-def robot_nodes(options: DemoOptions, physics_flags: Sequence[str] = ()) -> list[Node]:
+def robot_nodes(
+    options: DemoOptions, physics_flags: Sequence[str] = (), load_world: Load = load_world
+) -> list[Node]:
     """The nodes of the world and of the robot in it, which wait to be told what to do.
 
     Raises ConfigError where an option cannot be met.
@@ -86,7 +89,7 @@ def robot_nodes(options: DemoOptions, physics_flags: Sequence[str] = ()) -> list
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     return [
-        WorldgenNode(_worldgen_config(options)),
+        WorldgenNode(_worldgen_config(options), load_world),
         PhysicsNode(load(PhysicsConfig, "physics", physics_flags, seed | camera)),
         SpawnerNode(load(SpawnerConfig, "spawner", (), seed)),
         PerceptionNode(load(PerceptionConfig, "perception", (), seed)),
@@ -119,8 +122,8 @@ def _set(told: Mapping[str, object]) -> dict[str, object]:
     return {name: value for name, value in told.items() if value is not None}
 
 
-def check_world(options: DemoOptions) -> None:
-    """Read the world before anything is started.
+def check_world(options: DemoOptions) -> LoadedWorld:
+    """The world, read before anything is started.
 
     Raises ConfigError where it cannot be had or lacks a place of the tour, NoLocationsError where
     it has none at all.
@@ -141,6 +144,7 @@ def check_world(options: DemoOptions) -> None:
             raise
         except ValueError as error:
             raise ConfigError(str(error)) from error
+    return loaded
 
 
 def run(options: DemoOptions) -> int:
@@ -151,11 +155,12 @@ def run(options: DemoOptions) -> int:
     console = Console(soft_wrap=True)
     rosout = log.configure(_ConsoleHandler(console))
     try:
-        check_world(options)
+        loaded = check_world(options)
     except NoLocationsError as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_NOT_REACHED
-    nodes = build_nodes(options)
+    # Nobody in this process asks for another one.
+    nodes = build_nodes(options, lambda *_: loaded)
     executive = Executive(nodes, MemoryTransport(), rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
     with _stop_on_signal() as stopped, _progress(console) as progress:
@@ -164,6 +169,8 @@ def run(options: DemoOptions) -> int:
 
         def until() -> bool:
             nonlocal shown_s
+            if executive.now_ns > 0:
+                settled()
             now_s = time.monotonic()
             if now_s - shown_s > 0.1:
                 shown_s = now_s
