@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.config import ConfigError
+from services.common.documents import PointLight
 from services.common.frames import Array
 from services.physics.camera import (
     FAR_M,
@@ -71,7 +72,6 @@ SHADE in vec3 fragment_tint;
 layout(location = 0) out vec4 colour;
 #ifdef DEPTH
 layout(location = 1) out float depth_m;
-uniform vec2 depth_range_m;
 #endif
 #ifdef TEXTURED
 uniform sampler2D picture;
@@ -80,9 +80,6 @@ uniform sampler2D picture;
 in vec3 fragment_place_m;
 SHADE in vec3 fragment_normal;
 SHADE in vec3 fragment_albedo;
-uniform vec3 lamp_places_m[LAMPS];
-uniform vec3 lamp_colours[LAMPS];
-uniform vec4 lamp_fades[LAMPS];
 #endif
 void main() {
     vec3 shade = fragment_tint;
@@ -121,20 +118,28 @@ _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
 @dataclass(frozen=True)
 class _Shading:
-    """What a program does: only what its triangles need, since a CPU pays for each pixel."""
+    """What a program does: only what its triangles need, since a CPU pays for each pixel.
+
+    What a fragment reads stands in it as constants: llvmpipe loads uniforms one pixel at a time.
+    """
 
     textured: bool
     smooth: bool
     moves: bool
-    lamps: int
-    depth: bool
+    lamps: tuple[PointLight, ...]
+    depth_range_m: DepthRange | None
 
     def source(self, shader: str) -> str:
         """GLSL of one stage."""
-        flags = [f"#define LAMPS {self.lamps}"]
+        flags = [f"#define LAMPS {len(self.lamps)}"]
         flags += ["#define TEXTURED"] if self.textured else []
         flags += ["#define MOVES"] if self.moves else []
-        flags += ["#define DEPTH"] if self.depth else []
+        flags += _lamp_constants(self.lamps) if self.lamps else []
+        if self.depth_range_m is not None:
+            flags += [
+                "#define DEPTH",
+                f"const vec2 depth_range_m = {_constant(self.depth_range_m)};",
+            ]
         # Flat tints are not interpolated: faster, and the same for each pixel.
         flags += ["#define SHADE smooth" if self.smooth else "#define SHADE flat"]
         return "\n".join(("#version 330", *flags, shader))
@@ -164,10 +169,6 @@ class _Shown:
         """Give everything back."""
         for thing in (*self.arrays.values(), self.vertices, self.indices, self.quad_indices):
             thing.release()
-
-    def by_texture(self, quads: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Quads in the order in which they are drawn: each texture once."""
-        return quads[np.argsort(self.quad_textures[quads], kind="stable")]
 
     def others_in_view(
         self, eye_m: Array, view_planes: Array, map_from_movers: Array
@@ -231,6 +232,8 @@ class GlCamera:
             for sha256, texture in wanted.items():
                 if sha256 not in self._textures:
                     self._textures[sha256] = self._upload(texture)
+            for shading in [key for key in self._programs if key.lamps != scene.lamps]:
+                self._programs.pop(shading).release()
             self._shown = _Shown(context, scene)
 
     def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
@@ -279,7 +282,7 @@ class GlCamera:
             self._programs[shading]["clip_from_map"].write(matrix)
         for part in things:
             self._draw_part(shown, part, matrix, map_from_movers)
-        self._draw_quads(shown, shown.by_texture(quads), matrix)
+        self._draw_quads(shown, quads, matrix)
         for part in background:
             self._draw_part(shown, part, matrix, map_from_movers)
 
@@ -313,8 +316,7 @@ class GlCamera:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
     def _shading(self, shown: _Shown, texture: int, smooth: bool, moves: bool) -> _Shading:
-        depth = self._depth_range_m is not None
-        return _Shading(texture != PLAIN, smooth, moves, len(shown.scene.lamps), depth)
+        return _Shading(texture != PLAIN, smooth, moves, shown.scene.lamps, self._depth_range_m)
 
     def _array(self, shown: _Shown, shading: _Shading, of_quads: bool, matrix: bytes) -> Any:
         """The vertices as a program takes them; made where it is first needed."""
@@ -322,7 +324,8 @@ class GlCamera:
         if array is None:
             program = self._program(shading)
             program["clip_from_map"].write(matrix)
-            _light(program, shading, shown.scene)
+            if shading.moves:
+                program["sun"].write(shown.scene.sun.astype(np.float32).tobytes())
             array = self._context.vertex_array(
                 program,
                 [(shown.vertices, _VERTEX_FORMAT, *_VERTEX_FIELDS)],
@@ -334,12 +337,9 @@ class GlCamera:
 
     def _program(self, shading: _Shading) -> Any:
         if shading not in self._programs:
-            program = self._context.program(
+            self._programs[shading] = self._context.program(
                 shading.source(_VERTEX_SHADER), shading.source(_FRAGMENT_SHADER)
             )
-            if shading.depth:
-                program["depth_range_m"] = self._depth_range_m
-            self._programs[shading] = program
         return self._programs[shading]
 
     def close(self) -> None:
@@ -409,17 +409,24 @@ def _vertices(scene: Scene) -> NDArray[np.float32]:
     return np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind")
 
 
-def _light(program: Any, shading: _Shading, scene: Scene) -> None:
-    if shading.moves:
-        program["sun"].write(scene.sun.astype(np.float32).tobytes())
-    if shading.lamps:
-        lamps = scene.lamps
+def _lamp_constants(lamps: Sequence[PointLight]) -> list[str]:
+    count = len(lamps)
+    return [
+        f"const vec{len(rows[0])} {name}[{count}] = "
+        f"vec{len(rows[0])}[]({', '.join(_constant(row) for row in rows)});"
         for name, rows in (
             ("lamp_places_m", [lamp.position_m for lamp in lamps]),
             ("lamp_colours", [lamp.diffuse[:3] for lamp in lamps]),
             ("lamp_fades", [(lp.constant, lp.linear, lp.quadratic, lp.range_m) for lp in lamps]),
-        ):
-            program[name].write(np.array(rows, np.float32).tobytes())
+        )
+    ]
+
+
+def _constant(numbers: Sequence[float]) -> str:
+    """A vector in GLSL, exactly the nearest in single precision."""
+    most = float(np.finfo(np.float32).max)
+    exact = [float(np.float32(min(max(number, -most), most))) for number in numbers]
+    return f"vec{len(exact)}({', '.join(map(repr, exact))})"
 
 
 def _for_gl(matrix: Array) -> bytes:
