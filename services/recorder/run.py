@@ -42,13 +42,16 @@ from services.recorder.run_folder import (
     RunFolder,
     write_atomically,
 )
-from services.recorder.scenery import parts
+from services.recorder.scenery import extent_of
 from services.recorder.summary import build_summary, summary_text
 
 if TYPE_CHECKING:
     from services.recorder.canvas import Canvas
 
 _LOG = logging.getLogger("recorder")
+
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""The one in C is ten times as fast, where there is one."""
 
 FLUSH_PERIOD_S = 0.5
 """Wall time: what a killed recorder may lose."""
@@ -153,7 +156,7 @@ class Run:
 
     def write_config(self, content: Mapping[str, Any]) -> None:
         """Keep what the run was told."""
-        text = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)
+        text = yaml.dump(dict(content), Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
         self._write(CONFIG, text)
 
     def close(self) -> None:
@@ -220,7 +223,7 @@ class Run:
         from services.recorder.recording import Recording, RecordingError  # noqa: PLC0415
         from services.recorder.world_drawing import draw_world  # noqa: PLC0415
 
-        _, extent = parts(self.world, read_meshes(self.world.bodies, setting.assets))
+        extent = extent_of(self.world, read_meshes(self.world.bodies, setting.assets))
         self._parts += 1
         name = RECORDING if self._parts == 1 else f"run_{self._parts}.rrd"
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -34,6 +34,12 @@ _FLAT_M = 0.05
 _NEXT_AXES = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 """Turns (x, y, z) to (y, z, x)."""
 
+Heights = tuple[float, float]
+"""From and to where, metres above the floor."""
+_WHOLE: Heights = (-np.inf, np.inf)
+_LOWER: Heights = (-np.inf, CUT_M)
+_UPPER: Heights = (CUT_M, np.inf)
+
 Extent = tuple[Array, Array]
 """The least and the greatest (x, y), metres."""
 
@@ -52,28 +58,30 @@ class Part:
     mesh: TriangleMesh
 
 
-def parts(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[list[Part], Extent]:
-    """Everything to draw, and where it is.
+def extent_of(world: World, meshes: Mapping[str, TriangleMesh]) -> Extent:
+    """Where everything is that `parts` draws."""
+    return _extent(world, _seen(world, meshes))
 
-    `meshes` are by sha256; bodies that lack one are left out.
-    """
-    bodies = tuple(body for body in world.bodies if seen_meshes(body) <= meshes.keys())
-    seen = surfaces(world.model_copy(update={"bodies": bodies}), meshes)
+
+def parts(world: World, meshes: Mapping[str, TriangleMesh]) -> list[Part]:
+    """Everything to draw. `meshes` are by sha256; bodies that lack one are left out."""
+    seen = _seen(world, meshes)
     extent = _extent(world, seen)
-    groups: dict[tuple[tuple[str, ...], str], tuple[Surface, list[TriangleMesh]]] = {}
-    for surface, path, mesh in _placed(world, seen, extent):
+    groups: dict[tuple[tuple[str, ...], str], tuple[Surface, Heights, list[TriangleMesh]]] = {}
+    for surface, path, heights, mesh in _placed(world, seen, extent):
+        groups.setdefault((path, surface.material), (surface, heights, []))[2].append(mesh)
+    found = []
+    for (path, material), (surface, heights, of_one) in groups.items():
+        mesh = _between(of_one, heights)
         if len(mesh.triangles):
-            groups.setdefault((path, surface.material), (surface, []))[1].append(mesh)
-    return [
-        Part(
-            path,
-            material,
-            surface.textured,
-            surface.name if surface.moves else MAP_FRAME,
-            joined(of_one),
-        )
-        for (path, material), (surface, of_one) in groups.items()
-    ], extent
+            frame = surface.name if surface.moves else MAP_FRAME
+            found.append(Part(path, material, surface.textured, frame, mesh))
+    return found
+
+
+def _seen(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Surface, ...]:
+    bodies = tuple(body for body in world.bodies if seen_meshes(body) <= meshes.keys())
+    return surfaces(world.model_copy(update={"bodies": bodies}), meshes)
 
 
 def seen_meshes(body: Thing) -> set[str]:
@@ -99,23 +107,34 @@ def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) ->
 
 def _placed(
     world: World, seen: tuple[Surface, ...], extent: Extent
-) -> Iterator[tuple[Surface, tuple[str, ...], TriangleMesh]]:
-    """Each surface with the entity that it goes to; cut ones twice."""
+) -> Iterator[tuple[Surface, tuple[str, ...], Heights, TriangleMesh]]:
+    """Each surface with the entity that it goes to, and between which heights; cut ones twice."""
     for surface in (*seen, *_lids(world, seen)):
         material = surface.material or "plain"
         if surface.moves:
-            yield surface, ("moving", surface.name, material), surface.mesh
+            yield surface, ("moving", surface.name, material), _WHOLE, surface.mesh
         elif surface.kind == "floor":
             where = ("rooms", surface.name, "floor") if surface.name else ("floor",)
-            yield surface, where, _cropped(surface.mesh, extent)
+            yield surface, where, _WHOLE, _cropped(surface.mesh, extent)
         elif surface.kind == "ceiling":
-            yield surface, ("ceiling",), surface.mesh
+            yield surface, ("ceiling",), _WHOLE, surface.mesh
         else:
             kind = "walls" if surface.kind == "wall" else "bodies"
             name = (material,) if surface.textured else (material, "top")
-            yield surface, (kind, *name), clipped(surface.mesh, -np.inf, CUT_M)
+            yield surface, (kind, *name), _LOWER, surface.mesh
             if surface.mesh.vertices_m[:, 2].max(initial=0.0) > CUT_M:
-                yield surface, (f"{kind}_above", *name), clipped(surface.mesh, CUT_M, np.inf)
+                yield surface, (f"{kind}_above", *name), _UPPER, surface.mesh
+
+
+def _between(meshes: Iterable[TriangleMesh], heights: Heights) -> TriangleMesh:
+    """What lies between two heights, as one: only what has to be is cut, and all of it at once."""
+    whole: list[TriangleMesh] = []
+    cut: list[TriangleMesh] = []
+    for mesh in meshes:
+        z_m = mesh.vertices_m[:, 2]
+        within = not len(z_m) or (heights[0] <= z_m.min() and z_m.max() <= heights[1])
+        (whole if within else cut).append(mesh)
+    return joined([*whole, clipped(joined(cut), *heights)] if cut else whole)
 
 
 def _lids(world: World, seen: tuple[Surface, ...]) -> Iterator[Surface]:

@@ -53,7 +53,7 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
 
     The upper part of walls and of what stands, and the ceiling, are entities of their own.
     """
-    canvas.parts, _ = parts(world, read_meshes(world.bodies, canvas.assets))
+    canvas.parts = parts(world, read_meshes(world.bodies, canvas.assets))
     for part in canvas.parts:
         _draw_world_part(canvas, part)
     log = canvas.recording.log

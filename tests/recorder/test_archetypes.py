@@ -24,7 +24,7 @@ from services.recorder.blueprint import run_blueprint
 from services.recorder.canvas import Canvas, Trail
 from services.recorder.mesh import robot_from_urdf
 from services.recorder.recording import Recording
-from services.recorder.scenery import parts
+from services.recorder.scenery import extent_of
 from services.recorder.world_drawing import draw_world
 from tests.common.samples import SAMPLES
 from tests.recorder import synthetic
@@ -483,7 +483,7 @@ def test_a_trail_keeps_a_point_every_three_centimetres_and_a_bounded_number() ->
 def test_the_layout_looks_into_the_maze_from_outside_and_above() -> None:
     rr.set_strict_mode(True)
     for world in (room(), room().model_copy(update={"walls": (), "locations": ()})):
-        _, extent = parts(world, {})
+        extent = extent_of(world, {})
         assert run_blueprint(extent) is not None
 
 
