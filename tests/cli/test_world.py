@@ -132,7 +132,7 @@ def test_build_writes_everything_or_nothing(room: Path, tmp_path: Path) -> None:
 
 def test_build_makes_many_mazes(tmp_path: Path) -> None:
     out = tmp_path / "mazes"
-    size = ("--set", "maze.rows=5", "--set", "maze.columns=5")
+    size = ("--set", "maze.rows=3", "--set", "maze.columns=3")
     built = mazebot("world", "build", "maze", *size, "--count", "2", "--out", str(out))
     assert built.returncode == 0, built.stderr
     maps = [(folder / "map.pgm").read_bytes() for folder in sorted(out.iterdir())]

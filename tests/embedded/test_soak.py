@@ -62,8 +62,8 @@ def test_a_robot_that_gets_nowhere_is_a_fault() -> None:
 
 
 def test_it_drives_from_goal_to_goal() -> None:
-    done = drive(QUIET, 40.0 / 3600.0, Console(file=io.StringIO()))
-    assert done.samples[-1].time_s == pytest.approx(40.0, abs=0.01)
+    done = drive(QUIET, 20.0 / 3600.0, Console(file=io.StringIO()))
+    assert done.samples[-1].time_s == pytest.approx(20.0, abs=0.01)
     assert len(done.results) >= 1
     assert done.reached == len(done.results)
     assert done.contacts == 0

@@ -134,7 +134,9 @@ def _imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     problems_of("room", worlds_dir=worlds_dir)
 
 
-@pytest.mark.parametrize("batch", range(BATCHES))
+@pytest.mark.parametrize(
+    "batch", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, BATCHES))]
+)
 def test_a_spoilt_recipe_is_told_from_a_good_one(tmp_path: Path, batch: int) -> None:
     folder.make(tmp_path)
     path = tmp_path / "room.yaml"
