@@ -38,6 +38,10 @@ from services.worldgen.loader import LoadedWorld, load_world
 from services.worldgen.node import Load, WorldgenNode
 
 EXIT_INTERRUPTED = 130
+_LOG = logging.getLogger("demo")
+
+FIRST_STEP = "the simulation runs"
+"""What a run says when physics has made its first step."""
 COMPACT_TIMEOUT_S = 20.0
 """Nobody waits to kill this process, so that its recording may be made quick to open."""
 
@@ -166,10 +170,13 @@ def run(options: DemoOptions) -> int:
     with _stop_on_signal() as stopped, _progress(console) as progress:
         task = progress.add_task("starting", total=None)
         start_s = shown_s = time.monotonic()
+        runs = False
 
         def until() -> bool:
-            nonlocal shown_s
-            if executive.now_ns > 0:
+            nonlocal shown_s, runs
+            if not runs and executive.now_ns > 0:
+                runs = True
+                _LOG.info(FIRST_STEP)
                 settled()
             now_s = time.monotonic()
             if now_s - shown_s > 0.1:
