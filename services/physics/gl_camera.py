@@ -126,15 +126,15 @@ class _Shading:
     textured: bool
     smooth: bool
     moves: bool
-    lamps: tuple[PointLight, ...]
+    lamps: str
+    """GLSL that says how many there are, and which"""
     depth_range_m: DepthRange | None
 
     def source(self, shader: str) -> str:
         """GLSL of one stage."""
-        flags = [f"#define LAMPS {len(self.lamps)}"]
+        flags = [self.lamps]
         flags += ["#define TEXTURED"] if self.textured else []
         flags += ["#define MOVES"] if self.moves else []
-        flags += _lamp_constants(self.lamps) if self.lamps else []
         if self.depth_range_m is not None:
             flags += [
                 "#define DEPTH",
@@ -150,6 +150,7 @@ class _Shown:
 
     def __init__(self, context: Any, scene: Scene) -> None:
         self.scene = scene
+        self.lamps = _lamp_constants(scene.lamps)
         parts = scene.parts
         self.vertices = context.buffer(_vertices(scene).tobytes())
         self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
@@ -232,9 +233,9 @@ class GlCamera:
             for sha256, texture in wanted.items():
                 if sha256 not in self._textures:
                     self._textures[sha256] = self._upload(texture)
-            for shading in [key for key in self._programs if key.lamps != scene.lamps]:
-                self._programs.pop(shading).release()
             self._shown = _Shown(context, scene)
+            for shading in [key for key in self._programs if key.lamps != self._shown.lamps]:
+                self._programs.pop(shading).release()
 
     def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
         """See Renderer."""
@@ -316,7 +317,7 @@ class GlCamera:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
     def _shading(self, shown: _Shown, texture: int, smooth: bool, moves: bool) -> _Shading:
-        return _Shading(texture != PLAIN, smooth, moves, shown.scene.lamps, self._depth_range_m)
+        return _Shading(texture != PLAIN, smooth, moves, shown.lamps, self._depth_range_m)
 
     def _array(self, shown: _Shown, shading: _Shading, of_quads: bool, matrix: bytes) -> Any:
         """The vertices as a program takes them; made where it is first needed."""
@@ -409,17 +410,18 @@ def _vertices(scene: Scene) -> NDArray[np.float32]:
     return np.concatenate(columns, axis=1, dtype=np.float32, casting="same_kind")
 
 
-def _lamp_constants(lamps: Sequence[PointLight]) -> list[str]:
-    count = len(lamps)
-    return [
-        f"const vec{len(rows[0])} {name}[{count}] = "
-        f"vec{len(rows[0])}[]({', '.join(_constant(row) for row in rows)});"
-        for name, rows in (
-            ("lamp_places_m", [lamp.position_m for lamp in lamps]),
-            ("lamp_colours", [lamp.diffuse[:3] for lamp in lamps]),
-            ("lamp_fades", [(lp.constant, lp.linear, lp.quadratic, lp.range_m) for lp in lamps]),
-        )
-    ]
+def _lamp_constants(lamps: Sequence[PointLight]) -> str:
+    lines = [f"#define LAMPS {len(lamps)}"]
+    for name, rows in (
+        ("lamp_places_m", [lamp.position_m for lamp in lamps]),
+        ("lamp_colours", [lamp.diffuse[:3] for lamp in lamps]),
+        ("lamp_fades", [(lp.constant, lp.linear, lp.quadratic, lp.range_m) for lp in lamps]),
+    ):
+        if rows:
+            kind = f"vec{len(rows[0])}"
+            values = ", ".join(map(_constant, rows))
+            lines.append(f"const {kind} {name}[LAMPS] = {kind}[]({values});")
+    return "\n".join(lines)
 
 
 def _constant(numbers: Sequence[float]) -> str:

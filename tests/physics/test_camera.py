@@ -431,6 +431,30 @@ def test_a_lamp_does_not_reach_beyond_its_range_or_behind_a_face(renderer: Rende
         assert float(seen[0]) == pytest.approx(dark, abs=9.0)
 
 
+def test_lamps_change_with_the_scene() -> None:
+    renderer = new_renderer("gl")
+    seen = []
+    for places in ([(1.0, 0.5, 0.5)], [(1.0, -0.5, 0.5)], [(1.0, 0.5, 0.5), (1.0, -0.5, 0.5)]):
+        of = world((wall(length_m=4.0),), (GREY,), **lamps(*places, quadratic=4.0))
+        renderer.set_scene(build_scene(of, {}))
+        picture = renderer.render(view(z_m=0.4)).rgb
+        seen.append([int(colour_at(picture, (2.0, y, 0.5), view(z_m=0.4))[0]) for y in (0.5, -0.5)])
+    renderer.close()
+    (near, far), (far_again, near_again), (left, right) = seen
+    assert near > far + 10
+    assert (near_again, far_again) == pytest.approx((near, far), abs=1)
+    assert min(left, right) > near
+
+
+def test_a_lamp_beyond_single_precision_gives_a_picture() -> None:
+    renderer = new_renderer("gl")
+    of = world((wall(),), (GREY,), **lamps((1e300, -1e300, 1e-300), range_m=1e308, quadratic=1e308))
+    renderer.set_scene(build_scene(of, {}))
+    seen = colour_at(renderer.render(view()).rgb, (2.0, 0.1, 0.3), view())
+    renderer.close()
+    assert float(seen[0]) == pytest.approx(255 * 0.5 * 0.1, abs=2.0)
+
+
 def test_lamps_do_not_light_markers() -> None:
     renderer = new_renderer("gl")
     sha256, data = png(flat((0, 100, 200)))
