@@ -46,7 +46,7 @@ from services.common.frames import (
 )
 from services.common.geometry import TriangleMesh
 from services.physics.body_state import BodyState, MoverState
-from services.physics.bullet import pybullet
+from services.physics.bullet import lent, pybullet
 from services.physics.collision import Solid, as_obj, extent_of, inertia_of, solids_of
 from services.physics.config import STEPS_PER_SECOND
 from services.physics.robot_model import ModelError, RobotModel, Shape
@@ -628,9 +628,9 @@ class Bodies:
     def _shape_of(self, solid: Solid, frame: tuple[Vector, Quaternion]) -> int:
         options: dict[str, Any] = {}
         if solid.vertices_m is not None:
-            options["vertices"] = solid.vertices_m.tolist()
+            options["vertices"] = lent("vertices", solid.vertices_m)
         if solid.triangles is not None:
-            options["indices"] = solid.triangles.ravel().tolist()
+            options["indices"] = lent("indices", solid.triangles.ravel())
             options["flags"] = pybullet.GEOM_FORCE_CONCAVE_TRIMESH
         index: int = pybullet.createCollisionShape(
             _KINDS[solid.kind],

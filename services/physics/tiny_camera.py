@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import Array, position_and_quaternion
-from services.physics.bullet import pybullet
+from services.physics.bullet import lent, pybullet
 from services.physics.camera import (
     FAR_M,
     NEAR_M,
@@ -142,10 +142,10 @@ class TinyCamera:
         uvs -= np.floor(uvs.min(0))
         shape = pybullet.createVisualShape(
             pybullet.GEOM_MESH,
-            vertices=scene.vertices_m[used].tolist(),
-            indices=corners.ravel().tolist(),
-            uvs=uvs.tolist(),
-            normals=scene.normals[used].tolist(),
+            vertices=lent("vertices", scene.vertices_m[used]),
+            indices=lent("indices", corners.ravel()),
+            uvs=lent("uvs", uvs),
+            normals=lent("normals", scene.normals[used]),
             rgbaColor=[*tint.tolist(), 1.0],
             physicsClientId=self._client,
         )
