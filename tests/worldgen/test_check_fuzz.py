@@ -146,9 +146,9 @@ def test_a_spoilt_recipe_is_told_from_a_good_one(tmp_path: Path, batch: int) -> 
         data = mutated(rng)
         path.write_bytes(data)
         before = sorted(tmp_path.rglob("*"))
-        start = time.perf_counter()
+        start = time.process_time()
         problems = problems_of("room", worlds_dir=tmp_path)
-        assert time.perf_counter() - start < MAX_S
+        assert time.process_time() - start < MAX_S
         assert sorted(tmp_path.rglob("*")) == before
         assert path.read_bytes() == data
         for problem in problems:
@@ -191,8 +191,8 @@ def test_a_spoilt_sdf_world_is_told_from_a_good_one(tmp_path: Path, batch: int) 
             spoilt[index] = ("nan", "", "1e308", "-1", "<link>", "\x01")[rng.integers(6)]
         path.write_text(" ".join(spoilt))
         before = sorted(tmp_path.rglob("*"))
-        start = time.perf_counter()
+        start = time.process_time()
         problems = problems_of(path)
-        assert time.perf_counter() - start < MAX_S
+        assert time.process_time() - start < MAX_S
         assert all(str(problem).isprintable() for problem in problems)
         assert sorted(tmp_path.rglob("*")) == before

@@ -514,7 +514,7 @@ def test_a_wood_of_300_cylinders_is_quick(tmp_path: Path) -> None:
     inside = "".join(
         model(f"t{n}", link("l", both(trunk)), f"{n % 20} {n // 20} 0.5 0 0 0") for n in range(300)
     )
-    begin = time.perf_counter()
+    begin = time.process_time()
     world = imported(tmp_path, inside)
     assert len(world.recipe["bodies"]) == 300
-    assert time.perf_counter() - begin < 5.0
+    assert time.process_time() - begin < 5.0
