@@ -179,6 +179,8 @@ class Executive:
         self._transport = transport
         ordered = sorted(nodes, key=lambda node: SERVICES.index(node.name))
         (self._clock,) = (node for node in ordered if isinstance(node, ClockNode))
+        # Nobody waits for the wall clock.
+        self._clock.speed = 0.0
         self._seats = [_SettledSeat(node, transport, rosout) for node in ordered]
         self._round = Round(self._clock)
         for seat in self._seats:

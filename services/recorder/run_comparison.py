@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,40 +76,49 @@ def _end_ns(digests: Digests) -> int:
     return int(digests.rows["time_ns"].max(initial=0))
 
 
-_Streams = dict[tuple[str, str], Rows]
+_Streams = dict[str, list[tuple[str, Rows]]]
+"""By topic, the messages of each publisher and its name; no name where that is not known."""
 
 
 def _streams(digests: Digests) -> _Streams:
-    """The messages of each topic and publisher.
-
-    Publishers without a name are told apart by what they said first, the same in both runs.
-    """
     rows = digests.rows
     kinds = rows["topic"].astype(np.int64) << 16 | rows["source"]
     ordered = np.argsort(kinds, kind="stable")
     edges = np.flatnonzero(np.diff(kinds[ordered])) + 1
     streams: _Streams = {}
-    unnamed: dict[str, list[Rows]] = {}
     for members in np.split(ordered, edges) if len(rows) else ():
         stream = rows[members]
-        topic, source = digests.topics[stream["topic"][0]], int(stream["source"][0])
-        if source < min(OTHERS, len(digests.services)):
-            streams[topic, digests.services[source]] = stream
-        else:
-            unnamed.setdefault(topic, []).append(stream)
-    for topic, several in unnamed.items():
-        several.sort(key=lambda stream: (int(stream["time_ns"][0]), int(stream["digest"][0])))
-        for number, stream in enumerate(several):
-            streams[topic, f"publisher {number + 1}" if number else ""] = stream
+        source = int(stream["source"][0])
+        known = source < min(OTHERS, len(digests.services))
+        name = digests.services[source] if known else ""
+        streams.setdefault(digests.topics[stream["topic"][0]], []).append((name, stream))
     return streams
 
 
 def _paired(first: _Streams, second: _Streams) -> dict[tuple[str, str], tuple[Rows, Rows]]:
+    """The messages of both runs by topic and publisher.
+
+    In one process publishers have names, over a bus they have none: those without a partner of
+    their name are told apart by what they said first, the same in both runs.
+    """
     pairs = {}
-    for key in dict.fromkeys((*first, *second)):
-        some = first.get(key, second.get(key))
-        assert some is not None
-        pairs[key] = first.get(key, some[:0]), second.get(key, some[:0])
+    for topic in dict.fromkeys((*first, *second)):
+        runs = first.get(topic, []), second.get(topic, [])
+        some = (runs[0] or runs[1])[0][1]
+        named = [{name: rows for name, rows in run if name} for run in runs]
+        for name in dict.fromkeys((*named[0], *named[1])):
+            if all(name in run for run in named) or not any("" in dict(run) for run in runs):
+                pairs[topic, name] = named[0].pop(name, some[:0]), named[1].pop(name, some[:0])
+        rest = [
+            sorted(
+                [*left.items(), *(one for one in run if not one[0])],
+                key=lambda one: (int(one[1]["time_ns"][0]), int(one[1]["digest"][0])),
+            )
+            for left, run in zip(named, runs, strict=True)
+        ]
+        for number, (one, other) in enumerate(zip_longest(*rest, fillvalue=("", some[:0]))):
+            name = one[0] or other[0] or (f"publisher {number + 1}" if number else "")
+            pairs[topic, name] = one[1], other[1]
     return pairs
 
 

@@ -11,7 +11,7 @@ from services.cli.loopback_router import wait_for_router
 from services.common.bus import BusConfig, open_session, subscribe
 from services.common.documents import SimulationStats
 from services.common.executive import Executive, MemoryTransport
-from services.common.node import ClockNode, Envelope
+from services.common.node import Envelope
 from services.common.topics import SIMULATION_STATS, Topic
 from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes
@@ -50,9 +50,6 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats
     transport = _Statistics()
     folder = tmp_path_factory.mktemp("tour") / "run"
     nodes = build_nodes(DemoOptions(out_dir=folder, record=False))
-    (clock,) = (node for node in nodes if isinstance(node, ClockNode))
-    # As in lockstep; it is told in the statistics.
-    clock.speed = 0.0
     executive = Executive(nodes, transport)
     try:
         assert executive.run() == 0

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from services.cli.diff import diff_runs
 from services.cli.loopback_router import running_router
 from services.common import log
 from services.common.bus import BusConfig, ask, open_session
 from services.common.documents import GetEntities, SimulationControl
 from services.common.executive import Executive
-from services.common.node import ClockNode
 from services.common.serve import EXIT_OUT_OF_STEP
 from services.common.topics import (
     BY_NAME,
@@ -27,7 +27,7 @@ from services.common.topics import (
     WORLD,
 )
 from services.common.wire import decode
-from services.embedded.demo import DemoOptions, build_nodes
+from services.embedded.demo import DemoOptions, build_nodes, run
 from tests.parity.processes import DEADLINE_S, busy, running_services
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
 
@@ -42,9 +42,6 @@ def episode(
     """Four seconds of driving in the enhanced world, with the camera on."""
     options = DemoOptions(seed=seed, out_dir=out_dir, record=False)
     nodes = build_nodes(options)
-    (clock,) = (node for node in nodes if isinstance(node, ClockNode))
-    # As in lockstep; it is told in the statistics.
-    clock.speed = 0.0
     executive = Executive(nodes, transport, log.configure())
     try:
         if isinstance(transport, ZenohTransport):
@@ -125,6 +122,26 @@ def test_lockstep_repeats_also_where_the_machine_is_busy(
     with busy(burners), running_router() as endpoint, running_services(endpoint, tmp_path) as stack:
         stack.wait_for(count_by_topic(comparable(in_process)))
         assert differences(in_process, stack.record()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_the_recording_of_services_in_lockstep_is_that_of_one_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(DemoOptions(out_dir=tmp_path / "inside", goal=(0.5, 0.0, 0.8))) == 0
+    settings = {"MAZEBOT_RECORDER_RECORD": "true", "MAZEBOT_BRINGUP_GOAL": "[0.5, 0.0, 0.8]"}
+    with running_router() as endpoint, running_services(endpoint, tmp_path, settings) as stack:
+        processes = stack.processes
+        assert processes.pop("bringup").wait(DEADLINE_S) == 0
+        for process in processes.values():
+            process.send_signal(signal.SIGTERM)
+        assert [process.wait(5.0) for process in processes.values()] == [0] * len(processes)
+    capsys.readouterr()
+    assert diff_runs(tmp_path, "inside", "run") == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith("same world (sim_house_enhanced), seed (7)")
+    assert told[1].startswith("the same: ")
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from services.common import messages as msg
 from services.common import topics as table
 from services.common.node import Envelope
 from services.common.topics import TOPICS, Topic
@@ -215,6 +216,29 @@ def test_publishers_without_names_are_told_apart_by_what_they_say(tmp_path: Path
         both.sort(key=lambda sent_: sent_[2].sent_ns)
         mixed.append(digests(tmp_path / order[0], both))
     assert compare(*mixed).differences == ()
+
+
+def test_a_run_over_a_bus_is_held_against_one_in_one_process(tmp_path: Path) -> None:
+    """There publishers have names; two speak on one topic at the same times."""
+    frames = msg.TFMessage(transforms=[msg.transform_stamped(0, "a", "b", np.eye(4))])
+    times_ns = [now_ns for now_ns, topic, _ in driving(room(), 5.0) if topic is table.TF]
+    inside = [*drive(), *sent(((now_ns, table.TF, frames) for now_ns in times_ns), "spawner")]
+    inside.sort(key=lambda one: one[2].sent_ns)
+    unnamed = {"physics": "ff", "spawner": "ee"}
+    over_bus = [
+        (topic, message, Envelope(unnamed[e.source], e.sequence, e.sent_ns, ""))
+        for topic, message, e in inside
+    ]
+    one, other = digests(tmp_path / "inside", inside), digests(tmp_path / "bus", over_bus)
+    assert compare(one, other).differences == compare(other, one).differences == ()
+    assert compare(one, other).messages == len(one.rows)
+    still = next(message for topic, message, _ in inside if topic is table.ODOM)
+    changed = [
+        (topic, still if (topic, e.sequence) == (table.ODOM, 9) else message, e)
+        for topic, message, e in over_bus
+    ]
+    (difference,) = compare(one, digests(tmp_path / "changed", changed)).differences
+    assert (difference.topic, difference.source) == ("/odom", "physics")
 
 
 def test_a_long_run_with_losses_is_compared_in_little_time(tmp_path: Path) -> None:
