@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,3 +63,24 @@ def test_a_broken_file_is_one_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         load(PhysicsConfig, "physics", ["--config", str(file)])
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_given_wins_over_all_and_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MAZEBOT_PHYSICS_RATE_HZ", "3")
+    monkeypatch.setenv("MAZEBOT_PHYSICS_RENDERER", "tiny")
+    config = load(PhysicsConfig, "physics", (), {"rate_hz": 5.0})
+    assert (config.rate_hz, config.renderer) == (5.0, "tiny")
+    with pytest.raises(ConfigError, match=r"^physics: rate_hz: .*greater than 0.*-1"):
+        load(PhysicsConfig, "physics", (), {"rate_hz": -1})
+
+
+def test_without_flags_or_variables_what_reads_them_is_not_loaded() -> None:
+    code = (
+        "import sys\n"
+        "from services.bringup.config import BringupConfig\n"
+        "from services.common.config import load\n"
+        "load(BringupConfig, 'bringup', (), {'goal': (1.0, 0.0, 0.0)})\n"
+        "sys.exit('pydantic_settings' in sys.modules)"
+    )
+    environment = {n: v for n, v in os.environ.items() if not n.startswith("MAZEBOT_")}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=60)
