@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import queue
@@ -70,6 +71,8 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
         node = node_type(config)
     except ConfigError as error:
         fail(str(error))
+    # What a start makes stays: to look through it for garbage takes as long as a control period.
+    gc.freeze()
     code = 0
     try:
         code = _Service(node, bus_config, rosout, stop).run()
