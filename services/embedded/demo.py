@@ -7,10 +7,11 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -84,9 +85,13 @@ def build_nodes(options: DemoOptions, load_world: Load = load_world) -> list[Nod
 
 
 def robot_nodes(
-    options: DemoOptions, physics_flags: Sequence[str] = (), load_world: Load = load_world
+    options: DemoOptions,
+    physics: Mapping[str, object] = MappingProxyType({}),
+    load_world: Load = load_world,
 ) -> list[Node]:
     """The nodes of the world and of the robot in it, which wait to be told what to do.
+
+    `physics` are fields of PhysicsConfig, which win over what the options say.
 
     Raises ConfigError where an option cannot be met.
     """
@@ -94,7 +99,7 @@ def robot_nodes(
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     return [
         WorldgenNode(_worldgen_config(options), load_world),
-        PhysicsNode(load(PhysicsConfig, "physics", physics_flags, seed | camera)),
+        PhysicsNode(load(PhysicsConfig, "physics", (), {**seed, **camera, **physics})),
         SpawnerNode(load(SpawnerConfig, "spawner", (), seed)),
         PerceptionNode(load(PerceptionConfig, "perception", (), seed)),
         NavigationNode(load(NavigationConfig, "navigation", (), seed)),

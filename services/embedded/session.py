@@ -142,18 +142,13 @@ class Session:
         options = DemoOptions(
             seed=seed, camera=camera, worlds_dir=worlds_dir, renderer="auto" if camera else "none"
         )
-        flags = [
-            word
-            for name, value in physics.items()
-            for word in (f"--{name.replace('_', '-')}", str(value))
-        ]
         bringup = BringupConfig(
             world_name=world, use_aruco=use_aruco, world_overrides=overrides, only_ask=True
         )
-        nodes = [*robot_nodes(options, flags), BringupNode(bringup)]
+        nodes = [*robot_nodes(options, physics), BringupNode(bringup)]
         if out_dir is not None:
-            recorder = ["--seed", str(seed), "--out-dir", str(out_dir)]
-            nodes.append(RecorderNode(load(RecorderConfig, "recorder", recorder)))
+            recorder = {"seed": seed, "out_dir": out_dir}
+            nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))
         self._wire = _Wire()
         self._executive = Executive(nodes, self._wire)
         self._outbox = Outbox(_Person(), self._wire.send)

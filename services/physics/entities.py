@@ -52,10 +52,11 @@ def establish(
     """Add, move and remove what has changed from `standing`, and tell what stands now.
 
     What stays as it is is not judged again, so that a robot may drive up to it. A change that is
-    refused leaves things as they were; so does a name that is there twice: the first stands.
+    refused leaves things as they were; so does a name that is there twice: the first stands. Where
+    PyBullet was built anew, what stood is put back first.
     `files` are the assets at hand by their sha256. Panels hang where `placement` lets them.
     """
-    before = {one.name: one for one in standing.entities} if standing is not None else {}
+    before = _restored(standing, files, bodies)
     wanted: dict[str, Entity] = {}
     for entity in desired.entities:
         wanted.setdefault(entity.name, entity)
@@ -94,6 +95,18 @@ def establish(
         entities=tuple(stands.values()),
         refused=tuple(refused),
     )
+
+
+def _restored(
+    standing: Entities | None, files: Mapping[str, bytes], bodies: Bodies
+) -> dict[str, Entity]:
+    """What stands, by name; without what finds no room now that everything was built anew."""
+    before = {one.name: one for one in standing.entities} if standing is not None else {}
+    for name, one in list(before.items()):
+        if isinstance(one, BodyEntity) and name not in bodies.entities:
+            if bodies.put(one, meshes_of([one], files)):
+                del before[name]
+    return before
 
 
 def _alike(one: Entity, other: Entity) -> bool:

@@ -208,7 +208,6 @@ class PhysicsNode(ClockNode):
         """Tell that PyBullet's state had gone bad, and put the entities into the world again."""
         _log.error("a body's state was not physical: world '%s' built anew", self._name())
         self._epoch += 1
-        self._entities = None
         self._place_entities(simulation.world, outbox)
         self._tell_stats(outbox)
 
@@ -255,7 +254,6 @@ class PhysicsNode(ClockNode):
         outbox.now_ns = 0
         _log.info("world '%s' begins again: %s, seed %d", old.world.name, asked.reset, seed)
         if self._simulation is not None and self._simulation is not old:
-            self._entities = None
             self._place_entities(old.world, outbox)
             # Nothing else tells where things are while time stands still.
             frames = mover_frames(self._simulation.bodies, 0)

@@ -180,7 +180,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(session: Session) -> None:
 def test_a_world_or_an_option_that_is_none_is_one_line(worlds_dir: Path) -> None:
     with pytest.raises(ConfigError, match="atlantis"):
         Session("atlantis", worlds_dir=worlds_dir, camera=False)
-    with pytest.raises(ConfigError, match="scan-nois"):
+    with pytest.raises(ConfigError, match="scan_nois_m"):
         Session("room", worlds_dir=worlds_dir, camera=False, scan_nois_m=0.0)
 
 
@@ -191,6 +191,11 @@ def test_fields_of_physics_are_given_by_name(worlds_dir: Path) -> None:
             session.run_for(0.2)
         first, second = (scan.ranges.tolist() for scan in scans)
         assert first == pytest.approx(second, abs=1e-5)
+
+
+def test_fields_of_physics_win_over_what_the_session_says_otherwise(worlds_dir: Path) -> None:
+    with Session("room", worlds_dir=worlds_dir, renderer="tiny") as session:
+        assert session.stats.renderer == "tiny_renderer"
 
 
 def test_a_thing_is_put_moved_and_taken_away(session: Session) -> None:

@@ -420,6 +420,21 @@ THINGS = (
 )
 
 
+@pytest.mark.parametrize("poison", [_poison_robot, _poison_wheel])
+def test_a_thing_whose_move_was_refused_stands_again_in_a_world_built_anew(
+    poison: Any, stage: Stage
+) -> None:
+    stage.desire(crate(x_m=2.0))
+    # Into the wall.
+    told = stage.desire(crate(x_m=1.0, y_m=-2.0))
+    assert "crate" in reasons(told)
+    poison(stage)
+    stage.turn()
+    assert list(stage.bodies.entities) == ["crate"]
+    assert stage.bodies.entities["crate"].position_m[0] == 2.0
+    assert stage.ahead_m() == pytest.approx(1.914, abs=0.01)
+
+
 @pytest.mark.parametrize("poison", [_poison_robot, _poison_wheel, _poison_mover])
 def test_a_poisoned_world_is_built_anew_within_a_step(
     poison: Any, stage: Stage, caplog: pytest.LogCaptureFixture
