@@ -10,7 +10,6 @@ import json
 import logging
 import math
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from services.common.config import ROOT
 from services.common.executive import Executive, MemoryTransport
 from services.embedded.bench_figures import Figure, figure
 from services.embedded.demo import FIRST_STEP, DemoOptions, build_nodes
+from services.embedded.memory import peak_mb
 from services.navigation.controller import Controller
 from services.navigation.planner import Planner
 from services.perception.detect import Detector
@@ -135,7 +135,7 @@ def episode(options: dict[str, Any], episode_s: float | None) -> Measured:
         summary = json.loads((out_dir / "summary.json").read_text(encoding="utf-8"))
     return {
         "real_time_factor": driven_s / taken_s,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak_mb": peak_mb(),
         "state_hash": summary["state_hash"],
         "services_ms": {name: taken for name, taken in services_ms.items() if taken},
         "parts_ms": parts_ms,
