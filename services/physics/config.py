@@ -64,7 +64,7 @@ class PhysicsConfig(ServiceConfig):
         4.0, gt=0.0, le=10.0, description="of a stop for want of commands"
     )
     watchdog_angular_deceleration_rad_s2: float = Field(
-        16.0, gt=0.0, le=50.0, description="of a stop for want of commands"
+        14.0, gt=0.0, le=50.0, description="of a stop for want of commands"
     )
     wheel_torque_n_m: float = Field(
         1.0, gt=0.0, le=20.0, description="the most a wheel's motor can give"

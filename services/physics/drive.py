@@ -2,8 +2,9 @@
 
 A stop by the watchdog brakes harder than a command may: from 0.46 m/s and from 1.9 rad/s the robot
 has to be at rest 0.4 s after the last command, and 0.2 s of these have gone by when the watchdog
-trips. 3.2 m/s2 and 12 rad/s2 need 0.144 s and 0.158 s, which leaves 0.04 s to the bus; on both
-wheels at once that is 4.9 m/s2 at the tyre, within the grip of the weight on it.
+trips. 4 m/s2 and 14 rad/s2 need 0.115 s and 0.136 s, which leaves 0.06 s to the bus. On both wheels
+at once that is 6 m/s2 at the tyre: within the grip of the weight on it, but where the robot turns
+and backs at full speed, which slides by 5 mm.
 """
 
 from __future__ import annotations
