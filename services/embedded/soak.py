@@ -25,7 +25,7 @@ from scipy import ndimage
 from services.bringup.config import BringupConfig
 from services.common import messages as msg
 from services.common.config import ConfigError, ServiceConfig, fail, load
-from services.common.documents import Evaluation, NavigationResult, Planar, WorldRequest
+from services.common.documents import Evaluation, Planar, WorldRequest
 from services.common.executive import Executive, MemoryTransport
 from services.common.frames import MAP_FRAME, SE2
 from services.common.node import Inbox, Node, Outbox, random_generator
@@ -65,11 +65,18 @@ class Sample(NamedTuple):
     memory_mb: float
 
 
+class Ended(NamedTuple):
+    """What is kept of a goal that has ended: little, since memory is what is looked at."""
+
+    error_code: int
+    number_of_recoveries: int
+
+
 @dataclass
 class Drive:
     """What came of it."""
 
-    results: list[NavigationResult] = field(default_factory=list)
+    results: list[Ended] = field(default_factory=list)
     samples: list[Sample] = field(default_factory=list)
     evaluation: Evaluation | None = None
     state_hash: str = ""
@@ -125,7 +132,7 @@ class RandomGoals(Node):
         self._requested = False
         self._active = False
         self._goal_stamp_ns: int | None = None
-        self.results: list[NavigationResult] = []
+        self.results: list[Ended] = []
         self.evaluation: Evaluation | None = None
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
@@ -141,7 +148,7 @@ class RandomGoals(Node):
         self.evaluation = inbox.latest(EVALUATION) or self.evaluation
         for result in inbox.new(NAVIGATION_RESULT):
             if result.goal_stamp_ns == self._goal_stamp_ns:
-                self.results.append(result)
+                self.results.append(Ended(result.error_code, result.number_of_recoveries))
                 self._goal_stamp_ns = None
         if self._active and self._goal_stamp_ns is None:
             goal = next(self._goals)

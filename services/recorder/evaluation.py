@@ -58,29 +58,32 @@ class _Judged:
     start_ns: int
     end_ns: int
     verdict: GoalReport
+    """The last report: one document a goal, of which a run may have thousands."""
     errors: int = 0
     error_sum_m: float = 0.0
     contacts: int = 0
-    _report: GoalReport | None = None
+    _is_told: bool = False
+    """Whether the verdict has all that was seen."""
 
     def see_error(self, stamp_ns: int, error_m: float) -> None:
         if self.start_ns <= stamp_ns <= self.end_ns:
             self.errors += 1
             self.error_sum_m += error_m
-            self._report = None
+            self._is_told = False
 
     def see_contact(self, stamp_ns: int) -> None:
         if self.start_ns <= stamp_ns <= self.end_ns:
             self.contacts += 1
-            self._report = None
+            self._is_told = False
 
     def report(self) -> GoalReport:
-        if self._report is None:
+        if not self._is_told:
             mean_m = self.error_sum_m / self.errors if self.errors else 0.0
-            self._report = self.verdict.model_copy(
+            self.verdict = self.verdict.model_copy(
                 update={"localisation_error_m": mean_m, "contacts": self.contacts}
             )
-        return self._report
+            self._is_told = True
+        return self.verdict
 
 
 class RunEvaluation:

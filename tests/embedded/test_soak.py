@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from services.common.documents import NavigationResult, Planar
 from services.embedded.demo import DemoOptions
-from services.embedded.soak import CLEARANCE_M, Drive, Sample, drive, main, reachable_goals
+from services.embedded.soak import CLEARANCE_M, Drive, Ended, Sample, drive, main, reachable_goals
 from services.worldgen.loader import load_world
 from services.worldgen.occupancy import FREE
 
@@ -72,14 +71,7 @@ def test_it_drives_from_goal_to_goal() -> None:
 
 
 def test_only_what_was_reached_counts() -> None:
-    here = Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0)
-    ended = [
-        NavigationResult(
-            goal=here, goal_stamp_ns=0, error_code=code, error_msg="", start_time_s=0.0,
-            end_time_s=1.0, number_of_recoveries=0,
-        )
-        for code in (0, 208)
-    ]  # fmt: skip
+    ended = [Ended(error_code=code, number_of_recoveries=0) for code in (0, 208)]
     assert Drive(results=ended).reached == 1
 
 
