@@ -84,24 +84,24 @@ class SE3(NamedTuple):
 
     def rotate(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         """A vector of b, along the axes of a."""
-        qx, qy, qz, qw = self.orientation_xyzw
-        # v + w t + q x t with t = 2 q x v.
-        tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
-        return (
-            x + qw * tx + qy * tz - qz * ty,
-            y + qw * ty + qz * tx - qx * tz,
-            z + qw * tz + qx * ty - qy * tx,
-        )
+        return _turned(*self.orientation_xyzw, x, y, z)
 
     def rotate_back(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         """A vector of a, along the axes of b."""
         qx, qy, qz, qw = self.orientation_xyzw
-        tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
-        return (
-            x - qw * tx + qy * tz - qz * ty,
-            y - qw * ty + qz * tx - qx * tz,
-            z - qw * tz + qx * ty - qy * tx,
-        )
+        return _turned(-qx, -qy, -qz, qw, x, y, z)
+
+
+def _turned(
+    qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """A vector v after the turn of a unit quaternion: v + w t + q x t with t = 2 q x v."""
+    tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
+    return (
+        x + qw * tx + qy * tz - qz * ty,
+        y + qw * ty + qz * tx - qx * tz,
+        z + qw * tz + qx * ty - qy * tx,
+    )
 
 
 def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:

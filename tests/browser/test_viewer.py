@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from services.cli.loopback_router import free_port
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
-from tests.browser.viewer import CHROMIUM, Picture, count_near, free_port, screenshot, served
+from tests.browser.viewer import CHROMIUM, Picture, count_near, screenshot, served
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room
 
 pytestmark = [

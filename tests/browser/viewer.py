@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import shutil
-import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.cli.loopback_router import free_port
 from services.recorder.live import WebPage
 
 Picture = NDArray[np.uint8]
@@ -25,13 +25,6 @@ SETTLE_S = 10.0
 """Until a software renderer has drawn another time."""
 _TIME_SLIDER_PX = 293, 209, 14
 """Its left end from the left, its right end from the right, and its middle from the bottom."""
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from services.cli.loopback_router import free_port
 from services.common.config import ConfigError
 from services.recorder.config import RecorderConfig
 from services.recorder.live import LiveView, WebPage, check_port_free
 from services.recorder.node import RecorderNode
-from tests.browser.viewer import free_port
 
 
 @pytest.fixture
