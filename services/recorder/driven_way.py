@@ -16,8 +16,12 @@ JITTER_M = 2e-3
 _RECENT = 1800
 """Poses kept as they came, a minute's; of older ones,"""
 _OLD_PERIOD_NS = 500_000_000
-"""one of this time: a run of days fits into memory, and a robot that can reach 0.5 m/s within
-a second is off by less than 2 cm on a line between two.
+"""one of this time, on a line between two of which a robot that can reach 0.5 m/s within a second
+is off by less than 2 cm;"""
+_OLD_AGE_NS = 900_000_000_000
+"""and of those older than this, one of twice that time, and so on with each doubling of their age:
+a run of days takes little more memory than one of an hour, and from one pose to the next is at most
+a 900th of their age.
 """
 
 
@@ -30,8 +34,8 @@ class DrivenWay:
         self._stamps_ns = array("q")
         self._columns = tuple(array("d") for _ in range(4))
         """x and y (m), yaw (rad) without jumps, and length (m)."""
-        self._old = 0
-        """How many of them are thinned."""
+        self._thinned = 0
+        """How many of them are few enough."""
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
         """Take in a true pose, newer than all before."""
@@ -50,7 +54,7 @@ class DrivenWay:
             self._columns, (pose.x_m, pose.y_m, yaw_rad, self.total_m), strict=True
         ):
             column.append(value)
-        if len(self._stamps_ns) - self._old >= 2 * _RECENT:
+        if len(self._stamps_ns) - self._thinned >= 2 * _RECENT:
             self._thin()
 
     def at(self, stamp_ns: int) -> tuple[SE2, float] | None:
@@ -71,10 +75,11 @@ class DrivenWay:
     def _thin(self) -> None:
         """Leave out most of the poses that have become old."""
         end = len(self._stamps_ns) - _RECENT
-        stamps_ns = np.array(self._stamps_ns[self._old : end], np.int64)
-        periods = stamps_ns // _OLD_PERIOD_NS
-        kept = np.flatnonzero(np.diff(periods, prepend=-1)) + self._old
-        self._stamps_ns[self._old : end] = array("q", [self._stamps_ns[i] for i in kept.tolist()])
+        stamps_ns = np.array(self._stamps_ns[:end], np.int64)
+        ages = np.maximum((stamps_ns[-1] - stamps_ns) / _OLD_AGE_NS, 1.0)
+        periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(ages)).astype(np.int64)
+        kept = np.flatnonzero(np.diff(stamps_ns // periods_ns, prepend=-1)).tolist()
+        self._stamps_ns[:end] = array("q", [self._stamps_ns[i] for i in kept])
         for column in self._columns:
-            column[self._old : end] = array("d", [column[i] for i in kept.tolist()])
-        self._old += len(kept)
+            column[:end] = array("d", [column[i] for i in kept])
+        self._thinned = len(kept)

@@ -261,9 +261,10 @@ class RunEvaluation:
                 self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
                 self._recent_stamps_ns.append(stamp_ns)
                 self._recent_error_m.append(error_m)
-                if len(self._recent_error_m) >= 2 * _RECENT_ESTIMATES:
-                    del self._recent_stamps_ns[:_RECENT_ESTIMATES]
-                    del self._recent_error_m[:_RECENT_ESTIMATES]
+                surplus = len(self._recent_error_m) - _RECENT_ESTIMATES
+                if surplus >= _RECENT_ESTIMATES // 10:
+                    del self._recent_stamps_ns[:surplus]
+                    del self._recent_error_m[:surplus]
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
                     judged.see_error(stamp_ns, error_m)
         map_from_start = self._world.start.se2()

@@ -19,6 +19,8 @@ from services.common.config import ConfigError
 
 _RECORDING = "run.rrd"
 _WAITING = "waiting for a run"
+_LOOK_S = 0.05
+"""How often the page looks whether it is to end."""
 _PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
 
 
@@ -85,7 +87,9 @@ class WebPage:
         except OSError as error:
             raise ConfigError(f"web_port: port {web_port} on {bind}: {error.strerror}") from error
         self._http.daemon_threads = True
-        threading.Thread(target=self._http.serve_forever, name="web", daemon=True).start()
+        threading.Thread(
+            target=self._http.serve_forever, args=(_LOOK_S,), name="web", daemon=True
+        ).start()
 
     def close(self) -> None:
         """Stop serving."""

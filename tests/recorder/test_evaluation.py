@@ -445,19 +445,37 @@ def test_the_percentile_of_many_errors_is_nearly_exact() -> None:
     assert statistics.max == errors.max()
 
 
-def test_where_the_robot_was_is_known_of_hours_ago() -> None:
+def test_where_the_robot_was_is_known_the_better_the_shorter_it_is_ago() -> None:
     way = DrivenWay()
-    for tick in range(30 * 3600):
-        angle = tick / 30 * 0.2
+    end_s, turn_rad_s = 3600, 0.2
+    for tick in range(30 * end_s):
+        angle = tick / 30 * turn_rad_s
         way.add(tick * PERIOD_NS, SE2(math.cos(angle), math.sin(angle), wrap_angle(angle)))
-    for stamp_s in (0.0, 10.0, 59.9, 1234.56, 3500.0, 3599.0):
-        angle = stamp_s * 0.2
+    for stamp_s in (0.0, 10.0, 59.9, 1234.56, 2800.0, 3500.0, 3599.0):
+        angle = stamp_s * turn_rad_s
         known = way.at(round(stamp_s * 1e9))
         assert known is not None
         pose, length_m = known
-        assert pose.distance_m(SE2(math.cos(angle), math.sin(angle), 0.0)) < 2e-3
+        apart_s = max((end_s - stamp_s) / 900.0, 0.5)
+        # Of a circle of 1 m around its chord.
+        bulge_m = (apart_s * turn_rad_s) ** 2 / 8.0
+        assert pose.distance_m(SE2(math.cos(angle), math.sin(angle), 0.0)) < bulge_m + 1e-3
         assert abs(wrap_angle(pose.yaw_rad - angle)) < 0.01
-        assert length_m == pytest.approx(stamp_s * 0.2, abs=0.01)
+        assert length_m == pytest.approx(stamp_s * turn_rad_s, abs=0.01)
+
+
+def test_where_the_robot_was_takes_little_memory_for_days() -> None:
+    way = DrivenWay()
+    sizes_bytes = []
+    for minute in range(24 * 60):
+        for tick in range(120):
+            stamp_ns = minute * 60_000_000_000 + tick * 500_000_000
+            way.add(stamp_ns, SE2(math.cos(stamp_ns * 1e-9), 0.0, 0.0))
+        if minute in (59, 12 * 60, 24 * 60 - 1):
+            sizes_bytes.append(len(pickle.dumps(way)))
+    assert sizes_bytes[0] < 300_000
+    # With each doubling of the time, 900 poses of 40 bytes.
+    assert sizes_bytes[2] - sizes_bytes[1] < 2 * 900 * 40
 
 
 def test_judging_a_long_run_takes_little_more_memory_than_a_short_one(
