@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.bringup`."""
 
-from services.bringup.config import BringupConfig
-from services.bringup.node import BringupNode
-from services.common.serve import main
+from services.common.garbage import collections_held_off
 
-main(BringupConfig, BringupNode)
+with collections_held_off():
+    from services.bringup.config import BringupConfig
+    from services.bringup.node import BringupNode
+    from services.common.serve import main
+
+    main(BringupConfig, BringupNode)

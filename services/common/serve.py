@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import logging
 import os
 import queue
@@ -27,6 +26,7 @@ from services.common.bus import (
 )
 from services.common.config import ConfigError, ServiceConfig, fail, load
 from services.common.diagnostics import SelfReport
+from services.common.garbage import settled
 from services.common.lockstep import (
     HeldInbox,
     Lockstep,
@@ -71,8 +71,8 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
         node = node_type(config)
     except ConfigError as error:
         fail(str(error))
-    # What a start makes stays: to look through it for garbage takes as long as a control period.
-    gc.freeze()
+    # To look through what a start has made takes as long as a control period.
+    settled()
     code = 0
     try:
         code = _Service(node, bus_config, rosout, stop).run()

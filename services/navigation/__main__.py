@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.navigation`."""
 
-from services.common.serve import main
-from services.navigation.config import NavigationConfig
-from services.navigation.node import NavigationNode
+from services.common.garbage import collections_held_off
 
-main(NavigationConfig, NavigationNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.navigation.config import NavigationConfig
+    from services.navigation.node import NavigationNode
+
+    main(NavigationConfig, NavigationNode)

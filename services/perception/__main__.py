@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.perception`."""
 
-from services.common.serve import main
-from services.perception.config import PerceptionConfig
-from services.perception.node import PerceptionNode
+from services.common.garbage import collections_held_off
 
-main(PerceptionConfig, PerceptionNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.perception.config import PerceptionConfig
+    from services.perception.node import PerceptionNode
+
+    main(PerceptionConfig, PerceptionNode)

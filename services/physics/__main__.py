@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.physics`."""
 
-from services.common.serve import main
-from services.physics.config import PhysicsConfig
-from services.physics.node import PhysicsNode
+from services.common.garbage import collections_held_off
 
-main(PhysicsConfig, PhysicsNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.physics.config import PhysicsConfig
+    from services.physics.node import PhysicsNode
+
+    main(PhysicsConfig, PhysicsNode)

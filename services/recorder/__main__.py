@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.recorder`."""
 
-from services.common.serve import main
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from services.common.garbage import collections_held_off
 
-main(RecorderConfig, RecorderNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.recorder.config import RecorderConfig
+    from services.recorder.node import RecorderNode
+
+    main(RecorderConfig, RecorderNode)

@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.spawner`."""
 
-from services.common.serve import main
-from services.spawner.config import SpawnerConfig
-from services.spawner.node import SpawnerNode
+from services.common.garbage import collections_held_off
 
-main(SpawnerConfig, SpawnerNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.spawner.config import SpawnerConfig
+    from services.spawner.node import SpawnerNode
+
+    main(SpawnerConfig, SpawnerNode)

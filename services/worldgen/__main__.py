@@ -1,7 +1,10 @@
 """Runs the service: `python -m services.worldgen`."""
 
-from services.common.serve import main
-from services.worldgen.config import WorldgenConfig
-from services.worldgen.node import WorldgenNode
+from services.common.garbage import collections_held_off
 
-main(WorldgenConfig, WorldgenNode)
+with collections_held_off():
+    from services.common.serve import main
+    from services.worldgen.config import WorldgenConfig
+    from services.worldgen.node import WorldgenNode
+
+    main(WorldgenConfig, WorldgenNode)
