@@ -20,7 +20,6 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from scipy import ndimage
 
 from services.bringup.config import BringupConfig
 from services.common import messages as msg
@@ -28,6 +27,7 @@ from services.common.config import ConfigError, ServiceConfig, fail, load
 from services.common.documents import Evaluation, Planar, WorldRequest
 from services.common.executive import Executive, MemoryTransport
 from services.common.frames import MAP_FRAME, SE2
+from services.common.grids import connected_regions, distance_cells
 from services.common.node import Inbox, Node, Outbox, random_generator
 from services.common.topics import (
     EVALUATION,
@@ -163,8 +163,8 @@ def reachable_goals(loaded: LoadedWorld, seed: int) -> Iterator[Planar]:
     """
     free = np.asarray(loaded.map_cells) == FREE
     side_m = loaded.world.map_resolution_m
-    roomy = ndimage.distance_transform_edt(free) * side_m >= CLEARANCE_M
-    regions, _ = ndimage.label(roomy)
+    roomy = distance_cells(~free) * side_m >= CLEARANCE_M
+    regions = connected_regions(roomy)
     map_from_grid = loaded.map_origin
     here = map_from_grid.inverse() @ loaded.world.start.se2()
     rows, columns = np.nonzero(roomy)
@@ -212,8 +212,12 @@ def drive(options: DemoOptions, hours: float, console: Console) -> Drive:
     done = Drive()
     with tempfile.TemporaryDirectory() as folder:
         out_dir = Path(folder) / "run"
-        flags = ["--seed", str(options.seed), "--record", str(options.record)]
-        config = load(RecorderConfig, "recorder", [*flags, "--out-dir", str(out_dir)])
+        config = load(
+            RecorderConfig,
+            "recorder",
+            [],
+            {"seed": options.seed, "record": options.record, "out_dir": out_dir},
+        )
         executive = Executive(
             [*robot_nodes(options), goals, RecorderNode(config)], MemoryTransport()
         )

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.distance_transform import distance_cells
 from services.common.frames import SE2, Array
+from services.common.grids import distance_cells
 from services.common.kernels import kernel
 
 Cells = NDArray[np.int8]

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.distance_transform import distance_cells
 from services.common.frames import SE2
+from services.common.grids import distance_cells
 
 OCCUPIED = 50
 """Cells from this value on are walls; ROS maps hold 0 free to 100 occupied, -1 unknown."""

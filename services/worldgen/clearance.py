@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from services.common.distance_transform import distance_cells
 from services.common.documents import Planar, World
 from services.common.footprint import Footprint, footprints
 from services.common.frames import Array
 from services.common.geometry import TriangleMesh
+from services.common.grids import connected_regions, distance_cells
 from services.worldgen.occupancy import Grid, grid_of, occupied_cells
 
 ROBOT_RADIUS_M = 0.24
@@ -44,7 +42,7 @@ def cannot_be_reached(
     of a cell's side. `meshes` are by sha256.
     """
     grid, distance_m = _distances(world, meshes)
-    regions = _regions(distance_m >= ROBOT_RADIUS_M - 1.5 * grid.resolution_m)
+    regions = connected_regions(distance_m >= ROBOT_RADIUS_M - 1.5 * grid.resolution_m)
     found = []
     start = grid.cell(world.start.x_m, world.start.y_m)
     for place in places:
@@ -65,7 +63,7 @@ def nearest_place(world: World, meshes: Mapping[str, TriangleMesh]) -> Planar:
     cell = grid.cell(start.x_m, start.y_m)
     if not room.any() or (cell is not None and room[cell]):
         return start
-    regions = _regions(room)
+    regions = connected_regions(room)
     edge = np.concatenate([regions[0], regions[-1], regions[:, 0], regions[:, -1]])
     within = room & ~np.isin(regions, edge)
     rows, columns = np.nonzero(within if within.any() else room)
@@ -85,14 +83,6 @@ def _distances(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Grid, 
     grid = grid_of(world.model_copy(update={"map_resolution_m": side_m}), meshes)
     occupied = occupied_cells(footprints(world, meshes), grid)
     return grid, distance_cells(occupied) * side_m
-
-
-def _regions(where: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The number, from 1, of the region connected over the sides of cells that each cell is in; 0
-    elsewhere.
-    """
-    _, regions = cv2.connectedComponents(where.view(np.uint8), connectivity=4)
-    return np.asarray(regions, np.int32)
 
 
 def _distance_m(segments: Array, point: Array) -> float:

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from services.common.documents import Document, Planar
 from services.common.frames import SE2, Array, wrap_angle
+from services.common.grids import connected_regions
 from services.common.kernels import kernel
 from services.worldgen import maze as mazes
 from services.worldgen.loader import LoadedWorld
@@ -114,7 +115,7 @@ def _narrowest(free: Bits, start: tuple[int, int], goal: tuple[int, int]) -> flo
     low, high = 1, int(min(square[end] for end in ends))
     while low < high:
         middle = (low + high + 1) // 2
-        regions, _ = ndimage.label(square >= middle)
+        regions = connected_regions(square >= middle)
         low, high = (middle, high) if regions[ends[0]] == regions[ends[1]] else (low, middle - 1)
     return math.sqrt(low)
 

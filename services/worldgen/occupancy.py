@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from services.common.documents import World
 from services.common.footprint import Footprint, footprints
 from services.common.frames import SE2, Array
 from services.common.geometry import TriangleMesh
+from services.common.grids import connected_regions
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MARGIN_M = 1.0
@@ -157,7 +157,7 @@ def occupancy(world: World, meshes: Mapping[str, TriangleMesh], grid: Grid) -> N
     cells = np.full(occupied.shape, UNKNOWN, np.int8)
     start = grid.cell(world.start.x_m, world.start.y_m)
     if start is not None and not occupied[start]:
-        _, rooms = cv2.connectedComponents((~occupied).view(np.uint8), connectivity=4)
+        rooms = connected_regions(~occupied)
         cells[rooms == rooms[start]] = FREE
     cells[occupied] = OCCUPIED
     return cells

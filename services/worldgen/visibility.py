@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from services.common.documents import Planar, World
 from services.common.frames import SE2, Array
 from services.common.geometry import TriangleMesh
+from services.common.grids import connected_regions, distance_cells
 from services.common.kernels import kernel
 from services.common.obstruction import Obstruction, obstructions, wall_polygons
 from services.common.placement import Panel
@@ -53,14 +53,12 @@ def reachable(
     from the nearest place where it does. Right to within a quarter of a cell.
     """
     taken: Bits = map_cells != FREE
-    if not taken.any():
-        return ~taken
     # From a cell's middle to the nearest edge of one that is taken.
-    distance_m = (ndimage.distance_transform_edt(~taken) - 0.5) * resolution_m
+    distance_m = (distance_cells(taken) - 0.5) * resolution_m
     fits: Bits = distance_m >= radius_m
     if not fits.any():
         return fits
-    regions, _ = ndimage.label(fits)
+    regions = connected_regions(fits)
     here = origin.inverse() @ start.se2()
     row, column = math.floor(here.y_m / resolution_m), math.floor(here.x_m / resolution_m)
     inside = 0 <= row < taken.shape[0] and 0 <= column < taken.shape[1]

@@ -45,7 +45,9 @@ def test_each_service_folder_has_the_same_inside(service: str) -> None:
         for line in (folder / "__main__.py").read_text().splitlines()
         if line and not line.startswith('"""')
     ]
-    assert len(code) == 4, f"services/{service}/__main__.py: three imports and main(...) only"
+    told = f"services/{service}/__main__.py: three imports and main(...) only, collections held off"
+    assert len(code) == 6, told
+    assert code[1] == "with collections_held_off():", told
 
 
 def test_nothing_is_named_after_nothing() -> None:

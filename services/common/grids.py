@@ -1,4 +1,4 @@
-"""The Euclidean distance transform of a grid, the same in every bit wherever it is made."""
+"""Transforms of a grid of cells, the same in every bit wherever they are made."""
 
 from __future__ import annotations
 
@@ -23,3 +23,12 @@ def distance_cells(solid: NDArray[np.bool_]) -> NDArray[np.float64]:
     distance = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     squared = np.minimum(distance, MAX_CELLS).astype(np.float64) ** 2
     return np.asarray(np.sqrt(np.rint(squared)), np.float64)
+
+
+def connected_regions(where: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(rows, columns), the number, from 1, of the region connected over the sides of cells that
+    each cell is in; 0 elsewhere.
+    """
+    cells = np.ascontiguousarray(where).view(np.uint8)
+    _, regions = cv2.connectedComponents(cells, connectivity=4)
+    return np.asarray(regions, np.int32)

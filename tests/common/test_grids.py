@@ -1,13 +1,13 @@
-"""The distance transform is exact, to the last bit."""
+"""Grids are transformed exactly, to the last bit."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 import pytest
-from scipy.ndimage import distance_transform_edt
+from scipy import ndimage
 
-from services.common.distance_transform import MAX_CELLS, distance_cells
+from services.common.grids import MAX_CELLS, connected_regions, distance_cells
 
 
 @pytest.mark.parametrize("share", [0.0005, 0.01, 0.3, 0.95])
@@ -16,7 +16,7 @@ def test_it_is_the_exact_one(shape: tuple[int, int], share: float) -> None:
     generator = np.random.default_rng([*shape, int(share * 1e4)])
     solid = generator.random(shape) < share
     solid[shape[0] // 2, shape[1] // 3] = True
-    assert np.array_equal(distance_cells(solid), distance_transform_edt(~solid))
+    assert np.array_equal(distance_cells(solid), ndimage.distance_transform_edt(~solid))
 
 
 def test_it_does_not_depend_on_threads_or_memory() -> None:
@@ -38,3 +38,15 @@ def test_nothing_solid_is_infinitely_far_and_far_is_bounded() -> None:
     solid = np.zeros((1, 3000), np.bool_)
     solid[0, 0] = True
     assert distance_cells(solid)[0, [5, 2000, 2999]].tolist() == [5.0, 2000.0, MAX_CELLS]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.6, 1.0])
+def test_regions_hang_together_over_sides_and_not_corners(share: float) -> None:
+    where = np.random.default_rng(int(share * 10)).random((61, 90)) < share
+    regions, expected = connected_regions(where), ndimage.label(where)[0]
+    assert np.array_equal(regions == 0, ~where)
+    # The same regions, whatever their numbers.
+    pairs = np.unique(np.stack([regions.ravel(), expected.ravel()]), axis=1).T
+    assert len(pairs) == len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1]))
+    strided = connected_regions(where[:, ::2])
+    assert np.array_equal(strided, connected_regions(where[:, ::2].copy()))
