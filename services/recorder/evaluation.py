@@ -51,14 +51,18 @@ _MOST_CONTACTS = 1000
 _GOALS_UNDER_WAY = 16
 
 
-@dataclass
+_NONE_SET: set[str] = set()
+"""Shared, where pydantic would keep the names of a report's fields for each one."""
+
+
+@dataclass(slots=True)
 class _Judged:
-    """A goal that has ended, and what was seen on the way."""
+    """A goal that has ended, and what was seen on the way. Small: a run may have thousands."""
 
     start_ns: int
     end_ns: int
     verdict: GoalReport
-    """The last report: one document a goal, of which a run may have thousands."""
+    """The last report."""
     errors: int = 0
     error_sum_m: float = 0.0
     contacts: int = 0
@@ -79,9 +83,8 @@ class _Judged:
     def report(self) -> GoalReport:
         if not self._is_told:
             mean_m = self.error_sum_m / self.errors if self.errors else 0.0
-            self.verdict = self.verdict.model_copy(
-                update={"localisation_error_m": mean_m, "contacts": self.contacts}
-            )
+            seen = {"localisation_error_m": mean_m, "contacts": self.contacts}
+            self.verdict = GoalReport.model_construct(_NONE_SET, **dict(self.verdict) | seen)
             self._is_told = True
         return self.verdict
 
