@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
+
+from pydantic_core import to_json
 
 from services.common.documents import Evaluation, SimulationStats, World
 from services.common.node import TopicCounts
@@ -67,7 +68,8 @@ def build_summary(
 
 def summary_text(summary: Summary) -> str:
     """The text of summary.json."""
-    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    # Of thousands of goals, json.dumps would make a string of each word, every few seconds.
+    return to_json(summary, indent=2, inf_nan_mode="null").decode() + "\n"
 
 
 def _messages(counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere) -> Summary:
