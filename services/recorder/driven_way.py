@@ -18,10 +18,10 @@ _RECENT = 1800
 _OLD_PERIOD_NS = 500_000_000
 """one of this time, on a line between two of which a robot that can reach 0.5 m/s within a second
 is off by less than 2 cm;"""
-_OLD_AGE_NS = 900_000_000_000
+_OLD_AGE_NS = 3_600_000_000_000
 """and of those older than this, one of twice that time, and so on with each doubling of their age:
-a run of days takes little more memory than one of an hour, and from one pose to the next is at most
-a 900th of their age.
+a run of days takes little more memory than one of hours, and beyond an hour from one pose to the
+next is at most a 3600th of their age.
 """
 
 

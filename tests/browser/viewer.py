@@ -7,6 +7,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 
 from services.cli.loopback_router import free_port
 from services.recorder.live import WebPage
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 Picture = NDArray[np.uint8]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -63,10 +67,10 @@ def screenshot(
             page.route("**/fonts.g*", lambda route: route.abort())
             page.goto(url, wait_until="commit")
             end_s = time.monotonic() + timeout_s
-            picture = _shoot(page.screenshot, end_s)
+            picture = _shoot(page, end_s)
             while not done(picture) and time.monotonic() < end_s:
                 page.wait_for_timeout(1000.0 * _PERIOD_S)
-                picture = _shoot(page.screenshot, end_s)
+                picture = _shoot(page, end_s)
             if settle_s:
                 page.wait_for_timeout(1000.0 * settle_s)
             if at is not None:
@@ -74,23 +78,24 @@ def screenshot(
                 page.mouse.click(left + at * (size[0] - right - left), size[1] - up)
                 page.mouse.move(size[0] / 2.0, size[1] - up)
                 page.wait_for_timeout(1000.0 * SETTLE_S)
-            return _shoot(page.screenshot, end_s) if settle_s or at is not None else picture
+            return _shoot(page, end_s) if settle_s or at is not None else picture
         finally:
             browser.close()
 
 
-def _shoot(screenshot_: Callable[..., bytes], end_s: float) -> Picture:
+def _shoot(page: Page, end_s: float) -> Picture:
     """What the page shows; asked again until `end_s` where the browser is too busy to say."""
     from playwright.sync_api import Error
 
     while True:
         try:
             # A page that still compiles the viewer answers late.
-            data = screenshot_(timeout=60_000.0)
+            data = page.screenshot(timeout=60_000.0)
             break
         except Error:
             if time.monotonic() >= end_s:
                 raise
+            page.wait_for_timeout(1000.0 * _PERIOD_S)
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     return np.asarray(picture, np.uint8)
