@@ -1,4 +1,10 @@
-"""PyBullet without the line that it prints on being imported, and what it may keep."""
+"""PyBullet without the line that it prints on being imported, and what it may keep.
+
+glibc takes a block from the system by itself, and gives it back when it is freed, from 128 KiB on;
+but each such block that is freed raises that threshold to its own size, up to 32 MiB (mallopt(3)).
+PyBullet frees blocks of up to 8 MB when a world is made anew: from then on they came from the heap
+and left holes in it, 50 MB after a few worlds. A threshold that has been set stays as it is.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +15,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+"""Of glibc's malloc.h"""
+_OWN_BLOCK_BYTES = 1 << 20
+"""Above the most of what a step takes for a moment: such a block costs a page fault every 4 KiB."""
+_KEPT_BYTES = 16 << 20
+"""Free memory at the heap's end that is not given back, since the next step takes it again."""
+
+
+def _keep_large_blocks_apart() -> None:
+    """Fix malloc's thresholds, where the C library is glibc; others have no mallopt."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_MMAP_THRESHOLD, _OWN_BLOCK_BYTES)
+        mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
 def _import_quietly() -> None:
@@ -30,6 +51,7 @@ def _import_quietly() -> None:
         os.close(nowhere)
 
 
+_keep_large_blocks_apart()
 _import_quietly()
 import pybullet  # noqa: E402
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
-from services.common.documents import Cone
+from services.common.config import ROOT
+from services.common.documents import Cone, SimulationControl
+from services.common.topics import SIMULATION_CONTROL
+from services.embedded.memory import resident_mb
 from services.physics.bullet import lent
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.scene import build_scene
@@ -62,3 +69,31 @@ def test_scenes_that_come_and_go_leave_nothing() -> None:
 
     assert kept_bytes(cycle) < 30_000
     renderer.close()
+
+
+def begun_again_mb() -> tuple[float, float]:
+    """Memory of this process after one world, and after as many more as fill the heap."""
+    stage = Stage()
+    stage.load(OPEN)
+    resident = []
+    for things in range(9):
+        request = SimulationControl(reset="all")
+        stage.inbox.ask(SIMULATION_CONTROL, request, lambda reply: None)
+        stage.turn()
+        stage.now_ns = stage.node.now_ns
+        stage.desire(*(crate(f"crate_{n}", n - 5.0, 1.0) for n in range(things)))
+        stage.sent.clear()
+        resident.append(resident_mb())
+    stage.node.close()
+    return resident[0], resident[-1]
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc has thresholds to fix")
+def test_worlds_that_are_made_anew_leave_no_holes() -> None:
+    # In a process of its own: other tests have left this one a heap with holes.
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {__name__} as tests; print(*tests.begun_again_mb())"],
+        capture_output=True, text=True, check=True, timeout=60, cwd=ROOT,
+    )  # fmt: skip
+    first_mb, last_mb = map(float, done.stdout.split())
+    assert last_mb - first_mb < 5.0
