@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from array import array
 from bisect import bisect_right
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from services.common.frames import SE2, wrap_angle
+from services.common.frames import SE2, Array, wrap_angle
 
 JITTER_M = 2e-3
 """Displacements shorter than this are the trembling of a robot at rest, and no path."""
@@ -23,19 +26,39 @@ _OLD_AGE_NS = 3_600_000_000_000
 a run of days takes little more memory than one of hours, and beyond an hour from one pose to the
 next is at most a 3600th of their age.
 """
+_AGED = 600
+"""So many poses, together, have grown old before they are thinned again."""
+
+
+class _Piece(NamedTuple):
+    """A part of the way."""
+
+    stamps_ns: NDArray[np.int64]
+    poses: Array
+    """(n, 4): x and y (m), yaw (rad) without jumps, and length (m)"""
+
+    @property
+    def start_ns(self) -> int:
+        return int(self.stamps_ns[0])
+
+    @property
+    def end_ns(self) -> int:
+        return int(self.stamps_ns[-1])
 
 
 class DrivenWay:
-    """The true poses of a run in the order of their time, and the length of the path by them."""
+    """The true poses of a run in the order of their time, and the length of the path by them.
+
+    What is no longer recent lies in pieces that are not touched for an hour: arrays that grew with
+    the run would be moved, again and again, and leave holes in the heap.
+    """
 
     def __init__(self) -> None:
         self.total_m = 0.0
         self._counted_xy: tuple[float, float] | None = None
-        self._stamps_ns = array("q")
-        self._columns = tuple(array("d") for _ in range(4))
-        """x and y (m), yaw (rad) without jumps, and length (m)."""
-        self._thinned = 0
-        """How many of them are few enough."""
+        self._stamps_ns, self._poses = array("q"), array("d")
+        """Of the recent ones, and four values of each"""
+        self._pieces: list[_Piece] = []
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
         """Take in a true pose, newer than all before."""
@@ -45,41 +68,54 @@ class DrivenWay:
         if step_m >= JITTER_M:
             self.total_m += step_m
             self._counted_xy = pose.x_m, pose.y_m
-        yaws_rad = self._columns[2]
         yaw_rad = pose.yaw_rad
-        if yaws_rad:
-            yaw_rad = yaws_rad[-1] + wrap_angle(yaw_rad - yaws_rad[-1])
+        if self._poses:
+            before_rad = self._poses[-2]
+            yaw_rad = before_rad + wrap_angle(yaw_rad - before_rad)
         self._stamps_ns.append(stamp_ns)
-        for column, value in zip(
-            self._columns, (pose.x_m, pose.y_m, yaw_rad, self.total_m), strict=True
-        ):
-            column.append(value)
-        if len(self._stamps_ns) - self._thinned >= 2 * _RECENT:
-            self._thin()
+        self._poses.extend((pose.x_m, pose.y_m, yaw_rad, self.total_m))
+        if len(self._stamps_ns) >= 2 * _RECENT:
+            self._put_away()
 
     def at(self, stamp_ns: int) -> tuple[SE2, float] | None:
         """Pose and length driven (m) at a time, between the poses around it; before the first and
         after the last, theirs. None where there is none.
         """
-        after = bisect_right(self._stamps_ns, stamp_ns)
         if not self._stamps_ns:
             return None
-        first, last = max(after - 1, 0), min(after, len(self._stamps_ns) - 1)
-        start_ns, end_ns = self._stamps_ns[first], self._stamps_ns[last]
-        share = (stamp_ns - start_ns) / (end_ns - start_ns) if end_ns > start_ns else 0.0
+        pieces = [*self._pieces, self._recent(len(self._stamps_ns))]
+        after = bisect_right(pieces, stamp_ns, key=lambda piece: piece.start_ns)
+        around = _joined(pieces[max(after - 1, 0) : after + 1])
         x_m, y_m, yaw_rad, length_m = (
-            column[first] + share * (column[last] - column[first]) for column in self._columns
+            float(np.interp(stamp_ns, around.stamps_ns, column)) for column in around.poses.T
         )
         return SE2(x_m, y_m, wrap_angle(yaw_rad)), length_m
 
-    def _thin(self) -> None:
-        """Leave out most of the poses that have become old."""
-        end = len(self._stamps_ns) - _RECENT
-        stamps_ns = np.array(self._stamps_ns[:end], np.int64)
-        ages = np.maximum((stamps_ns[-1] - stamps_ns) / _OLD_AGE_NS, 1.0)
-        periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(ages)).astype(np.int64)
-        kept = np.flatnonzero(np.diff(stamps_ns // periods_ns, prepend=-1)).tolist()
-        self._stamps_ns[:end] = array("q", [self._stamps_ns[i] for i in kept])
-        for column in self._columns:
-            column[:end] = array("d", [column[i] for i in kept])
-        self._thinned = len(kept)
+    def _recent(self, count: int) -> _Piece:
+        """The earliest of the recent poses."""
+        stamps_ns = np.frombuffer(self._stamps_ns[:count], np.int64)
+        return _Piece(stamps_ns, np.frombuffer(self._poses[: 4 * count]).reshape(-1, 4))
+
+    def _put_away(self) -> None:
+        """Leave out most of the poses that are no longer recent, and of those that became old."""
+        piece = self._recent(_RECENT)
+        del self._stamps_ns[:_RECENT]
+        del self._poses[: 4 * _RECENT]
+        now_ns = piece.end_ns
+        self._pieces.append(_thinned(piece, now_ns))
+        old = bisect_right(self._pieces, now_ns - _OLD_AGE_NS, key=lambda piece: piece.end_ns)
+        if sum(len(piece.stamps_ns) for piece in self._pieces[1:old]) >= _AGED:
+            self._pieces[:old] = [_thinned(_joined(self._pieces[:old]), now_ns)]
+
+
+def _joined(pieces: Sequence[_Piece]) -> _Piece:
+    stamps_ns, poses = zip(*pieces, strict=True)
+    return _Piece(np.concatenate(stamps_ns), np.concatenate(poses))
+
+
+def _thinned(piece: _Piece, now_ns: int) -> _Piece:
+    """The first pose of each of the periods that suit their age."""
+    ages = np.maximum((now_ns - piece.stamps_ns) / _OLD_AGE_NS, 1.0)
+    periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(ages)).astype(np.int64)
+    kept = np.flatnonzero(np.diff(piece.stamps_ns // periods_ns, prepend=-1))
+    return _Piece(piece.stamps_ns[kept], piece.poses[kept])

@@ -32,7 +32,7 @@ def build_summary(
     rejected_elsewhere: RejectedElsewhere,
     versions: Mapping[str, str],
 ) -> Summary:
-    """Everything about a run that a script may want, as JSON values.
+    """Everything about a run that a script may want, as JSON values and documents.
 
     `wall_time_s` runs from the first tick of the clock that came here to the newest message, but
     for the time in which the simulation was paused, and `recorded_s` is the simulation time between
@@ -41,7 +41,7 @@ def build_summary(
     came here, what was lost on the way here, and what any service rejected, with the service and
     the reason.
     """
-    judged = evaluation.model_dump(mode="json")
+    judged = dict(evaluation)
     contacts = judged.pop("contacts")
     totals = dict(totals)
     return {
@@ -66,10 +66,11 @@ def build_summary(
     }
 
 
-def summary_text(summary: Summary) -> str:
-    """The text of summary.json."""
-    # Of thousands of goals, json.dumps would make a string of each word, every few seconds.
-    return to_json(summary, indent=2, inf_nan_mode="null").decode() + "\n"
+def summary_text(summary: Summary) -> bytes:
+    """The text of summary.json, as UTF-8."""
+    # Every few seconds, of thousands of goals: json.dumps would make a string of each word, and
+    # dumping the documents a dictionary of each goal.
+    return to_json(summary, indent=2, inf_nan_mode="null") + b"\n"
 
 
 def _messages(counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere) -> Summary:
