@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +42,25 @@ class PlannerParams:
     smoothing_iterations: int
 
 
+class _SearchState(NamedTuple):
+    """What a search writes down of each cell."""
+
+    cost_to_come: Array
+    parent: Indices
+    done: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, cells: int) -> _SearchState:
+        return cls(np.empty(cells), np.empty(cells, np.int64), np.empty(cells, np.bool_))
+
+
 class Planner:
     """Finds paths for the robot's circle."""
 
     def __init__(self, params: PlannerParams) -> None:
         self._params = params
+        self._state = _SearchState.of(0)
+        """Kept: taken and let go of with each plan, they would leave holes in the heap."""
 
     def plan(self, costmap: Costmap, start: SE2, goal: SE2) -> PlannedPath:
         """Path from `start` to `goal` that keeps the robot's circle off every obstacle.
@@ -59,9 +74,12 @@ class Planner:
         goal_cell = frame.cell(goal.x_m, goal.y_m)
         assert goal_cell is not None
         weight = self._params.cost_travel_multiplier
+        if len(self._state.done) != costmap.costs.size:
+            self._state = _SearchState.of(costmap.costs.size)
         status, cells = _a_star(
-            costmap.costs, *start_cell, *goal_cell, weight, self._params.max_iterations
-        )
+            costmap.costs, *start_cell, *goal_cell, weight, self._params.max_iterations,
+            self._state.cost_to_come, self._state.parent, self._state.done,
+        )  # fmt: skip
         if status == _GAVE_UP:
             raise NavigationError(
                 ErrorCode.PLANNER_TIMEOUT,
@@ -186,6 +204,9 @@ def _a_star(
     goal_column: int,
     weight: float,
     max_iterations: int,
+    cost_to_come: Array,
+    parent: Indices,
+    done: NDArray[np.bool_],
 ) -> tuple[int, Indices]:
     """Cheapest 8-connected way between two cells that enters no cell of cost 253 or more.
 
@@ -193,15 +214,13 @@ def _a_star(
     heuristic is the octile distance, which no way can undercut. Of equal candidates the one with
     the lower cell index is taken.
 
-    Returns (status, (n, 2) rows and columns from start to goal).
+    The last three, a value a cell, are written over. Returns (status, (n, 2) rows and columns from
+    start to goal).
     """
     rows, columns = costs.shape
-    size = rows * columns
     start, goal = start_row * columns + start_column, goal_row * columns + goal_column
     flat = costs.ravel()
-    cost_to_come = np.full(size, np.inf)
-    parent = np.full(size, -1, np.int64)
-    done = np.zeros(size, np.bool_)
+    cost_to_come[:], parent[:], done[:] = np.inf, -1, False
     heap_key = np.empty(1024, np.float64)
     heap_cell = np.empty(1024, np.int64)
     heap_key[0], heap_cell[0], count = 0.0, start, 1
