@@ -6,6 +6,7 @@ import math
 from array import array
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.common.documents import ErrorStatistics
 
@@ -13,7 +14,8 @@ _MOST_KEPT = 5_000
 _LEAST = 1e-6
 """Smaller errors count as this."""
 _STEP = math.log(1.001)
-_BINS = math.ceil(math.log(1e9) / _STEP)
+_SIDE = 144
+"""Of the square of counts: above 1,000, all sizes count as one."""
 
 
 class ErrorSummary:
@@ -23,7 +25,8 @@ class ErrorSummary:
 
     def __init__(self) -> None:
         self._kept = array("d")
-        self._counts = np.zeros(0, np.int64)
+        self._counts = np.zeros((0, _SIDE), np.int64)
+        """By size, row by row"""
         self._count = 0
         self._sum = 0.0
         self._max = 0.0
@@ -35,11 +38,9 @@ class ErrorSummary:
         self._sum += error
         self._max = max(self._max, error)
         if len(self._kept) >= _MOST_KEPT:
-            sizes = np.maximum(np.array(self._kept), _LEAST) / _LEAST
-            bins = np.minimum((np.log(sizes) / _STEP).astype(np.int64), _BINS - 1)
             if not len(self._counts):
-                self._counts = np.zeros(_BINS, np.int64)
-            self._counts += np.bincount(bins, minlength=_BINS)
+                self._counts = np.zeros((_SIDE, _SIDE), np.int64)
+            np.add.at(self._counts, self._bins(), 1)
             self._kept = array("d")
 
     def statistics(self) -> ErrorStatistics:
@@ -49,9 +50,19 @@ class ErrorSummary:
         if not len(self._counts):
             p95 = float(np.percentile(np.array(self._kept), 95))
         else:
-            counts = self._counts.copy()
-            sizes = np.maximum(np.array(self._kept), _LEAST) / _LEAST
-            np.add.at(counts, np.minimum((np.log(sizes) / _STEP).astype(int), _BINS - 1), 1)
-            at = int(np.searchsorted(np.cumsum(counts), 0.95 * self._count))
+            # Row sums first: no array of all sizes is made, as one is asked for every second.
+            row_of, column_of = self._bins()
+            sums = self._counts.sum(axis=1) + np.bincount(row_of, minlength=_SIDE)
+            below = np.cumsum(sums)
+            row = int(np.searchsorted(below, 0.95 * self._count))
+            counts = self._counts[row] + np.bincount(column_of[row_of == row], minlength=_SIDE)
+            rest = 0.95 * self._count - float(below[row] - sums[row])
+            at = row * _SIDE + int(np.searchsorted(np.cumsum(counts), rest))
             p95 = min(_LEAST * math.exp((at + 0.5) * _STEP), self._max)
         return ErrorStatistics(mean=self._sum / self._count, p95=p95, max=self._max)
+
+    def _bins(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of those that are kept."""
+        sizes = np.maximum(np.array(self._kept), _LEAST) / _LEAST
+        bins = np.minimum((np.log(sizes) / _STEP).astype(np.int64), _SIDE**2 - 1)
+        return bins // _SIDE, bins % _SIDE
