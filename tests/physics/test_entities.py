@@ -427,12 +427,11 @@ def test_everything_made_anew_goes_on_as_it_was(
 
 
 def cycled(cycles: int) -> tuple[float, float, float, float]:
-    """Memory and steps of PyBullet, in ms of this process, before and after many cycles."""
-    stage = Stage()
-    stage.load(OPEN)
+    """Memory of this process and a step of PyBullet, in ms, before and after many cycles."""
+    young, old = Stage(), Stage()
     hull = Polyline(polygons_m=(BENT,), height_m=0.3)
 
-    def cycle(n: int) -> None:
+    def cycle(stage: Stage, n: int) -> None:
         # No two are alike, so that nothing can be used again.
         way = {"path": path((2.0, 1.0 + n * 1e-6))} if n % 3 == 0 else {"mass_kg": n % 3 - 1.0}
         geometry = hull if n % 5 == 0 else Box(size_m=(0.2 + n * 1e-7, 0.2, 0.2))
@@ -440,30 +439,32 @@ def cycled(cycles: int) -> tuple[float, float, float, float]:
         stage.desire()
         stage.sent.clear()
 
-    def step_ms() -> float:
-        times = []
-        for _ in range(300):
-            start = time.process_time()
-            stage.bodies.step()
-            times.append(time.process_time() - start)
-        return 1e3 * float(np.median(times))
+    def step_ms(stage: Stage) -> float:
+        start = time.process_time()
+        stage.bodies.step()
+        return 1e3 * (time.process_time() - start)
 
-    for n in range(100):
-        cycle(n)
-    memory_mb, time_ms = resident_mb(), step_ms()
+    for stage in (young, old):
+        stage.load(OPEN)
+        for n in range(100):
+            cycle(stage, n)
+    before_mb = resident_mb()
     for n in range(100, 100 + cycles):
-        cycle(n)
-    after = memory_mb, resident_mb(), time_ms, step_ms()
-    stage.node.close()
-    return after
+        cycle(old, n)
+    after_mb = resident_mb()
+    # In turns: the pace of a machine that others use may be another one a minute later.
+    times_ms = np.median([(step_ms(young), step_ms(old)) for _ in range(300)], axis=0)
+    for stage in (young, old):
+        stage.node.close()
+    return before_mb, after_mb, float(times_ms[0]), float(times_ms[1])
 
 
 def test_coming_and_going_takes_no_memory_and_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bodies_module, "_MAX_GARBAGE_BYTES", 100_000)
     before_mb, after_mb, before_ms, after_ms = cycled(200)
-    # Other tests have left this process a heap with holes, and other processes want the processor.
+    # Other tests have left this process a heap with holes.
     assert after_mb - before_mb < 3.0
-    assert after_ms < 3.0 * before_ms
+    assert after_ms < 1.5 * before_ms
 
 
 @pytest.mark.slow
