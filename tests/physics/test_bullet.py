@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import platform
-import subprocess
-import sys
 import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from services.common.config import ROOT
 from services.common.documents import Cone, SimulationControl
 from services.common.topics import SIMULATION_CONTROL
 from services.embedded.memory import resident_mb
@@ -19,6 +16,7 @@ from services.physics.bullet import lent
 from services.physics.camera import Intrinsics, make_renderer
 from services.physics.scene import build_scene
 from tests.physics.driver import world
+from tests.physics.own_process import figures
 from tests.physics.stage import OPEN, Stage, crate
 
 
@@ -90,10 +88,5 @@ def begun_again_mb() -> tuple[float, float]:
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc has thresholds to fix")
 def test_worlds_that_are_made_anew_leave_no_holes() -> None:
-    # In a process of its own: other tests have left this one a heap with holes.
-    done = subprocess.run(
-        [sys.executable, "-c", f"import {__name__} as tests; print(*tests.begun_again_mb())"],
-        capture_output=True, text=True, check=True, timeout=60, cwd=ROOT,
-    )  # fmt: skip
-    first_mb, last_mb = map(float, done.stdout.split())
+    first_mb, last_mb = figures(__name__, "begun_again_mb()", timeout_s=60)
     assert last_mb - first_mb < 5.0

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
 
-from services.common.config import ROOT
 from services.common.documents import (
     BodyEntity,
     Box,
@@ -39,6 +36,7 @@ from services.embedded.memory import resident_mb
 from services.physics import bodies as bodies_module
 from services.physics import entities as entities_module
 from tests.physics.driver import panel, texture
+from tests.physics.own_process import figures
 from tests.physics.stage import (
     CRATE,
     OPEN,
@@ -470,11 +468,6 @@ def test_coming_and_going_takes_no_memory_and_no_time(monkeypatch: pytest.Monkey
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_ten_thousand_come_and_go() -> None:
-    # In a process of its own: what other tests have left would blur how much is taken.
-    done = subprocess.run(
-        [sys.executable, "-c", f"import {__name__} as tests; print(*tests.cycled(10_000))"],
-        capture_output=True, text=True, check=True, timeout=900, cwd=ROOT,
-    )  # fmt: skip
-    before_mb, after_mb, before_ms, after_ms = map(float, done.stdout.split())
+    before_mb, after_mb, before_ms, after_ms = figures(__name__, "cycled(10_000)", timeout_s=900)
     assert after_mb - before_mb < 20.0
     assert after_ms < 1.5 * before_ms

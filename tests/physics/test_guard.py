@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import subprocess
-import sys
 import time
 import zlib
 from typing import Any
@@ -17,7 +15,6 @@ from pydantic import ValidationError
 
 from services.common import messages as msg
 from services.common import png
-from services.common.config import ROOT
 from services.common.documents import (
     BodyEntity,
     Box,
@@ -56,6 +53,7 @@ from services.physics.config import PhysicsConfig
 from services.physics.robot_model import ModelError, robot_model_from_urdf
 from services.physics.scene import build_scene
 from tests.physics.driver import asset, panel, texture, world
+from tests.physics.own_process import figures
 from tests.physics.stage import (
     CRATE,
     OPEN,
@@ -679,12 +677,7 @@ def fuzzed_mb(requests: int) -> tuple[float, float]:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_whatever_is_asked_for_the_state_stays_finite_for_40_000_requests() -> None:
-    # In a process of its own: what pytest keeps of the log would count as the product's memory.
-    done = subprocess.run(
-        [sys.executable, "-c", f"import {__name__} as tests; print(*tests.fuzzed_mb(20_000))"],
-        stdout=subprocess.PIPE, text=True, check=True, timeout=1800, cwd=ROOT,
-    )  # fmt: skip
-    before_mb, after_mb = map(float, done.stdout.split())
+    before_mb, after_mb = figures(__name__, "fuzzed_mb(20_000)", timeout_s=1800)
     assert after_mb - before_mb < 20.0
 
 
