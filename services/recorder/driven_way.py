@@ -22,9 +22,10 @@ _OLD_PERIOD_NS = 500_000_000
 """one of this time, on a line between two of which a robot that can reach 0.5 m/s within a second
 is off by less than 2 cm;"""
 _OLD_AGE_NS = 3_600_000_000_000
-"""and of those older than this, one of twice that time, and so on with each doubling of their age:
-a run of days takes little more memory than one of hours, and beyond an hour from one pose to the
-next is at most a 3600th of their age.
+"""and of those older than this, so many that from one to the next is at most"""
+_OLD_SHARE = 1 / 900
+"""of their age: fewer with each doubling of it, so that a run of days takes little more memory than
+one of hours.
 """
 _AGED = 600
 """So many poses, together, have grown old before they are thinned again."""
@@ -115,7 +116,9 @@ def _joined(pieces: Sequence[_Piece]) -> _Piece:
 
 def _thinned(piece: _Piece, now_ns: int) -> _Piece:
     """The first pose of each of the periods that suit their age."""
-    ages = np.maximum((now_ns - piece.stamps_ns) / _OLD_AGE_NS, 1.0)
-    periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(ages)).astype(np.int64)
+    ages_ns = now_ns - piece.stamps_ns
+    # More than half of the longest that they may be, since they double.
+    times = np.where(ages_ns > _OLD_AGE_NS, 0.5 * _OLD_SHARE * ages_ns / _OLD_PERIOD_NS, 1.0)
+    periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(times)).astype(np.int64)
     kept = np.flatnonzero(np.diff(piece.stamps_ns // periods_ns, prepend=-1))
     return _Piece(piece.stamps_ns[kept], piece.poses[kept])
