@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from bisect import bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import SE2, Array, wrap_angle
+from services.recorder.recent_rows import RecentRows
 
 JITTER_M = 2e-3
 """Displacements shorter than this are the trembling of a robot at rest, and no path."""
@@ -46,6 +46,9 @@ class _Piece(NamedTuple):
     def end_ns(self) -> int:
         return int(self.stamps_ns[-1])
 
+    def rows(self, part: slice | NDArray[np.int64]) -> _Piece:
+        return _Piece(self.stamps_ns[part], self.poses[part])
+
 
 class DrivenWay:
     """The true poses of a run in the order of their time, and the length of the path by them.
@@ -57,8 +60,7 @@ class DrivenWay:
     def __init__(self) -> None:
         self.total_m = 0.0
         self._counted_xy: tuple[float, float] | None = None
-        self._stamps_ns, self._poses = array("q"), array("d")
-        """Of the recent ones, and four values of each"""
+        self._recent = RecentRows(4, _RECENT, 2 * _RECENT)
         self._pieces: list[_Piece] = []
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
@@ -69,39 +71,38 @@ class DrivenWay:
         if step_m >= JITTER_M:
             self.total_m += step_m
             self._counted_xy = pose.x_m, pose.y_m
-        yaw_rad = pose.yaw_rad
-        if self._poses:
-            before_rad = self._poses[-2]
-            yaw_rad = before_rad + wrap_angle(yaw_rad - before_rad)
-        self._stamps_ns.append(stamp_ns)
-        self._poses.extend((pose.x_m, pose.y_m, yaw_rad, self.total_m))
-        if len(self._stamps_ns) >= 2 * _RECENT:
+        yaw_rad, before = pose.yaw_rad, self._recent.rows[-1:, 2]
+        if len(before):
+            yaw_rad = float(before[0]) + wrap_angle(yaw_rad - float(before[0]))
+        if self._recent.is_full:
             self._put_away()
+        self._recent.add(stamp_ns, (pose.x_m, pose.y_m, yaw_rad, self.total_m))
 
     def at(self, stamp_ns: int) -> tuple[SE2, float] | None:
         """Pose and length driven (m) at a time, between the poses around it; before the first and
         after the last, theirs. None where there is none.
         """
-        if not self._stamps_ns:
+        recent = self._recent_piece()
+        if not len(recent.stamps_ns):
             return None
-        pieces = [*self._pieces, self._recent(len(self._stamps_ns))]
+        pieces = [*self._pieces, recent]
         after = bisect_right(pieces, stamp_ns, key=lambda piece: piece.start_ns)
-        around = _joined(pieces[max(after - 1, 0) : after + 1])
+        piece, *others = pieces[max(after - 1, 0) : after + 1]
+        row = max(int(np.searchsorted(piece.stamps_ns, stamp_ns)) - 1, 0)
+        around = _joined(
+            [piece.rows(slice(row, row + 2)), *(other.rows(slice(1)) for other in others)]
+        )
         x_m, y_m, yaw_rad, length_m = (
             float(np.interp(stamp_ns, around.stamps_ns, column)) for column in around.poses.T
         )
         return SE2(x_m, y_m, wrap_angle(yaw_rad)), length_m
 
-    def _recent(self, count: int) -> _Piece:
-        """The earliest of the recent poses."""
-        stamps_ns = np.frombuffer(self._stamps_ns[:count], np.int64)
-        return _Piece(stamps_ns, np.frombuffer(self._poses[: 4 * count]).reshape(-1, 4))
+    def _recent_piece(self) -> _Piece:
+        return _Piece(self._recent.stamps_ns, self._recent.rows)
 
     def _put_away(self) -> None:
         """Leave out most of the poses that are no longer recent, and of those that became old."""
-        piece = self._recent(_RECENT)
-        del self._stamps_ns[:_RECENT]
-        del self._poses[: 4 * _RECENT]
+        piece = self._recent_piece().rows(slice(_RECENT))
         now_ns = piece.end_ns
         self._pieces.append(_thinned(piece, now_ns))
         old = bisect_right(self._pieces, now_ns - _OLD_AGE_NS, key=lambda piece: piece.end_ns)
@@ -121,4 +122,4 @@ def _thinned(piece: _Piece, now_ns: int) -> _Piece:
     times = np.where(ages_ns > _OLD_AGE_NS, 0.5 * _OLD_SHARE * ages_ns / _OLD_PERIOD_NS, 1.0)
     periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(times)).astype(np.int64)
     kept = np.flatnonzero(np.diff(piece.stamps_ns // periods_ns, prepend=-1))
-    return _Piece(piece.stamps_ns[kept], piece.poses[kept])
+    return piece.rows(kept)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from array import array
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.common.documents import ErrorStatistics
 
@@ -19,50 +17,51 @@ _SIDE = 144
 
 
 class ErrorSummary:
-    """Of errors in whichever unit. Of more than 5,000 the percentile is exact to 0.1 %: the
-    earlier ones are only counted, by their size.
+    """Of errors in whichever unit. Of more than 5,000 the percentile is exact to 0.1 %: they are
+    only counted, by their size.
     """
 
     def __init__(self) -> None:
-        self._kept = array("d")
-        self._counts = np.zeros((0, _SIDE), np.int64)
-        """By size, row by row"""
+        self._kept = np.empty(_MOST_KEPT)
+        """The first ones, until they are counted"""
+        self._counts = np.zeros((_SIDE, _SIDE), np.int64)
+        """By size, row by row: no array of all sizes is made for a percentile, as one is asked for
+        every second.
+        """
         self._count = 0
         self._sum = 0.0
         self._max = 0.0
 
     def add(self, error: float) -> None:
         """Take in an error, not negative."""
-        self._kept.append(error)
+        if self._count < len(self._kept):
+            self._kept[self._count] = error
+        else:
+            if self._count == len(self._kept):
+                for kept in self._kept.tolist():
+                    self._counts[_bin(kept)] += 1
+            self._counts[_bin(error)] += 1
         self._count += 1
         self._sum += error
         self._max = max(self._max, error)
-        if len(self._kept) >= _MOST_KEPT:
-            if not len(self._counts):
-                self._counts = np.zeros((_SIDE, _SIDE), np.int64)
-            np.add.at(self._counts, self._bins(), 1)
-            self._kept = array("d")
 
     def statistics(self) -> ErrorStatistics:
         """Of all so far."""
         if not self._count:
             return ErrorStatistics()
-        if not len(self._counts):
-            p95 = float(np.percentile(np.array(self._kept), 95))
+        if self._count <= len(self._kept):
+            p95 = float(np.percentile(self._kept[: self._count], 95))
         else:
-            # Row sums first: no array of all sizes is made, as one is asked for every second.
-            row_of, column_of = self._bins()
-            sums = self._counts.sum(axis=1) + np.bincount(row_of, minlength=_SIDE)
+            sums = self._counts.sum(axis=1)
             below = np.cumsum(sums)
             row = int(np.searchsorted(below, 0.95 * self._count))
-            counts = self._counts[row] + np.bincount(column_of[row_of == row], minlength=_SIDE)
             rest = 0.95 * self._count - float(below[row] - sums[row])
-            at = row * _SIDE + int(np.searchsorted(np.cumsum(counts), rest))
+            at = row * _SIDE + int(np.searchsorted(np.cumsum(self._counts[row]), rest))
             p95 = min(_LEAST * math.exp((at + 0.5) * _STEP), self._max)
         return ErrorStatistics(mean=self._sum / self._count, p95=p95, max=self._max)
 
-    def _bins(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of those that are kept."""
-        sizes = np.maximum(np.array(self._kept), _LEAST) / _LEAST
-        bins = np.minimum((np.log(sizes) / _STEP).astype(np.int64), _SIDE**2 - 1)
-        return bins // _SIDE, bins % _SIDE
+
+def _bin(error: float) -> tuple[int, int]:
+    """Row and column of the count of its size."""
+    size = math.log(max(error, _LEAST) / _LEAST) / _STEP
+    return divmod(int(min(size, _SIDE**2 - 1)), _SIDE)

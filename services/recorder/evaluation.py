@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from services.common.pose_history import PoseHistory
 from services.recorder.driven_way import DrivenWay
 from services.recorder.error_summary import ErrorSummary
 from services.recorder.obstacles import obstacles, read_meshes
+from services.recorder.recent_rows import RecentRows
 from services.recorder.shortest_path import ShortestPath
 
 GOAL_TOLERANCE_M = 0.25
@@ -134,7 +134,7 @@ class RunEvaluation:
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
         self._contact_count = 0
         self._seen: Counter[str] = Counter()
-        self._recent_stamps_ns, self._recent_error_m = array("q"), array("d")
+        self._recent_error_m = RecentRows(1, _RECENT_ESTIMATES, _RECENT_ESTIMATES * 11 // 10)
         self._error_m, self._error_rad = ErrorSummary(), ErrorSummary()
         self._marker_error_m = ErrorSummary()
         self._drift_m = 0.0
@@ -262,12 +262,7 @@ class RunEvaluation:
                 error_m = estimate.distance_m(true_pose)
                 self._error_m.add(error_m)
                 self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
-                self._recent_stamps_ns.append(stamp_ns)
-                self._recent_error_m.append(error_m)
-                surplus = len(self._recent_error_m) - _RECENT_ESTIMATES
-                if surplus >= _RECENT_ESTIMATES // 10:
-                    del self._recent_stamps_ns[:surplus]
-                    del self._recent_error_m[:surplus]
+                self._recent_error_m.add(stamp_ns, (error_m,))
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
                     judged.see_error(stamp_ns, error_m)
         map_from_start = self._world.start.se2()
@@ -331,8 +326,10 @@ class RunEvaluation:
             goal_stamp_ns=result.goal_stamp_ns,
         )
         judged = _Judged(start_ns, end_ns, report)
-        for stamp_ns, one_m in zip(self._recent_stamps_ns, self._recent_error_m, strict=True):
-            judged.see_error(stamp_ns, one_m)
+        stamps_ns = self._recent_error_m.stamps_ns
+        on_the_way = (stamps_ns >= start_ns) & (stamps_ns <= end_ns)
+        judged.errors = int(np.count_nonzero(on_the_way))
+        judged.error_sum_m = float(self._recent_error_m.rows[on_the_way].sum())
         for stamp_ns in self._contact_stamps_ns:
             judged.see_contact(stamp_ns)
         return [judged]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -157,7 +157,7 @@ class Run:
     def write_config(self, content: Mapping[str, Any]) -> None:
         """Keep what the run was told."""
         text = yaml.dump(dict(content), Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
-        self._write(CONFIG, text.encode())
+        self._write(CONFIG, [text.encode()])
 
     def close(self) -> None:
         """Write the summary, end the recording, and say that the run is whole."""
@@ -355,8 +355,8 @@ class Run:
         )
         self._write(SUMMARY, summary_text(summary))
 
-    def _write(self, name: str, content: bytes) -> None:
+    def _write(self, name: str, pieces: Iterable[bytes]) -> None:
         try:
-            write_atomically(self.folder.path / name, content)
+            write_atomically(self.folder.path / name, pieces)
         except OSError as error:
             _LOG.error("%s: %s", self.folder.path / name, error.strerror)

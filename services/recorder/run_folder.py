@@ -7,6 +7,7 @@ import fcntl
 import os
 import re
 import tempfile
+from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import IO
@@ -96,11 +97,11 @@ class RunFolder:
             self._lock = None
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, pieces: Iterable[bytes]) -> None:
     """Write a file so that a reader, or a crash, finds the old one or the new one, whole."""
     temporary = path.with_name(f".{path.name}.part")
     with temporary.open("wb") as file:
-        file.write(content)
+        file.writelines(pieces)
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pydantic_core import to_json
@@ -66,11 +66,27 @@ def build_summary(
     }
 
 
-def summary_text(summary: Summary) -> bytes:
-    """The text of summary.json, as UTF-8."""
-    # Every few seconds, of thousands of goals: json.dumps would make a string of each word, and
-    # dumping the documents a dictionary of each goal.
-    return to_json(summary, indent=2, inf_nan_mode="null") + b"\n"
+def summary_text(summary: Summary) -> Iterator[bytes]:
+    """The text of summary.json, as UTF-8, piece by piece: in one it would be longer with each goal,
+    every few seconds.
+    """
+    yield from _pieces(summary, b"\n")
+    yield b"\n"
+
+
+def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
+    """JSON of a value, in lines that begin like this one."""
+    if not isinstance(value, dict | list | tuple) or not value:
+        yield to_json(value, indent=2, inf_nan_mode="null").replace(b"\n", line)
+        return
+    named = isinstance(value, dict)
+    opening, closing = (b"{", b"}") if named else (b"[", b"]")
+    for index, entry in enumerate(value):
+        yield (b"," if index else opening) + line + b"  "
+        if named:
+            yield to_json(entry) + b": "
+        yield from _pieces(value[entry] if named else entry, line + b"  ")
+    yield line + closing
 
 
 def _messages(counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere) -> Summary:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import pickle
+import tracemalloc
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -472,6 +474,25 @@ def test_where_the_robot_was_takes_little_memory_for_days() -> None:
     assert sizes_bytes[0] < 300_000
     # With each doubling of the time, 900 poses of 40 bytes.
     assert sizes_bytes[2] - sizes_bytes[1] < 2 * 900 * 40
+
+
+def taken_for_a_moment_bytes(call: Callable[[], object]) -> int:
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_looking_up_takes_no_arrays_of_all_that_is_kept() -> None:
+    way, summary = DrivenWay(), ErrorSummary()
+    for tick in range(30 * 600):
+        way.add(tick * PERIOD_NS, SE2(tick / 100, 0.0, 0.0))
+        summary.add(tick / 1e5)
+    for stamp_s in (1, 500, 555, 599):
+        assert taken_for_a_moment_bytes(partial(way.at, stamp_s * 10**9)) < 8_000
+    assert taken_for_a_moment_bytes(summary.statistics) < 8_000
 
 
 def test_judging_a_long_run_takes_little_more_memory_than_a_short_one(
