@@ -41,9 +41,17 @@ class RecentRows:
     def add(self, stamp_ns: int, row: Sequence[float]) -> None:
         """Take in a row."""
         if self.is_full:
-            for column in (self._stamps_ns, self._rows):
-                column[: self._kept] = column[len(column) - self._kept :]
-            self._count = self._kept
+            self._let_go()
         self._stamps_ns[self._count] = stamp_ns
         self._rows[self._count] = row
         self._count += 1
+
+    def _let_go(self) -> None:
+        """Of all but the newest."""
+        space = self._count - self._kept
+        for column in (self._stamps_ns, self._rows):
+            # In blocks that do not overlap: of two that do, NumPy would make a copy.
+            for start in range(space, self._count, space):
+                block = column[start : start + space]
+                column[start - space :][: len(block)] = block
+        self._count = self._kept
