@@ -25,7 +25,7 @@ from services.physics.camera import (
     mover_poses,
     optical_from_map,
 )
-from services.physics.occlusion import visible_quads
+from services.physics.occlusion import balls_in_view, visible_quads
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
 _VERTEX_SHADER = """
@@ -164,6 +164,7 @@ class _Shown:
         balls = [_ball(scene, part) for part in self.others.tolist()]
         self._centres_m = np.array([centre for centre, _ in balls]).reshape(-1, 3)
         self._radii_m = np.array([radius for _, radius in balls])
+        self._movers = parts.mover[self.others].astype(np.int64)
         self.arrays: dict[tuple[_Shading, bool], Any] = {}
 
     def release(self) -> None:
@@ -172,25 +173,20 @@ class _Shown:
             thing.release()
 
     def others_in_view(
-        self, eye_m: Array, view_planes: Array, map_from_movers: Array
+        self, from_map: Array, clip_from_map: Array, map_from_movers: Array
     ) -> tuple[list[int], list[int]]:
         """All other parts in view, near before far: things, and what lies behind them."""
-        parts = self.scene.parts
-        if not len(self.others):
-            return [], []
-        centres, radii = self._centres_m.copy(), self._radii_m
-        movers = parts.mover[self.others]
-        moving = movers != STATIC
-        poses = map_from_movers[movers[moving]]
-        centres[moving] = (poses[:, :3, :3] @ centres[moving][:, :, None])[:, :, 0] + poses[
-            :, :3, 3
+        seen = self.others[
+            balls_in_view(
+                self._centres_m,
+                self._radii_m,
+                self._movers,
+                map_from_movers,
+                from_map,
+                clip_from_map,
+            )
         ]
-        distance = np.linalg.norm(centres - eye_m, axis=1) - radii
-        order = np.argsort(distance, kind="stable")
-        inside = _in_view(centres, radii, view_planes)
-        order = order[inside[order]]
-        background = parts.background[self.others[order]]
-        seen = self.others[order]
+        background = self.scene.parts.background[seen]
         return seen[~background].tolist(), seen[background].tolist()
 
 
@@ -249,7 +245,7 @@ class GlCamera:
             self._clear(shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0))
             if shown:
                 poses = mover_poses(shown.scene, map_from_movers)
-                self._draw(shown, map_from_optical[:3, 3], from_map, poses)
+                self._draw(shown, from_map, poses)
             # Four components are read as they lie; three would be converted by the driver, slowly.
             self._framebuffer.read_into(self._rgba, components=4, alignment=1)
             depth_m = None
@@ -272,12 +268,11 @@ class GlCamera:
         buffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         buffer.color_mask = _ALL_COLOURS, _ALL_COLOURS
 
-    def _draw(self, shown: _Shown, eye_m: Array, from_map: Array, map_from_movers: Array) -> None:
+    def _draw(self, shown: _Shown, from_map: Array, map_from_movers: Array) -> None:
         clip_from_map = self._clip_from_optical @ from_map
         quads = visible_quads(shown.corners_m, from_map, *self._view)
         matrix = _for_gl(clip_from_map)
-        planes = _view_planes(clip_from_map)
-        things, background = shown.others_in_view(eye_m, planes, map_from_movers)
+        things, background = shown.others_in_view(from_map, clip_from_map, map_from_movers)
         # Uniforms stay as they are from picture to picture: each program in use gets them anew.
         for shading in {shading: None for shading, _ in shown.arrays}:
             self._programs[shading]["clip_from_map"].write(matrix)
@@ -386,6 +381,9 @@ def _make_context() -> Any:
     # colours' scale. Set, not read: pictures do not depend on who starts the process. A GPU's
     # driver does not know it.
     os.putenv("GALLIVM_PERF", "brilinear,rho_approx")
+    # Mesa takes a thread a processor. With two, where one is held up, as happens on a virtual
+    # machine, others draw what waits for it.
+    os.environ.setdefault("LP_NUM_THREADS", str(2 * (os.cpu_count() or 1)))
     try:
         # libEGL finds every OpenGL function itself: libGL, and the X11 libraries behind it, are
         # not needed. The names with a version are there without the development packages.
@@ -442,14 +440,3 @@ def _ball(scene: Scene, part: int) -> tuple[Array, float]:
     points = scene.vertices_m[scene.triangles[first : first + count].ravel()]
     centre = (points.min(0) + points.max(0)) / 2.0
     return centre, float(np.linalg.norm(points - centre, axis=1).max())
-
-
-def _view_planes(clip_from_map: Array) -> Array:
-    """(6, 4) planes around what is in view: a point's distance inside each, in metres."""
-    planes = np.concatenate([clip_from_map[3] + sign * clip_from_map[:3] for sign in (1.0, -1.0)])
-    return np.asarray(planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True), np.float64)
-
-
-def _in_view(centres_m: Array, radii_m: Array, view_planes: Array) -> NDArray[np.bool_]:
-    inside = centres_m @ view_planes[:, :3].T + view_planes[:, 3] >= -radii_m[:, None]
-    return np.asarray(inside.all(axis=1))

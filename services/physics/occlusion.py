@@ -1,4 +1,5 @@
-"""Which flat rectangles a camera can see: not those behind others, as far as a coarse grid tells.
+"""What a camera can see: what is in view, and of flat rectangles not those behind others, as far as
+a coarse grid tells.
 
 A software rasteriser tests each pixel of each rectangle; in a maze nearly all of them are hidden.
 So the view is cut into cells. From near to far, a rectangle that fills a cell hides what lies
@@ -163,10 +164,63 @@ def visible_quads(
     return result[:kept]
 
 
+@kernel()
+def balls_in_view(
+    centres_m: Array,
+    radii_m: Array,
+    movers: NDArray[np.int64],
+    map_from_movers: Array,
+    optical_from_map: Array,
+    clip_from_map: Array,
+) -> NDArray[np.int64]:
+    """Indices of the balls of which some may be in view: near to far.
+
+    `centres_m`, (n, 3), are in the map, or in the frame of the mover that is named: `movers` is -1
+    for those that stand still. Of two that are equally far the one with the lower index comes
+    first.
+    """
+    turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
+    eye = -(shift[0] * turn[0] + shift[1] * turn[1] + shift[2] * turn[2])
+    planes = np.empty((6, 4))
+    for index in range(6):
+        sign = 1.0 if index < 3 else -1.0
+        for column in range(4):
+            planes[index, column] = (
+                clip_from_map[3, column] + sign * clip_from_map[index % 3, column]
+            )
+        x, y, z = planes[index, 0], planes[index, 1], planes[index, 2]
+        planes[index] /= math.sqrt(x * x + y * y + z * z)
+    seen = np.empty(len(radii_m), np.int64)
+    distances_m = np.empty(len(radii_m))
+    found = 0
+    for ball in range(len(radii_m)):
+        x, y, z = centres_m[ball]
+        if movers[ball] >= 0:
+            pose = map_from_movers[movers[ball]]
+            x, y, z = (
+                pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3],
+                pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3],
+                pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
+            )
+        least_m = math.inf
+        for plane in planes:
+            least_m = min(least_m, plane[0] * x + plane[1] * y + plane[2] * z + plane[3])
+        if least_m < -radii_m[ball]:
+            continue
+        seen[found] = ball
+        distances_m[found] = (
+            math.sqrt((x - eye[0]) ** 2 + (y - eye[1]) ** 2 + (z - eye[2]) ** 2) - radii_m[ball]
+        )
+        found += 1
+    return seen[np.argsort(distances_m[:found], kind="mergesort")]
+
+
 def compile_kernels() -> None:
     """Leave nothing to compile for the first picture."""
     pair, size_px = np.ones(2), np.ones(2, np.int64)
     visible_quads(np.empty((0, 4, 3)), np.eye(4), pair, pair, size_px, pair)
+    balls_in_view(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty((0, 4, 4)),
+                  np.eye(4), np.eye(4))  # fmt: skip
 
 
 @kernel()
