@@ -112,6 +112,11 @@ void main() {
 _ALL_COLOURS = True, True, True, True
 _NO_COLOURS = False, False, False, False
 
+_THREADS_PER_PROCESSOR = 2
+"""For Mesa on a CPU, which would take one: where that is held up, as happens on a virtual machine,
+another draws what waits for it. Pictures do not depend on it.
+"""
+
 _VERTEX_FORMAT = "3f 2f 3f 3f 3f"
 _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
@@ -381,9 +386,7 @@ def _make_context() -> Any:
     # colours' scale. Set, not read: pictures do not depend on who starts the process. A GPU's
     # driver does not know it.
     os.putenv("GALLIVM_PERF", "brilinear,rho_approx")
-    # Mesa takes a thread a processor. With two, where one is held up, as happens on a virtual
-    # machine, others draw what waits for it.
-    os.environ.setdefault("LP_NUM_THREADS", str(2 * (os.cpu_count() or 1)))
+    os.putenv("LP_NUM_THREADS", str(_THREADS_PER_PROCESSOR * (os.cpu_count() or 1)))
     try:
         # libEGL finds every OpenGL function itself: libGL, and the X11 libraries behind it, are
         # not needed. The names with a version are there without the development packages.

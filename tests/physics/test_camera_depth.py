@@ -296,6 +296,39 @@ def test_what_is_left_out_does_not_show(monkeypatch: pytest.MonkeyPatch) -> None
     assert np.mean(drawn) < 0.1 * scene.parts.quad.sum()
 
 
+def test_balls_are_found_near_to_far_and_none_that_shows_is_missed() -> None:
+    random = np.random.default_rng(5)
+    clip_from_optical = Intrinsics.from_horizontal_fov(317, 235, 1.2).clip_from_optical()
+    found, shown = 0, 0
+    for _ in range(40):
+        roll, pitch, yaw = random.uniform(-3, 3, 3).tolist()
+        x_m, y_m, z_m = random.uniform(-2, 2, 3).tolist()
+        pose = transform_matrix(rotation_from_rpy(roll, pitch, yaw), (x_m, y_m, z_m))
+        mover = transform_matrix(rotation_from_rpy(yaw, roll, pitch), (z_m, x_m, y_m))
+        optical_from_map = inverse_matrix(pose)
+        clip_from_map = clip_from_optical @ optical_from_map
+        centres_m, radii_m = random.uniform(-6, 6, (50, 3)), random.uniform(0.01, 1.0, 50)
+        movers = random.integers(-1, 1, 50)
+        balls = occlusion.balls_in_view(
+            centres_m, radii_m, movers, mover[None], optical_from_map, clip_from_map
+        )
+        moved = centres_m @ mover[:3, :3].T + mover[:3, 3]
+        in_map_m = np.where(movers[:, None] == 0, moved, centres_m)
+        distances_m = np.linalg.norm(in_map_m - pose[:3, 3], axis=1) - radii_m
+        assert (np.diff(distances_m[balls]) >= 0.0).all()
+        directions = random.normal(size=(50, 300, 3))
+        directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+        surface_m = in_map_m[:, None] + radii_m[:, None, None] * directions
+        clip = surface_m @ clip_from_map[:, :3].T + clip_from_map[:, 3]
+        within = np.abs(clip[:, :, :3]) <= clip[:, :, 3:]
+        inside = np.any(np.all(within, axis=2), axis=1)
+        assert set(np.flatnonzero(inside)) <= set(balls.tolist())
+        found, shown = found + len(balls), shown + int(inside.sum())
+    # Beside an edge of the view a ball may be found that does not show.
+    assert shown > 100
+    assert found < 1.5 * shown
+
+
 @pytest.mark.parametrize("turn_rad", [0.0, 0.6])
 def test_a_panel_of_30_cm_is_read_at_5_m(turn_rad: float) -> None:
     sha256, data = png(marker_picture(60))
