@@ -69,6 +69,8 @@ class Controller:
         self._index = 0
         self._turning = False
         self._xy_reached = False
+        self._stepped_ns = 0
+        self._elapsed_s = params.control_period_s
         self.velocity = STOP
         """The last command."""
 
@@ -100,14 +102,18 @@ class Controller:
         self._path = None
         self.velocity = STOP
 
-    def step(self, around: Surroundings) -> Control:
-        """Velocity for the next control period.
+    def step(self, now_ns: int, around: Surroundings) -> Control:
+        """Velocity for the next control period, by simulation time.
 
         Raises ValueError where there is no path to follow.
         """
         path, p, pose = self._path, self._params, around.map_from_base
         if path is None:
             raise ValueError("no path to follow")
+        # A step that came late is followed by one that is in time: less than a period after it.
+        elapsed_s = (now_ns - self._stepped_ns) * 1e-9
+        self._elapsed_s = elapsed_s if 0.0 < elapsed_s < p.control_period_s else p.control_period_s
+        self._stepped_ns = now_ns
         self._index = path.nearest(pose.x_m, pose.y_m, self._index, _SEARCH_WINDOW_M)
         goal = path.goal
         to_goal_m = pose.distance_m(goal)
@@ -157,6 +163,9 @@ class Controller:
             and abs(self.velocity.angular_rad_s) <= _TURNED_RAD_S + 1e-9
         )
         if abs(error_rad) <= p.yaw_goal_tolerance_rad and slow:
+            slowed = self._limited(0.0, 0.0)
+            if max(map(abs, slowed)) > 1e-9:
+                return self._put(slowed, False, to_goal_m)
             self.velocity = STOP
             return Control(STOP, True, False, to_goal_m)
         velocity = self._limited(0.0, self._rate_to_turn(error_rad))
@@ -200,8 +209,8 @@ class Controller:
     def _limited(self, linear_m_s: float, angular_rad_s: float) -> Velocity:
         """The velocity nearest to a wanted one that the limits of speed and acceleration allow."""
         p, last = self._params, self.velocity
-        dv = p.max_linear_accel_m_s2 * p.control_period_s
-        dw = p.max_angular_accel_rad_s2 * p.control_period_s
+        dv = p.max_linear_accel_m_s2 * self._elapsed_s
+        dw = p.max_angular_accel_rad_s2 * self._elapsed_s
         w_max = p.max_angular_vel_rad_s
         return Velocity(
             min(max(linear_m_s, last.linear_m_s - dv), last.linear_m_s + dv),

@@ -212,7 +212,7 @@ class Navigator:
         return bool(((costs >= limit) & (static < limit)).any())
 
     def _control(self, now_ns: int, around: Surroundings, new_path: PlannedPath | None) -> Outcome:
-        control = self._controller.step(around)
+        control = self._controller.step(now_ns, around)
         self._distance_remaining_m = control.distance_remaining_m
         if control.reached:
             result = self._end(now_ns, ErrorCode.NONE, "")

@@ -143,6 +143,30 @@ def test_a_new_goal_preempts_the_old_one_without_a_stop() -> None:
     assert after.new_path.goal == pytest.approx(LOCATIONS["location4"])
 
 
+@pytest.mark.parametrize("goal", LOCATIONS.values(), ids=LOCATIONS)
+def test_speeds_keep_their_limits_also_where_steps_come_late(goal: SE2) -> None:
+    nav, costmap = navigator()
+    robot = Unicycle(START)
+    nav.accept(0, Goal(goal, 1), START)
+    limits, random = CONFIG.navigator(0.05).controller, np.random.default_rng(1)
+    now_ns, before, fastest = 0, STOP, 0.0
+    while nav.goal is not None:
+        # As after a step that came late: the next one comes at its own time.
+        elapsed_ns = int(random.choice([17, 33, 50, 67])) * 1_000_000
+        now_ns += elapsed_ns
+        assert now_ns < 60_000_000_000
+        around = Surroundings(robot.map_from_base, costmap.master, NO_ECHOES)
+        command = nav.step(now_ns, around, True).command
+        assert command is not None
+        most_s = min(elapsed_ns * 1e-9, 0.05) + 1e-9
+        turn_rad_s = abs(command.angular_rad_s - before.angular_rad_s)
+        assert abs(command.linear_m_s - before.linear_m_s) <= limits.max_linear_accel_m_s2 * most_s
+        assert turn_rad_s <= limits.max_angular_accel_rad_s2 * most_s
+        robot.drive(command, elapsed_ns * 1e-9)
+        before, fastest = command, max(fastest, command.linear_m_s)
+    assert fastest > 0.3
+
+
 def test_a_box_that_appears_on_the_path_is_driven_round() -> None:
     nav, costmap = navigator()
     robot = Unicycle(LOCATIONS["location1"])
