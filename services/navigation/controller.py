@@ -163,6 +163,7 @@ class Controller:
             and abs(self.velocity.angular_rad_s) <= _TURNED_RAD_S + 1e-9
         )
         if abs(error_rad) <= p.yaw_goal_tolerance_rad and slow:
+            # Soon after the last step, not even this little can be stopped at once.
             slowed = self._limited(0.0, 0.0)
             if max(map(abs, slowed)) > 1e-9:
                 return self._put(slowed, False, to_goal_m)

@@ -20,7 +20,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Of glibc's malloc.h"""
 _OWN_BLOCK_BYTES = 5 << 18
 """More than a picture of 640 x 480 depths, which would cost a page fault every 4 KiB of it, a sixth
-of what drawing it takes; less than what PyBullet lets go of.
+of what drawing it takes; less than the larger blocks that PyBullet lets go of.
 """
 _KEPT_BYTES = 16 << 20
 """Free memory at the heap's end that is not given back, since the next step takes it again."""

@@ -47,7 +47,7 @@ def visible_quads(
     left, right = (-0.5 - cx) / fx, (width - 0.5 - cx) / fx
     top, bottom = (-0.5 - cy) / fy, (height - 0.5 - cy) / fy
     turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
-    eye = -(shift[0] * turn[0] + shift[1] * turn[1] + shift[2] * turn[2])
+    eye = _eye_m(optical_from_map)
 
     count = len(corners_m)
     seen = np.empty(count, np.int64)
@@ -179,8 +179,7 @@ def balls_in_view(
     for those that stand still. Of two that are equally far the one with the lower index comes
     first.
     """
-    turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
-    eye = -(shift[0] * turn[0] + shift[1] * turn[1] + shift[2] * turn[2])
+    eye = _eye_m(optical_from_map)
     planes = np.empty((6, 4))
     for index in range(6):
         sign = 1.0 if index < 3 else -1.0
@@ -221,6 +220,14 @@ def compile_kernels() -> None:
     visible_quads(np.empty((0, 4, 3)), np.eye(4), pair, pair, size_px, pair)
     balls_in_view(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty((0, 4, 4)),
                   np.eye(4), np.eye(4))  # fmt: skip
+
+
+@kernel()
+def _eye_m(optical_from_map: Array) -> Array:
+    """Where the camera is in the map."""
+    turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
+    eye_m: Array = -(shift[0] * turn[0] + shift[1] * turn[1] + shift[2] * turn[2])
+    return eye_m
 
 
 @kernel()
