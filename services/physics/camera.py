@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.config import ConfigError
-from services.common.frames import Array, inverse_matrix
+from services.common.frames import Array
+from services.common.kernels import kernel
 from services.physics.scene import Scene
 
 RendererKind = Literal["auto", "gl", "tiny", "none"]
@@ -117,11 +118,21 @@ class Renderer(Protocol):
         """Release everything. Calling it again does nothing."""
 
 
+@kernel()
 def optical_from_map(map_from_optical: Array) -> Array:
     """The camera's view. Raises ValueError where the pose is not (4, 4) or not finite."""
     if map_from_optical.shape != (4, 4) or not np.isfinite(map_from_optical).all():
         raise ValueError("map_from_optical: must be a finite (4, 4) matrix")
-    return inverse_matrix(map_from_optical)
+    # Seen as (4, 4) whatever it is, so that it can be refused: types are settled before shapes.
+    pose = np.ascontiguousarray(map_from_optical).reshape((4, 4))
+    # As inverse_matrix, which takes four times as long where a picture has just filled the caches.
+    from_map = np.zeros((4, 4))
+    for row in range(3):
+        for column in range(3):
+            from_map[row, column] = pose[column, row]
+            from_map[row, 3] -= pose[column, row] * pose[column, 3]
+    from_map[3, 3] = 1.0
+    return from_map
 
 
 def mover_poses(scene: Scene, map_from_movers: Array | None) -> Array:

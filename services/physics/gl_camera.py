@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import cv2
 import moderngl
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from services.common.config import ConfigError
 from services.common.documents import PointLight
 from services.common.frames import Array
+from services.common.kernels import kernel
 from services.physics.camera import (
     FAR_M,
     NEAR_M,
@@ -29,7 +30,7 @@ from services.physics.occlusion import balls_in_view, visible_quads
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
 _VERTEX_SHADER = """
-uniform mat4 clip_from_map;
+layout(std140) uniform View { mat4 clip_from_map; };
 in vec3 position_m;
 in vec2 uv;
 in vec3 tint;
@@ -117,6 +118,12 @@ _THREADS_PER_PROCESSOR = 2
 another draws what waits for it. Pictures do not depend on it.
 """
 
+_STRIP_PX = 80
+"""Rows that are read at a time."""
+
+_VIEW = 0
+"""Where programs find their uniform block View."""
+
 _VERTEX_FORMAT = "3f 2f 3f 3f 3f"
 _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
@@ -150,6 +157,15 @@ class _Shading:
         return "\n".join(("#version 330", *flags, shader))
 
 
+class _Look(NamedTuple):
+    """On what of a part it depends how a scene's vertices are drawn."""
+
+    textured: bool
+    smooth: bool
+    moves: bool
+    quad: bool
+
+
 class _Shown:
     """A scene's OpenGL objects, and what of it to draw from where."""
 
@@ -160,17 +176,20 @@ class _Shown:
         self.vertices = context.buffer(_vertices(scene).tobytes())
         self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
         quads = np.flatnonzero(parts.quad)
-        self.quad_textures = parts.texture[quads]
+        # Few show at a time: lists give one number, or a few, sooner than arrays do.
+        self.quad_textures: list[int] = parts.texture[quads].tolist()
         first = parts.first[quads]
         self.indices_of_quads = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
         self.quad_indices = context.buffer(reserve=max(self.indices_of_quads.nbytes, 4))
         self.corners_m = scene.vertices_m[self.indices_of_quads[:, (0, 1, 2, 5)]]
-        self.others = np.flatnonzero(~parts.quad)
-        balls = [_ball(scene, part) for part in self.others.tolist()]
+        others = np.flatnonzero(~parts.quad)
+        self._others: list[int] = others.tolist()
+        self._background: list[bool] = parts.background[others].tolist()
+        balls = [_ball(scene, part) for part in self._others]
         self._centres_m = np.array([centre for centre, _ in balls]).reshape(-1, 3)
         self._radii_m = np.array([radius for _, radius in balls])
-        self._movers = parts.mover[self.others].astype(np.int64)
-        self.arrays: dict[tuple[_Shading, bool], Any] = {}
+        self._movers = parts.mover[others].astype(np.int64)
+        self.arrays: dict[_Look, Any] = {}
 
     def release(self) -> None:
         """Give everything back."""
@@ -181,18 +200,13 @@ class _Shown:
         self, from_map: Array, clip_from_map: Array, map_from_movers: Array
     ) -> tuple[list[int], list[int]]:
         """All other parts in view, near before far: things, and what lies behind them."""
-        seen = self.others[
-            balls_in_view(
-                self._centres_m,
-                self._radii_m,
-                self._movers,
-                map_from_movers,
-                from_map,
-                clip_from_map,
-            )
-        ]
-        background = self.scene.parts.background[seen]
-        return seen[~background].tolist(), seen[background].tolist()
+        things: list[int] = []
+        background: list[int] = []
+        for ball in balls_in_view(
+            self._centres_m, self._radii_m, self._movers, map_from_movers, from_map, clip_from_map
+        ).tolist():
+            (background if self._background[ball] else things).append(self._others[ball])
+        return things, background
 
 
 class GlCamera:
@@ -210,7 +224,7 @@ class GlCamera:
             np.array(size),
             np.array([NEAR_M, FAR_M]),
         )
-        self._rgba = np.zeros((intrinsics.height, intrinsics.width, 4), np.uint8)
+        self._strip = np.empty((_STRIP_PX, intrinsics.width, 4), np.uint8)
         self._textures: dict[str, Any] = {}
         self._shown: _Shown | None = None
         self._programs: dict[_Shading, Any] = {}
@@ -223,6 +237,13 @@ class GlCamera:
                 self._buffers.append(context.renderbuffer(size, 1, dtype="f4"))
             self._z_buffer: Any = context.depth_renderbuffer(size)
             self._framebuffer: Any = context.framebuffer(self._buffers, self._z_buffer)
+            self._clip_from_map: Any = context.buffer(reserve=4 * 4 * 4)
+            # All pictures are drawn alike, and nothing else is.
+            self._framebuffer.use()
+            self._clip_from_map.bind_to_uniform_block(_VIEW)
+            context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            # The projection turns the picture over, and with it the sense of every face.
+            context.front_face = "cw"
 
     def set_scene(self, scene: Scene) -> None:
         """Upload a scene; textures that the last one had as well stay where they are."""
@@ -240,26 +261,32 @@ class GlCamera:
 
     def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
         """See Renderer."""
-        from_map = optical_from_map(map_from_optical)
+        from_map, clip_from_map, for_gl = _views(map_from_optical, self._clip_from_optical)
         shown = self._shown
-        with self._context as context:
-            self._framebuffer.use()
-            context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-            # The projection turns the picture over, and with it the sense of every face.
-            context.front_face = "cw"
+        with self._context:
             self._clear(shown.scene.sky.tolist() if shown else (0.0, 0.0, 0.0))
             if shown:
                 poses = mover_poses(shown.scene, map_from_movers)
-                self._draw(shown, from_map, poses)
-            # Four components are read as they lie; three would be converted by the driver, slowly.
-            self._framebuffer.read_into(self._rgba, components=4, alignment=1)
+                self._clip_from_map.write(for_gl)
+                self._draw(shown, from_map, clip_from_map, poses)
+            rgb = self._read_rgb()
             depth_m = None
             if self._depth_range_m is not None:
-                depth_m = np.empty(self._rgba.shape[:2], np.float32)
+                depth_m = np.empty(rgb.shape[:2], np.float32)
                 self._framebuffer.read_into(depth_m, components=1, attachment=1, dtype="f4")
-        rgb = np.empty((*self._rgba.shape[:2], 3), np.uint8)
-        cv2.cvtColor(self._rgba, cv2.COLOR_RGBA2RGB, dst=rgb)
         return Picture(rgb, depth_m)
+
+    def _read_rgb(self) -> NDArray[np.uint8]:
+        # Four components are read as they lie; three would be converted by the driver, slowly.
+        # A strip is still in the processor's cache when it is converted.
+        width, height = self._framebuffer.size
+        rgb = np.empty((height, width, 3), np.uint8)
+        for top in range(0, height, len(self._strip)):
+            strip = self._strip[: height - top]
+            viewport = 0, top, width, len(strip)
+            self._framebuffer.read_into(strip, viewport, components=4, alignment=1)
+            cv2.cvtColor(strip, cv2.COLOR_RGBA2RGB, dst=rgb[top : top + len(strip)])
+        return rgb
 
     def _clear(self, sky: Sequence[float]) -> None:
         buffer = self._framebuffer
@@ -273,74 +300,69 @@ class GlCamera:
         buffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         buffer.color_mask = _ALL_COLOURS, _ALL_COLOURS
 
-    def _draw(self, shown: _Shown, from_map: Array, map_from_movers: Array) -> None:
-        clip_from_map = self._clip_from_optical @ from_map
+    def _draw(
+        self, shown: _Shown, from_map: Array, clip_from_map: Array, map_from_movers: Array
+    ) -> None:
         quads = visible_quads(shown.corners_m, from_map, *self._view)
-        matrix = _for_gl(clip_from_map)
         things, background = shown.others_in_view(from_map, clip_from_map, map_from_movers)
-        # Uniforms stay as they are from picture to picture: each program in use gets them anew.
-        for shading in {shading: None for shading, _ in shown.arrays}:
-            self._programs[shading]["clip_from_map"].write(matrix)
         for part in things:
-            self._draw_part(shown, part, matrix, map_from_movers)
-        self._draw_quads(shown, quads, matrix)
+            self._draw_part(shown, part, map_from_movers)
+        self._draw_quads(shown, quads)
         for part in background:
-            self._draw_part(shown, part, matrix, map_from_movers)
+            self._draw_part(shown, part, map_from_movers)
 
-    def _draw_part(self, shown: _Shown, part: int, matrix: bytes, map_from_movers: Array) -> None:
+    def _draw_part(self, shown: _Shown, part: int, map_from_movers: Array) -> None:
         parts = shown.scene.parts
         texture, mover = int(parts.texture[part]), int(parts.mover[part])
-        moves = mover != STATIC
-        shading = self._shading(shown, texture, bool(parts.smooth[part]), moves)
-        array = self._array(shown, shading, False, matrix)
-        if moves:
-            self._programs[shading]["map_from_mover"].write(_for_gl(map_from_movers[mover]))
+        look = _Look(texture != PLAIN, bool(parts.smooth[part]), mover != STATIC, False)
+        array = self._array(shown, look)
+        if look.moves:
+            array.program["map_from_mover"].write(_for_gl(map_from_movers[mover]))
         self._use(shown, texture)
         first, count = int(parts.first[part]), int(parts.count[part])
         array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
 
-    def _draw_quads(self, shown: _Shown, quads: NDArray[np.int64], matrix: bytes) -> None:
+    def _draw_quads(self, shown: _Shown, quads: NDArray[np.int64]) -> None:
         if not len(quads):
             return
-        shown.quad_indices.write(shown.indices_of_quads[quads].tobytes())
-        textures = shown.quad_textures[quads]
-        firsts = [0, *(np.flatnonzero(np.diff(textures)) + 1).tolist(), len(quads)]
-        for first, end in pairwise(firsts):
-            texture = int(textures[first])
-            shading = self._shading(shown, texture, False, False)
-            array = self._array(shown, shading, True, matrix)
+        shown.quad_indices.write(shown.indices_of_quads[quads])
+        first = 0
+        for texture, alike in groupby(map(shown.quad_textures.__getitem__, quads.tolist())):
+            count = sum(1 for _ in alike)
+            array = self._array(shown, _Look(texture != PLAIN, False, False, True))
             self._use(shown, texture)
-            array.render(moderngl.TRIANGLES, vertices=6 * (end - first), first=6 * first)
+            array.render(moderngl.TRIANGLES, vertices=6 * count, first=6 * first)
+            first += count
 
     def _use(self, shown: _Shown, texture: int) -> None:
         if texture != PLAIN:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
-    def _shading(self, shown: _Shown, texture: int, smooth: bool, moves: bool) -> _Shading:
-        return _Shading(texture != PLAIN, smooth, moves, shown.lamps, self._depth_range_m)
-
-    def _array(self, shown: _Shown, shading: _Shading, of_quads: bool, matrix: bytes) -> Any:
+    def _array(self, shown: _Shown, look: _Look) -> Any:
         """The vertices as a program takes them; made where it is first needed."""
-        array = shown.arrays.get((shading, of_quads))
+        array = shown.arrays.get(look)
         if array is None:
-            program = self._program(shading)
-            program["clip_from_map"].write(matrix)
-            if shading.moves:
+            program = self._program(
+                _Shading(look.textured, look.smooth, look.moves, shown.lamps, self._depth_range_m)
+            )
+            if look.moves:
                 program["sun"].write(shown.scene.sun.astype(np.float32).tobytes())
             array = self._context.vertex_array(
                 program,
                 [(shown.vertices, _VERTEX_FORMAT, *_VERTEX_FIELDS)],
-                index_buffer=shown.quad_indices if of_quads else shown.indices,
+                index_buffer=shown.quad_indices if look.quad else shown.indices,
                 skip_errors=True,
             )
-            shown.arrays[shading, of_quads] = array
+            shown.arrays[look] = array
         return array
 
     def _program(self, shading: _Shading) -> Any:
         if shading not in self._programs:
-            self._programs[shading] = self._context.program(
+            program = self._context.program(
                 shading.source(_VERTEX_SHADER), shading.source(_FRAGMENT_SHADER)
             )
+            program["View"].binding = _VIEW
+            self._programs[shading] = program
         return self._programs[shading]
 
     def close(self) -> None:
@@ -353,6 +375,7 @@ class GlCamera:
                 texture.release()
             for thing in (
                 *self._programs.values(),
+                self._clip_from_map,
                 self._framebuffer,
                 *self._buffers,
                 self._z_buffer,
@@ -378,6 +401,16 @@ class GlCamera:
         # better from less than 75 degrees aside.
         uploaded.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         return uploaded
+
+
+def compile_kernels() -> None:
+    """Leave nothing to compile for the first picture."""
+    eye, pair, size_px = np.eye(4), np.ones(2), np.ones(2, np.int64)
+    _views(eye, eye)
+    visible_quads(np.empty((0, 4, 3)), eye, pair, pair, size_px, pair)
+    balls_in_view(
+        np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty((0, 4, 4)), eye, eye
+    )
 
 
 def _make_context() -> Any:
@@ -432,14 +465,35 @@ def _constant(numbers: Sequence[float]) -> str:
     return f"vec{len(exact)}({', '.join(map(repr, exact))})"
 
 
-def _for_gl(matrix: Array) -> bytes:
-    """OpenGL takes matrices column by column."""
-    return matrix.T.astype(np.float32).tobytes()
-
-
 def _ball(scene: Scene, part: int) -> tuple[Array, float]:
     """Centre and radius of a ball around a part, in its own frame."""
     first, count = int(scene.parts.first[part]), int(scene.parts.count[part])
     points = scene.vertices_m[scene.triangles[first : first + count].ravel()]
     centre = (points.min(0) + points.max(0)) / 2.0
     return centre, float(np.linalg.norm(points - centre, axis=1).max())
+
+
+@kernel()
+def _for_gl(matrix: Array) -> NDArray[np.float32]:
+    """OpenGL takes matrices column by column."""
+    columns = np.empty((4, 4), np.float32)
+    for row in range(4):
+        for column in range(4):
+            columns[column, row] = matrix[row, column]
+    return columns
+
+
+@kernel()
+def _views(
+    map_from_optical: Array, clip_from_optical: Array
+) -> tuple[Array, Array, NDArray[np.float32]]:
+    """`optical_from_map`, `clip_from_map`, and this for OpenGL. Raises as optical_from_map does."""
+    from_map = optical_from_map(map_from_optical)
+    # A kernel's `@` would need SciPy's linear algebra, which is not loaded.
+    clip_from_map = np.zeros((4, 4))
+    for row in range(4):
+        for column in range(4):
+            for inner in range(4):
+                step = clip_from_optical[row, inner] * from_map[inner, column]
+                clip_from_map[row, column] += step
+    return from_map, clip_from_map, _for_gl(clip_from_map)

@@ -214,14 +214,6 @@ def balls_in_view(
     return seen[np.argsort(distances_m[:found], kind="mergesort")]
 
 
-def compile_kernels() -> None:
-    """Leave nothing to compile for the first picture."""
-    pair, size_px = np.ones(2), np.ones(2, np.int64)
-    visible_quads(np.empty((0, 4, 3)), np.eye(4), pair, pair, size_px, pair)
-    balls_in_view(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty((0, 4, 4)),
-                  np.eye(4), np.eye(4))  # fmt: skip
-
-
 @kernel()
 def _eye_m(optical_from_map: Array) -> Array:
     """Where the camera is in the map."""

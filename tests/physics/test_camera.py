@@ -595,11 +595,17 @@ def test_scenes_do_not_pile_up(renderer: Renderer) -> None:
     assert resident_mb() - before_mb < limit_mb
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_pose_that_is_none_is_refused(renderer: Renderer, value: float) -> None:
+def with_value(value: float) -> Array:
     pose = view()
     pose[0, 3] = value
-    with pytest.raises(ValueError, match="map_from_optical: must be a finite"):
+    return pose
+
+
+@pytest.mark.parametrize(
+    "pose", [with_value(math.nan), with_value(math.inf), view()[:3], view().ravel(), np.eye(5)]
+)
+def test_a_pose_that_is_none_is_refused(renderer: Renderer, pose: Array) -> None:
+    with pytest.raises(ValueError, match=r"map_from_optical: must be a finite \(4, 4\) matrix"):
         renderer.render(pose)
 
 
