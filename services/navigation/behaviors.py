@@ -24,7 +24,6 @@ class BehaviorStatus(Enum):
 class BehaviorParams:
     """Names as in Nav2's behaviour server and its default tree."""
 
-    control_period_s: float
     spin_dist_rad: float
     max_rotational_vel_rad_s: float
     rotational_acc_lim_rad_s2: float
@@ -47,16 +46,21 @@ class Behavior(ABC):
         self._start_ns: int | None = None
         self._start = SE2(0.0, 0.0, 0.0)
 
-    def step(self, now_ns: int, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
-        """Go on with the behaviour: its status, and the velocity to command."""
+    def step(
+        self, now_ns: int, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]:
+        """Go on with the behaviour: its status, and the velocity to command.
+
+        `elapsed_s` is for how long the last command has stood: what speeds may change within.
+        """
         if self._start_ns is None:
             self._start_ns = now_ns
             self._start = around.map_from_base
-        return self._advance((now_ns - self._start_ns) * 1e-9, around)
+        return self._advance((now_ns - self._start_ns) * 1e-9, elapsed_s, around)
 
     @abstractmethod
     def _advance(
-        self, elapsed_s: float, around: Surroundings
+        self, running_s: float, elapsed_s: float, around: Surroundings
     ) -> tuple[BehaviorStatus, Velocity]: ...
 
     def _collides(self, around: Surroundings, velocity: Velocity) -> bool:
@@ -70,7 +74,9 @@ class ClearCostmap(Behavior):
 
     name = "clear costmap"
 
-    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+    def _advance(
+        self, running_s: float, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]:
         return BehaviorStatus.SUCCEEDED, STOP
 
 
@@ -85,7 +91,9 @@ class Spin(Behavior):
         self._last_yaw_rad: float | None = None
         self._rate_rad_s = 0.0
 
-    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+    def _advance(
+        self, running_s: float, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]:
         p, yaw_rad = self._params, around.map_from_base.yaw_rad
         if self._last_yaw_rad is not None:
             self._turned_rad += wrap_angle(yaw_rad - self._last_yaw_rad)
@@ -93,12 +101,12 @@ class Spin(Behavior):
         left_rad = p.spin_dist_rad - self._turned_rad
         if left_rad <= 0.0:
             return BehaviorStatus.SUCCEEDED, STOP
-        if elapsed_s > p.spin_time_allowance_s:
+        if running_s > p.spin_time_allowance_s:
             return BehaviorStatus.FAILED, STOP
         # Braking harder than this would ask more of the robot than it can, for it lags behind.
         braking_rad_s = math.sqrt(p.rotational_acc_lim_rad_s2 * left_rad)
         wanted_rad_s = min(p.max_rotational_vel_rad_s, max(braking_rad_s, 0.1))
-        change_rad_s = p.rotational_acc_lim_rad_s2 * p.control_period_s
+        change_rad_s = p.rotational_acc_lim_rad_s2 * elapsed_s
         self._rate_rad_s = min(
             max(wanted_rad_s, self._rate_rad_s - change_rad_s), self._rate_rad_s + change_rad_s
         )
@@ -117,14 +125,16 @@ class BackUp(Behavior):
         super().__init__(params)
         self._speed_m_s = 0.0
 
-    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
+    def _advance(
+        self, running_s: float, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]:
         p = self._params
         if self._start.distance_m(around.map_from_base) >= p.backup_dist_m:
             return BehaviorStatus.SUCCEEDED, STOP
-        if elapsed_s > p.backup_time_allowance_s:
+        if running_s > p.backup_time_allowance_s:
             return BehaviorStatus.FAILED, STOP
         # 0.15 m/s at no more than 1 m/s2.
-        self._speed_m_s = min(p.backup_speed_m_s, self._speed_m_s + p.control_period_s)
+        self._speed_m_s = min(p.backup_speed_m_s, self._speed_m_s + elapsed_s)
         velocity = Velocity(-self._speed_m_s, 0.0)
         if self._collides(around, Velocity(-p.backup_speed_m_s, 0.0)):
             return BehaviorStatus.FAILED, STOP
@@ -136,8 +146,10 @@ class Wait(Behavior):
 
     name = "wait"
 
-    def _advance(self, elapsed_s: float, around: Surroundings) -> tuple[BehaviorStatus, Velocity]:
-        if elapsed_s >= self._params.wait_duration_s:
+    def _advance(
+        self, running_s: float, elapsed_s: float, around: Surroundings
+    ) -> tuple[BehaviorStatus, Velocity]:
+        if running_s >= self._params.wait_duration_s:
             return BehaviorStatus.SUCCEEDED, STOP
         return BehaviorStatus.RUNNING, STOP
 

@@ -165,7 +165,6 @@ class NavigationConfig(ServiceConfig):
                 echo_radius_m=echo_radius_m,
             ),
             behaviors=BehaviorParams(
-                control_period_s=period_s,
                 spin_dist_rad=self.spin_dist,
                 max_rotational_vel_rad_s=self.max_rotational_vel,
                 rotational_acc_lim_rad_s2=self.max_angular_accel,

@@ -69,8 +69,6 @@ class Controller:
         self._index = 0
         self._turning = False
         self._xy_reached = False
-        self._stepped_ns = 0
-        self._elapsed_s = params.control_period_s
         self.velocity = STOP
         """The last command."""
 
@@ -102,18 +100,15 @@ class Controller:
         self._path = None
         self.velocity = STOP
 
-    def step(self, now_ns: int, around: Surroundings) -> Control:
-        """Velocity for the next control period, by simulation time.
+    def step(self, elapsed_s: float, around: Surroundings) -> Control:
+        """Velocity for the next control period.
 
+        `elapsed_s` is for how long the last command has stood: what speeds may change within.
         Raises ValueError where there is no path to follow.
         """
         path, p, pose = self._path, self._params, around.map_from_base
         if path is None:
             raise ValueError("no path to follow")
-        # A step that came late is followed by one that is in time: less than a period after it.
-        elapsed_s = (now_ns - self._stepped_ns) * 1e-9
-        self._elapsed_s = elapsed_s if 0.0 < elapsed_s < p.control_period_s else p.control_period_s
-        self._stepped_ns = now_ns
         self._index = path.nearest(pose.x_m, pose.y_m, self._index, _SEARCH_WINDOW_M)
         goal = path.goal
         to_goal_m = pose.distance_m(goal)
@@ -125,7 +120,7 @@ class Controller:
             # Localisation found that the robot had not arrived after all.
             self._xy_reached = False
         if self._xy_reached:
-            return self._turn_to_goal(around, goal, to_goal_m)
+            return self._turn_to_goal(elapsed_s, around, goal, to_goal_m)
 
         lookahead_m = min(
             max(abs(self.velocity.linear_m_s) * p.lookahead_time_s, p.min_lookahead_dist_m),
@@ -140,7 +135,7 @@ class Controller:
         )
         distance_remaining_m = max(remaining_m, to_goal_m)
         if self._turning:
-            velocity = self._limited(0.0, self._rate_to_turn(bearing_rad))
+            velocity = self._limited(elapsed_s, 0.0, self._rate_to_turn(bearing_rad))
             free = self._time_to_contact_s(around, velocity) > p.control_period_s * 2.0
             return self._put(velocity if free else STOP, not free, distance_remaining_m)
 
@@ -148,14 +143,16 @@ class Controller:
         curvature = 2.0 * base_from_carrot.y_m / max(square_m2, 1e-6)
         wanted_m_s = self._regulated_speed(around, curvature, to_goal_m, remaining_m)
         for fraction in _SPEEDS:
-            speed_m_s = self._limited(wanted_m_s * fraction, 0.0).linear_m_s
+            speed_m_s = self._limited(elapsed_s, wanted_m_s * fraction, 0.0).linear_m_s
             # What is needed to stop counts, and the curvature is kept whatever the speed.
-            velocity = self._limited(wanted_m_s * fraction, curvature * speed_m_s)
+            velocity = self._limited(elapsed_s, wanted_m_s * fraction, curvature * speed_m_s)
             if self._time_to_contact_s(around, velocity) == math.inf:
                 return self._put(velocity, False, distance_remaining_m)
-        return self._put(self._limited(0.0, 0.0), True, distance_remaining_m)
+        return self._put(self._limited(elapsed_s, 0.0, 0.0), True, distance_remaining_m)
 
-    def _turn_to_goal(self, around: Surroundings, goal: SE2, to_goal_m: float) -> Control:
+    def _turn_to_goal(
+        self, elapsed_s: float, around: Surroundings, goal: SE2, to_goal_m: float
+    ) -> Control:
         p = self._params
         error_rad = wrap_angle(goal.yaw_rad - around.map_from_base.yaw_rad)
         slow = (
@@ -164,12 +161,12 @@ class Controller:
         )
         if abs(error_rad) <= p.yaw_goal_tolerance_rad and slow:
             # Soon after the last step, not even this little can be stopped at once.
-            slowed = self._limited(0.0, 0.0)
+            slowed = self._limited(elapsed_s, 0.0, 0.0)
             if max(map(abs, slowed)) > 1e-9:
                 return self._put(slowed, False, to_goal_m)
             self.velocity = STOP
             return Control(STOP, True, False, to_goal_m)
-        velocity = self._limited(0.0, self._rate_to_turn(error_rad))
+        velocity = self._limited(elapsed_s, 0.0, self._rate_to_turn(error_rad))
         free = self._time_to_contact_s(around, velocity) > p.control_period_s * 2.0
         return self._put(velocity if free else STOP, not free, to_goal_m)
 
@@ -207,11 +204,11 @@ class Controller:
         rate = min(max(rate, 0.1), p.rotate_to_heading_angular_vel_rad_s)
         return math.copysign(rate, error_rad)
 
-    def _limited(self, linear_m_s: float, angular_rad_s: float) -> Velocity:
+    def _limited(self, elapsed_s: float, linear_m_s: float, angular_rad_s: float) -> Velocity:
         """The velocity nearest to a wanted one that the limits of speed and acceleration allow."""
         p, last = self._params, self.velocity
-        dv = p.max_linear_accel_m_s2 * self._elapsed_s
-        dw = p.max_angular_accel_rad_s2 * self._elapsed_s
+        dv = p.max_linear_accel_m_s2 * elapsed_s
+        dw = p.max_angular_accel_rad_s2 * elapsed_s
         w_max = p.max_angular_vel_rad_s
         return Velocity(
             min(max(linear_m_s, last.linear_m_s - dv), last.linear_m_s + dv),

@@ -96,6 +96,7 @@ class Navigator:
         self._recoveries = 0
         self._behavior: Behavior | None = None
         self._failure = NavigationError(ErrorCode.NONE, "")
+        self._stepped_ns = 0
         self._planned_ns = 0
         self._blocked_since_ns: int | None = None
         self._lost_since_ns: int | None = None
@@ -158,17 +159,23 @@ class Navigator:
             around: where the robot is and what is around it; its costmap is not looked at.
             localized: whether the pose can be trusted.
         """
+        # A step that came late is followed by one that is in time: less than a period after it.
+        elapsed_s = (now_ns - self._stepped_ns) * 1e-9
+        period_s = self._params.controller.control_period_s
+        if not 0.0 < elapsed_s < period_s:
+            elapsed_s = period_s
+        self._stepped_ns = now_ns
         if self._goal is None:
             return Outcome(None, None, None)
         around = Surroundings(around.map_from_base, self._costmap.master, around.echoes_m)
         if self._state == "recovering":
-            return self._recover(now_ns, around)
+            return self._recover(now_ns, elapsed_s, around)
         if not localized:
             return self._wait_for_localization(now_ns)
         self._lost_since_ns = None
         try:
             new_path = self._replan(now_ns, around)
-            return self._control(now_ns, around, new_path)
+            return self._control(now_ns, elapsed_s, around, new_path)
         except NavigationError as error:
             return self._fail(now_ns, error)
 
@@ -211,8 +218,10 @@ class Navigator:
         limit = INSCRIBED_INFLATED_OBSTACLE
         return bool(((costs >= limit) & (static < limit)).any())
 
-    def _control(self, now_ns: int, around: Surroundings, new_path: PlannedPath | None) -> Outcome:
-        control = self._controller.step(now_ns, around)
+    def _control(
+        self, now_ns: int, elapsed_s: float, around: Surroundings, new_path: PlannedPath | None
+    ) -> Outcome:
+        control = self._controller.step(elapsed_s, around)
         self._distance_remaining_m = control.distance_remaining_m
         if control.reached:
             result = self._end(now_ns, ErrorCode.NONE, "")
@@ -273,11 +282,11 @@ class Navigator:
         )  # fmt: skip
         return Outcome(STOP, None, None)
 
-    def _recover(self, now_ns: int, around: Surroundings) -> Outcome:
+    def _recover(self, now_ns: int, elapsed_s: float, around: Surroundings) -> Outcome:
         assert self._behavior is not None
         if isinstance(self._behavior, ClearCostmap):
             self._costmap.clear()
-        status, velocity = self._behavior.step(now_ns, around)
+        status, velocity = self._behavior.step(now_ns, elapsed_s, around)
         if status is BehaviorStatus.RUNNING:
             return Outcome(velocity, None, None)
         if status is BehaviorStatus.FAILED:

@@ -23,6 +23,7 @@ PARAMS = CONFIG.navigator(0.05).behaviors
 HOUSE = house_costmap(CONFIG).static
 IN_THE_OPEN = SE2(3.0, 2.6, 0.0)
 RADIUS_M = 0.23
+PERIOD_S = CONTROL_PERIOD_NS * 1e-9
 
 
 def run(
@@ -31,13 +32,13 @@ def run(
     commands: list[Velocity] = []
     for i in range(400):
         around = Surroundings(robot.map_from_base, costmap, echoes_m)
-        status, velocity = behavior.step(i * CONTROL_PERIOD_NS, around)
+        status, velocity = behavior.step(i * CONTROL_PERIOD_NS, PERIOD_S, around)
         if status is not BehaviorStatus.RUNNING:
             assert velocity == STOP
             robot.drive(STOP, 1.0)
             return status, commands
         commands.append(velocity)
-        robot.drive(velocity, CONTROL_PERIOD_NS * 1e-9)
+        robot.drive(velocity, PERIOD_S)
     raise AssertionError("never ended")
 
 

@@ -167,6 +167,31 @@ def test_speeds_keep_their_limits_also_where_steps_come_late(goal: SE2) -> None:
     assert fastest > 0.3
 
 
+def test_recoveries_speed_up_within_their_limits_also_where_steps_come_late() -> None:
+    nav, costmap = navigator()
+    nav.accept(0, Goal(LOCATIONS["location3"], 1), START)
+    random = np.random.default_rng(2)
+    now_ns, before, commands = 0, STOP, []
+    while nav.goal is not None:
+        elapsed_ns = int(random.choice([17, 33, 50, 67])) * 1_000_000
+        now_ns += elapsed_ns
+        assert now_ns < 60_000_000_000
+        # It stands, whatever it is told to do.
+        outcome = nav.step(now_ns, Surroundings(START, costmap.master, NO_ECHOES), True)
+        command = outcome.command
+        assert command is not None
+        most_s = min(elapsed_ns * 1e-9, 0.05) + 1e-9
+        if nav.state == "recovering":
+            # Where a recovery ends, the robot is stopped at once.
+            assert abs(command.linear_m_s) - abs(before.linear_m_s) <= 1.0 * most_s
+            faster_rad_s = abs(command.angular_rad_s) - abs(before.angular_rad_s)
+            assert faster_rad_s <= MAX_ANGULAR_ACCEL_RAD_S2 * most_s
+            commands.append(command)
+        before = command
+    assert min(command.linear_m_s for command in commands) == pytest.approx(-0.15)
+    assert max(command.angular_rad_s for command in commands) > 0.5
+
+
 def test_a_box_that_appears_on_the_path_is_driven_round() -> None:
     nav, costmap = navigator()
     robot = Unicycle(LOCATIONS["location1"])
