@@ -8,6 +8,8 @@ SET ?=
 GOAL ?= 1.0 0.0 0.0
 JSON ?= bench.json
 HOURS ?= 1
+# Anything: with the camera.
+CAMERA ?=
 # A local uv where the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
@@ -106,8 +108,8 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 	@$(UV) pip sync --quiet --python .venv-bench/bin/python --require-hashes requirements-bench.lock
 	@touch $@
 
-soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced)
-	@.venv/bin/python -m services.embedded.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD)
+soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
+	@.venv/bin/python -m services.embedded.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m services.embedded.seeds
