@@ -13,13 +13,13 @@ from services.common import messages as msg
 from services.common.diagnostics import WAITING_KEY
 from services.common.documents import (
     Evaluation,
-    GoalReport,
     NavigationResult,
     NavigationStatus,
     Planar,
     World,
     WorldRequest,
 )
+from services.common.error_codes import ErrorCode
 from services.common.frames import MAP_FRAME
 from services.common.node import Inbox, Node, Outbox
 from services.common.topics import (
@@ -120,10 +120,7 @@ class BringupNode(Node):
             return
         if self._goal_index < len(self._goals):
             self._drive(now_ns, inbox, outbox)
-        elif (
-            len(self._judged()) == len(self._results)
-            or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9
-        ):
+        elif self._judged() is not None or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
             self._finish()
 
     def _begin_anew(self) -> None:
@@ -214,6 +211,9 @@ class BringupNode(Node):
         for result in inbox.new(NAVIGATION_RESULT):
             if result.goal_stamp_ns != self._goal_stamp_ns:
                 continue
+            if result.error_code == ErrorCode.WORLD_RESTARTED:
+                # Navigation does not know the goal any more, and is told again.
+                continue
             self._results.append(result)
             self._goal_index += 1
             self._goal_stamp_ns = None
@@ -241,19 +241,25 @@ class BringupNode(Node):
             ),
         )
 
-    def _judged(self) -> list[GoalReport]:
-        """The recorder's verdicts on our own goals; others may send the robot somewhere too."""
-        ours = {result.goal_stamp_ns for result in self._results}
-        goals = self._evaluation.goals if self._evaluation is not None else ()
-        return [goal for goal in goals if goal.goal_stamp_ns in ours]
+    def _judged(self) -> Evaluation | None:
+        """The recorder's verdict on our own goals; others may send the robot somewhere too. None
+        before it has judged each of them.
+        """
+        if self._evaluation is None:
+            return None
+        verdicts = {goal.goal_stamp_ns: goal for goal in self._evaluation.goals}
+        ours = [verdicts.get(result.goal_stamp_ns) for result in self._results]
+        goals = tuple(goal for goal in ours if goal is not None)
+        if len(goals) < len(ours):
+            return None
+        return self._evaluation.model_copy(update={"goals": goals})
 
     def _finish(self) -> None:
-        reached = all(result.error_code == 0 for result in self._results)
-        goals = self._judged()
-        if self._evaluation is not None and len(goals) == len(self._results):
-            reached = all(goal.reached for goal in goals)
-            evaluation = self._evaluation.model_copy(update={"goals": tuple(goals)})
+        evaluation = self._judged()
+        if evaluation is not None:
+            reached = all(goal.reached for goal in evaluation.goals)
             _LOG.info("tour finished\n%s", tour_table(evaluation))
         else:
+            reached = all(result.error_code == 0 for result in self._results)
             _LOG.warning("tour finished; the recorder has not judged it")
         self.exit_code = 0 if reached else EXIT_NOT_REACHED

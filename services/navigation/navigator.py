@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
 from services.navigation.behaviors import (
     FOR_THE_LOST,
@@ -22,7 +23,7 @@ from services.navigation.behaviors import (
 from services.navigation.collision import STOP, Surroundings, Velocity
 from services.navigation.controller import Controller, ControllerParams
 from services.navigation.costmap import INSCRIBED_INFLATED_OBSTACLE, Costmap, LayeredCostmap
-from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.errors import NavigationError
 from services.navigation.path import PlannedPath
 from services.navigation.planner import Planner, PlannerParams
 from services.navigation.progress_checker import ProgressChecker, ProgressParams

@@ -16,6 +16,7 @@ from services.common.documents import (
     Planar,
     World,
 )
+from services.common.error_codes import ErrorCode
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_OPTICAL_FRAME,
@@ -50,7 +51,7 @@ from services.common.topics import (
 from services.navigation.collision import STOP, Surroundings, Velocity
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from services.navigation.costmap import LayeredCostmap, frame_of, scan_points, straightened
-from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.errors import NavigationError
 from services.navigation.localization import Localization
 from services.navigation.navigator import Goal, GoalResult, Navigator
 from services.navigation.path import PlannedPath

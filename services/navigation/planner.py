@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.common.kernels import kernel
 from services.navigation.costmap import (
@@ -19,7 +20,7 @@ from services.navigation.costmap import (
     Costmap,
     Costs,
 )
-from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.errors import NavigationError
 from services.navigation.path import PlannedPath, path_through, resample
 
 Indices = NDArray[np.int64]

@@ -21,6 +21,7 @@ from services.common.documents import (
     NavigationResult,
     World,
 )
+from services.common.error_codes import ErrorCode
 from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.messages import chain_transforms, matrix_from_pose, ns_from_time, se2_from_pose
 from services.common.pose_history import PoseHistory
@@ -195,7 +196,9 @@ class RunEvaluation:
             del self._standing_at[next(iter(self._standing_at))]
 
     def add_result(self, result: NavigationResult) -> None:
-        """Take in how a goal ended."""
+        """Take in how a goal ended; one that its world took away was neither reached nor missed."""
+        if result.error_code == ErrorCode.WORLD_RESTARTED:
+            return
         self._goal_stamps_ns.add(result.goal_stamp_ns)
         self._results.append((_ns(result.end_time_s), result))
 

@@ -153,6 +153,35 @@ def test_a_reset_begins_the_tour_anew(stage: Stage, caplog: pytest.LogCaptureFix
     assert stage.node.exit_code == 0
 
 
+def test_a_goal_that_its_world_took_away_is_driven_to_again(stage: Stage) -> None:
+    stage.bring_up()
+    stage.answer(error_code=9011)
+    for _ in range(100):
+        if len(stage.goals()) == 1:
+            stage.step()
+    stage.answer()
+    stage.answer()
+    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
+    assert places == [(1, 2), (1, 2), (0, 0)]
+    del stage.sent[: next(i for i, said in enumerate(stage.sent) if said[0] == "/goal_pose") + 1]
+    stage.judge(True, True)
+    assert stage.node.exit_code == 0
+
+
+def test_two_verdicts_on_one_goal_stand_for_no_other(stage: Stage) -> None:
+    stage.bring_up()
+    stage.answer()
+    stage.answer()
+    first_ns, second_ns = (ns_from_time(goal.header.stamp) for goal in stage.goals())
+    twice = (report(True, first_ns), report(True, first_ns))
+    stage.say(table.EVALUATION, doc.Evaluation(goals=twice))
+    stage.step()
+    assert stage.node.exit_code is None
+    stage.say(table.EVALUATION, doc.Evaluation(goals=(*twice, report(True, second_ns))))
+    stage.step()
+    assert stage.node.exit_code == 0
+
+
 def test_after_a_reset_a_stack_that_never_becomes_active_is_given_up() -> None:
     stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
     stage.step(50)

@@ -7,7 +7,10 @@ from typing import Any
 
 import pytest
 
-from services.embedded.demo import DemoOptions, run
+from services.common.documents import SimulationControl
+from services.common.executive import Executive, MemoryTransport
+from services.common.topics import SIMULATION_CONTROL
+from services.embedded.demo import DemoOptions, build_nodes, run
 
 GOALS = ["location1", "location2", "location3", "location4", "home"]
 
@@ -74,6 +77,27 @@ def test_without_markers_the_enhanced_world_is_another(tmp_path: Path) -> None:
     assert code == 0
     assert summary["markers_seen"] == {}
     assert [goal["name"] for goal in summary["goals"]] == ["goal"]
+
+
+def test_a_reset_in_mid_drive_leaves_nothing_of_the_goal_that_it_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_RECORDER_RECORDINGS_DIR", str(tmp_path))
+    nodes = build_nodes(
+        DemoOptions(camera=False, record=False, renderer="none", goal=(-1.678, -1.178, -2.25))
+    )
+    transport = MemoryTransport()
+    executive = Executive(nodes, transport)
+    assert executive.run(lambda: executive.now_ns >= 2_000_000_000) is None
+    assert transport.ask(SIMULATION_CONTROL, SimulationControl(reset="all"), lambda _: None)
+    # Its goal has the stamp of the one before the reset: all begins anew to the last bit.
+    assert executive.run() == 0
+    executive.close()
+    first, second = (
+        json.loads((run / "summary.json").read_text()) for run in sorted(tmp_path.iterdir())
+    )
+    assert (first["goals_sent"], first["goals"]) == (1, [])
+    assert (second["goals_sent"], second["goals_reached"], len(second["goals"])) == (1, 1, 1)
 
 
 @pytest.mark.parametrize(

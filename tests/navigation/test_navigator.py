@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, wrap_angle
 from services.navigation.collision import STOP, Surroundings
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from services.navigation.costmap import LayeredCostmap
-from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.errors import NavigationError
 from services.navigation.navigator import Goal, Navigator
 from tests.navigation.driving import (
     IDENTITY,

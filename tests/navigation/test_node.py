@@ -14,6 +14,7 @@ from services.common.documents import (
     NavigationResult,
     SimulationStats,
 )
+from services.common.error_codes import ErrorCode
 from services.common.footprint import wall_corners
 from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
 from services.common.node import Envelope
@@ -37,7 +38,6 @@ from services.common.topics import (
 )
 from services.navigation.collision import STOP
 from services.navigation.config import NavigationConfig
-from services.navigation.error_codes import ErrorCode
 from services.navigation.node import NavigationNode
 from services.worldgen.occupancy import Grid, rasterise
 from tests.navigation.driving import (

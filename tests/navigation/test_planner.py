@@ -6,10 +6,11 @@ import re
 import numpy as np
 import pytest
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
 from services.navigation.config import NavigationConfig
 from services.navigation.costmap import Cells, LayeredCostmap, frame_of
-from services.navigation.error_codes import ErrorCode, NavigationError
+from services.navigation.errors import NavigationError
 from services.navigation.path import PlannedPath
 from services.navigation.planner import Planner
 from tests.navigation.driving import LOCATIONS, START, house_costmap, wall_distance_m

@@ -325,6 +325,14 @@ def test_navigations_word_is_not_enough(off: SE2, error_code: int, reached: bool
     assert report.error_code == error_code
 
 
+def test_a_goal_that_its_world_took_away_is_not_judged() -> None:
+    evaluation = RunEvaluation(make_world())
+    drive(evaluation)
+    evaluation.add_result(result(START, error_code=9011))
+    assert evaluation.evaluation().goals == ()
+    assert evaluation.totals()["goals_sent"] == 0
+
+
 @pytest.mark.parametrize(
     ("goal", "name"),
     [

@@ -1,4 +1,4 @@
-"""How planning, control and goals fail: Nav2's numbers, and the exception that carries one."""
+"""How planning, control and goals fail: Nav2's numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from enum import IntEnum
 class ErrorCode(IntEnum):
     """Nav2's error codes (nav2_msgs: FollowPath 100, ComputePathToPose 200, NavigateToPose 9000).
 
-    The two from 9010 on are our own: Nav2 has no number for them.
+    The two from 9010 on are our own: Nav2 has no number for them. Of a goal that ended with
+    WORLD_RESTARTED nothing can be said: the world in which it was driven to is no more.
     """
 
     NONE = 0
@@ -25,12 +26,3 @@ class ErrorCode(IntEnum):
     TF_ERROR = 9002
     PREEMPTED = 9010
     WORLD_RESTARTED = 9011
-
-
-class NavigationError(Exception):
-    """A failure with its code; its one line names the value and what would be right."""
-
-    def __init__(self, code: ErrorCode, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-        self.message = message
