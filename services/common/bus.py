@@ -172,9 +172,9 @@ class Bus:
         self._publishers: dict[str, Any] = {}
         self._subscribers: list[Any] = []
         self._token: zenoh.LivelinessToken | None = None
-        self._alive_key = f"{prefix}{ALIVE_PREFIX}{node.name}"
         self.node_name = node.name
         self.source = uuid.uuid4().hex
+        self._alive_key = alive_key(node.name, self.source, prefix)
         for topic in read_by(node.name):
             self._subscribers.append(
                 subscribe(session, topic, self._receiver(topic), prefix=prefix)
@@ -253,6 +253,19 @@ class Bus:
         if self._token is not None:
             self._token.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]
+
+
+def alive_key(service: str, source: str, prefix: str = "") -> str:
+    """The key of the token by which a service, and the source of its messages, are known to be
+    there.
+    """
+    return f"{prefix}{ALIVE_PREFIX}{service}/{source}"
+
+
+def _named_in(key: object) -> tuple[str, str]:
+    """The service and the source at the end of a token's or a seat's key."""
+    service, _, source = str(key).rpartition("/")
+    return service.rsplit("/", 1)[-1], source
 
 
 def subscribe(
@@ -360,15 +373,11 @@ def watch_seats(
     is returned. The callbacks run on Zenoh's thread: they must only store.
     """
 
-    def of(key: object) -> tuple[str, str]:
-        service, _, source = str(key).rpartition("/")
-        return service.rsplit("/", 1)[-1], source
-
     def on_token(sample: zenoh.Sample) -> None:
-        on_seat(*of(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+        on_seat(*_named_in(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
     def on_call(sample: zenoh.Sample) -> None:
-        on_wake(*of(sample.key_expr))
+        on_wake(*_named_in(sample.key_expr))
 
     callback = zenoh.handlers.Callback
     return [
@@ -464,12 +473,26 @@ def ask(
 
 def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:
     """Names of the services whose tokens are there."""
-    key = f"{prefix}{ALIVE_PREFIX}*"
     names = set()
-    for reply in session.liveliness().get(key, timeout=timeout_s):
+    for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
         if reply.ok is not None:
-            names.add(str(reply.ok.key_expr).rsplit("/", 1)[-1])
+            names.add(_named_in(reply.ok.key_expr)[0])
     return names
+
+
+def watch_leaving(session: zenoh.Session, on_leaving: Callable[[str], None], prefix: str) -> Any:
+    """Tell the source of each service whose process ends; keep what is returned. `on_leaving` runs
+    on Zenoh's thread: it must only store.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            on_leaving(_named_in(sample.key_expr)[1])
+
+    return session.liveliness().declare_subscriber(
+        alive_key("*", "*", prefix),
+        cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
+    )
 
 
 def wait_until_alive(

@@ -33,7 +33,7 @@ def is_alive(endpoint: str, service: str, prefix: str = "") -> bool:
         session = zenoh.open(settings)
     except zenoh.ZError:
         return False
-    replies = session.liveliness().get(f"{prefix}{ALIVE_KEY}{service}", timeout=1.0)
+    replies = session.liveliness().get(f"{prefix}{ALIVE_KEY}{service}/*", timeout=1.0)
     return any(reply.ok is not None for reply in replies)
 
 

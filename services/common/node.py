@@ -141,6 +141,7 @@ class Inbox:
         self._requests: dict[str, deque[Request[Any, Any]]] = {
             query.name: deque() for query in asked_of(node.name)
         }
+        self._gone: set[str] = set()
         self._waking = [self._queues[topic.name] for topic in node.wakes]
         self._waking_names = frozenset(topic.name for topic in node.wakes)
         self._may_wake = False
@@ -185,6 +186,7 @@ class Inbox:
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
         """Take in a message, as an object or as bytes of the wire, decoded when it is read."""
         with self._lock:
+            self._gone.discard(envelope.source)
             counts = self.counts[topic.name]
             last = counts.last_sequence.get(envelope.source)
             counts.received += 1
@@ -195,6 +197,15 @@ class Inbox:
             if topic.name in self._waking_names:
                 self._may_wake = True
         self._on_delivery()
+
+    def leave(self, source: str) -> None:
+        """Take in that a source of messages has ended; one that sends again is back."""
+        with self._lock:
+            self._gone.add(source)
+
+    def is_gone(self, source: str) -> bool:
+        """Whether a source of messages has ended since its last one."""
+        return source in self._gone
 
     def pending(self, topic: Topic[M]) -> bool:
         """Whether a message waits."""

@@ -22,6 +22,7 @@ from services.common.bus import (
     give_turn,
     open_session,
     subscribe,
+    watch_leaving,
     watch_seats,
 )
 from services.common.config import ConfigError, ServiceConfig, fail, load
@@ -156,6 +157,7 @@ class _Service:
         outbox = bus.outbox(self._node)
         self._report = SelfReport(self._node, inbox, outbox)
         self._rosout.outbox = outbox
+        leaving = watch_leaving(session, inbox.leave, prefix)
         clock = None
         if not isinstance(self._node, ClockNode):
             clock = subscribe(session, CLOCK, self._on_clock, prefix)
@@ -167,7 +169,7 @@ class _Service:
                 self._follow_time(inbox, outbox)
         finally:
             self._rosout.outbox = None
-            del clock
+            del clock, leaving
             bus.close()
 
     def _follow_time(self, inbox: Inbox, outbox: Outbox) -> None:

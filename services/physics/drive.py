@@ -2,9 +2,10 @@
 
 A stop by the watchdog brakes harder than a command may: from 0.46 m/s and from 1.9 rad/s the robot
 has to be at rest 0.4 s after the last command, and 0.2 s of these have gone by when the watchdog
-trips. 4 m/s2 and 14 rad/s2 need 0.115 s and 0.136 s, which leaves 0.06 s to the bus. On both wheels
-at once that is 6 m/s2 at the tyre: within the grip of the weight on it, but where the robot turns
-and backs at full speed, which slides by 5 mm.
+trips. 4 m/s2 and 14 rad/s2 need 0.115 s and 0.136 s, which leaves 0.06 s to the bus. Where the bus
+tells that the one who commanded is gone, the watchdog does not wait. On both wheels at once that is
+6 m/s2 at the tyre: within the grip of the weight on it, but where the robot turns and backs at full
+speed, which slides by 5 mm.
 """
 
 from __future__ import annotations
@@ -54,6 +55,11 @@ class Drive:
         self._target_angular = _clamp(angular_rad_s, limits.angular_speed_rad_s)
         self._commanded_ns = now_ns
         self._braking = False
+
+    def expire(self) -> None:
+        """The one who sent the last command is gone: none will come in time."""
+        if self._commanded_ns is not None:
+            self._commanded_ns -= self._limits.timeout_ns
 
     def restart_clock(self, now_ns: int) -> None:
         """Time goes on from 0 instead of `now_ns`; the last command keeps its age."""

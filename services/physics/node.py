@@ -107,6 +107,8 @@ class PhysicsNode(ClockNode):
         self._desired: dict[str, Entities] = {}
         self._next_world: World | None = None
         self._entities: Entities | None = None
+        self._commander: str | None = None
+        """The source of the last velocity command, for as long as that is there."""
         self._simulation: Simulation | None = None
         self._placement: Placement | None = None
         self._surfaces: tuple[Surface, ...] = ()
@@ -174,6 +176,10 @@ class PhysicsNode(ClockNode):
             self._take_in_world(now_ns, inbox, outbox)
         if inbox.pending(CMD_VEL):
             self._take_in_command(now_ns, inbox)
+        if self._commander is not None and inbox.is_gone(self._commander):
+            self._commander = None
+            if self._simulation is not None:
+                self._simulation.drive.expire()
         if due and self._simulation is not None:
             self._advance(self._simulation, now_ns, outbox)
         ended = self._control.ended(self._steps)
@@ -200,7 +206,10 @@ class PhysicsNode(ClockNode):
                 outbox.put(CONTACTS, contact)
         if simulation.watchdog_stops > stops:
             timeout_s = self._config.cmd_vel_timeout_s
-            _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
+            if self._commander is None:
+                _log.warning("who sent velocity commands is gone: stopping the robot")
+            else:
+                _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
         for report in self._schedule[self._steps % len(self._schedule)]:
             report(simulation, now_ns, outbox)
 
@@ -286,9 +295,10 @@ class PhysicsNode(ClockNode):
             outbox.put(SIMULATION_STATS, self._stats(self._simulation))
 
     def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
-        command = inbox.latest(CMD_VEL)
-        if command is None or self._simulation is None:
+        arrivals = inbox.arrivals(CMD_VEL)
+        if not arrivals or self._simulation is None:
             return
+        command, envelope = arrivals[-1]
         stamp_ns = ns_from_time(command.header.stamp)
         # A stamp of zero is that of a sender without a clock: as good as now.
         if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
@@ -296,6 +306,7 @@ class PhysicsNode(ClockNode):
             return
         twist = command.twist
         self._simulation.drive.command(twist.linear.x, twist.angular.z, now_ns)
+        self._commander = envelope.source
 
     def _take_in_world(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         for asset in inbox.new(ASSETS):

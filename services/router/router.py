@@ -6,7 +6,7 @@ import json
 
 import zenoh
 
-from services.common.bus import ALIVE_PREFIX
+from services.common.bus import alive_key
 from services.common.config import ROOT, ConfigError
 from services.router.config import RouterConfig
 
@@ -29,7 +29,8 @@ class Router:
         except zenoh.ZError as error:
             reason = "address in use" if "Address already in use" in str(error) else "cannot listen"
             raise ConfigError(f"router: listen: {config.listen}: {reason}") from error
-        self._token = self._session.liveliness().declare_token(f"{prefix}{ALIVE_PREFIX}router")
+        key = alive_key("router", str(self._session.zid()), prefix)
+        self._token = self._session.liveliness().declare_token(key)
 
     def close(self) -> None:
         """Cut every connection."""

@@ -152,6 +152,14 @@ def test_a_pause_in_mid_drive_alarms_nobody_and_jumps_in_no_command(stack: Stack
 
 
 @pytest.mark.timeout(200)
+def test_a_killed_navigation_is_missed_before_its_commands_are(stack: Stack) -> None:
+    wait_until(lambda: speed(stack) > 0.15, stack.lines)
+    stack.processes["navigation"].kill()
+    wait_until(lambda: any("stopping the robot" in line for line in stack.lines), stack.lines)
+    assert any("who sent velocity commands is gone" in line for line in stack.lines)
+
+
+@pytest.mark.timeout(200)
 def test_a_reset_in_mid_drive_begins_the_tour_anew(stack: Stack) -> None:
     wait_until(lambda: speed(stack) > 0.15, stack.lines)
     stats = stack.control(reset="all", seed=11)

@@ -15,9 +15,9 @@ import zenoh
 
 from services.cli.loopback_router import running_router
 from services.common.bus import (
-    ALIVE_PREFIX,
     BusConfig,
     NoAnswerError,
+    alive_key,
     ask,
     open_session,
     publish,
@@ -149,7 +149,7 @@ def _pace_and_reset(endpoint: str) -> None:
 
 
 def _a_goal_while_paused(opened: zenoh.Session, endpoint: str) -> None:
-    token = opened.liveliness().declare_token(f"{ALIVE_PREFIX}navigation")
+    token = opened.liveliness().declare_token(alive_key("navigation", "a"))
     assert_one_line(mazebot("goal", "1", "0", "0", "--connect", endpoint), "is paused", "resume")
     token.undeclare()  # type: ignore[no-untyped-call]
 

@@ -6,7 +6,13 @@ import sys
 import time
 
 from services.cli.loopback_router import free_port, running_router
-from services.common.bus import ALIVE_PREFIX, BusConfig, open_session, wait_until_alive
+from services.common.bus import (
+    ALIVE_PREFIX,
+    BusConfig,
+    alive_key,
+    open_session,
+    wait_until_alive,
+)
 from services.common.health import ALIVE_KEY, is_alive
 
 
@@ -32,7 +38,7 @@ def test_a_service_is_alive_as_long_as_its_token_stands() -> None:
         assert wait_until_alive(session, "router", 10.0)
         assert is_alive(endpoint, "router")
         assert not is_alive(endpoint, "physics")
-        token = session.liveliness().declare_token(f"{ALIVE_PREFIX}physics")
+        token = session.liveliness().declare_token(alive_key("physics", "a"))
         assert probe(endpoint, "physics") == 0
         token.undeclare()  # type: ignore[no-untyped-call]
         assert probe(endpoint, "physics") == 1

@@ -71,6 +71,18 @@ def test_gaps_in_a_source_are_counted_as_lost() -> None:
     assert inbox.counts["/clock"].sent == 7
 
 
+def test_a_source_that_has_ended_is_gone_until_it_sends_again() -> None:
+    inbox = Inbox(Recorder())
+    inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(0))
+    assert not inbox.is_gone("a")
+    inbox.leave("a")
+    assert inbox.is_gone("a")
+    inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(0, "b"))
+    assert inbox.is_gone("a")
+    inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(1))
+    assert not inbox.is_gone("a")
+
+
 def test_bytes_are_decoded_and_garbage_is_counted() -> None:
     inbox = Inbox(Navigation())
     inbox.deliver(GOAL_POSE, b"\x00\x01\x00\x00garbage", envelope(0))

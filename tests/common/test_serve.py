@@ -24,7 +24,9 @@ from services.common.bus import (
     publish,
     put_once,
     subscribe,
+    unpack_attachment,
     wait_until_alive,
+    watch_leaving,
     watch_seats,
 )
 from services.common.config import ConfigError, ServiceConfig, load
@@ -104,6 +106,20 @@ def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str)
         assert process.wait(5.0) == 0
     assert "worldgen" not in alive(session)
     del subscription
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def test_a_service_that_is_killed_is_missed_by_its_source(endpoint: str) -> None:
+    session = open_session(BusConfig(connect=endpoint))
+    sources: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    left: queue.SimpleQueue[str] = queue.SimpleQueue()
+    subscription = subscribe(session, DIAGNOSTICS, lambda _, attachment: sources.put(attachment))
+    leaving = watch_leaving(session, left.put, "")
+    with service("worldgen", endpoint) as process:
+        envelope = unpack_attachment(sources.get(timeout=DEADLINE_S) or b"")
+        process.kill()
+        assert left.get(timeout=DEADLINE_S) == envelope.source
+    del subscription, leaving
     session.close()  # type: ignore[no-untyped-call]
 
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import zenoh
 
 from services.common import wire
-from services.common.bus import ALIVE_PREFIX, BusConfig, open_session, subscribe
+from services.common.bus import BusConfig, alive_key, open_session, subscribe
 from services.common.messages import Odometry
 from services.common.topics import GROUND_TRUTH_ODOM
 
@@ -41,7 +41,7 @@ class Witness:
         self._subscription = subscribe(self._session, GROUND_TRUTH_ODOM, self._on_odom)
         self._appeared: dict[str, float] = {}
         self._tokens = self._session.liveliness().declare_subscriber(
-            f"{ALIVE_PREFIX}*",
+            alive_key("*", "*"),
             cast("Any", zenoh.handlers.Callback(self._on_token, indirect=False)),
             history=True,
         )
@@ -54,7 +54,7 @@ class Witness:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._appeared[str(sample.key_expr).removeprefix(ALIVE_PREFIX)] = time.monotonic()
+            self._appeared[str(sample.key_expr).split("/")[-2]] = time.monotonic()
 
     def driving(self) -> bool:
         """Whether the robot drives at a fair speed now."""

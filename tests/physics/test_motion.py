@@ -150,6 +150,25 @@ def test_rests_within_400_ms_of_the_last_command(
     assert robot.last(SIMULATION_STATS).watchdog_stops == 1
 
 
+def test_rests_at_once_where_the_one_who_commands_is_gone(
+    robot: Driver, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot.drive(0.46, 0.0, 2.0)
+    robot.inbox.leave("somebody else")
+    robot.wait(0.04)
+    assert robot.speeds[0] == pytest.approx(0.46, abs=0.01)
+    robot.inbox.leave("test")
+    robot.wait(0.15)
+    assert abs(robot.speeds[0]) < 0.01
+    robot.wait(0.2)
+    assert robot.last(SIMULATION_STATS).watchdog_stops == 1
+    assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == [
+        "who sent velocity commands is gone: stopping the robot"
+    ]
+    robot.drive(0.3, 0.0, 1.0)
+    assert robot.speeds[0] == pytest.approx(0.3, abs=0.01)
+
+
 def test_keeps_going_while_commands_come(robot: Driver) -> None:
     robot.drive(0.3, 0.0, 1.0)
     robot.wait(0.15)
