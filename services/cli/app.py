@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -198,11 +200,17 @@ def parse_bool(option: str, text: str) -> bool:
     raise ConfigError(f"{option}: {text!r} is neither True nor False")
 
 
+@functools.cache
+def _command() -> Callable[..., object]:
+    """The command with all its options, made once."""
+    return typer.main.get_command(app)
+
+
 def main() -> NoReturn:
     """Run the command; a mistake is one line on standard error, and not exit code 0."""
     code: object = 0
     try:
-        code = app(standalone_mode=False)
+        code = _command()(standalone_mode=False)
     except _UsageMistake as error:
         sys.stderr.write(f"error: {' '.join(error.format_message().split())}\n")  # type: ignore[attr-defined]
         code = 2

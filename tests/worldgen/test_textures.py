@@ -26,6 +26,7 @@ def rgb(data: bytes) -> NDArray[np.float64]:
     return np.asarray(bgr[..., ::-1], np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXTURES)
 def test_the_texture_at_hand_is_what_the_script_draws(name: str) -> None:
     at_hand = rgb((FOLDER / name).read_bytes())
