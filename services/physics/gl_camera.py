@@ -128,6 +128,14 @@ _VERTEX_FORMAT = "3f 2f 3f 3f 3f"
 _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
 
+class _Look(NamedTuple):
+    """On what of a part it depends which program draws it."""
+
+    textured: bool
+    smooth: bool
+    moves: bool
+
+
 @dataclass(frozen=True)
 class _Shading:
     """What a program does: only what its triangles need, since a CPU pays for each pixel.
@@ -135,9 +143,7 @@ class _Shading:
     What a fragment reads stands in it as constants: llvmpipe loads uniforms one pixel at a time.
     """
 
-    textured: bool
-    smooth: bool
-    moves: bool
+    look: _Look
     lamps: str
     """GLSL that says how many there are, and which"""
     depth_range_m: DepthRange | None
@@ -145,25 +151,16 @@ class _Shading:
     def source(self, shader: str) -> str:
         """GLSL of one stage."""
         flags = [self.lamps]
-        flags += ["#define TEXTURED"] if self.textured else []
-        flags += ["#define MOVES"] if self.moves else []
+        flags += ["#define TEXTURED"] if self.look.textured else []
+        flags += ["#define MOVES"] if self.look.moves else []
         if self.depth_range_m is not None:
             flags += [
                 "#define DEPTH",
                 f"const vec2 depth_range_m = {_constant(self.depth_range_m)};",
             ]
         # Flat tints are not interpolated: faster, and the same for each pixel.
-        flags += ["#define SHADE smooth" if self.smooth else "#define SHADE flat"]
+        flags += ["#define SHADE smooth" if self.look.smooth else "#define SHADE flat"]
         return "\n".join(("#version 330", *flags, shader))
-
-
-class _Look(NamedTuple):
-    """On what of a part it depends how a scene's vertices are drawn."""
-
-    textured: bool
-    smooth: bool
-    moves: bool
-    quad: bool
 
 
 class _Shown:
@@ -189,7 +186,8 @@ class _Shown:
         self._centres_m = np.array([centre for centre, _ in balls]).reshape(-1, 3)
         self._radii_m = np.array([radius for _, radius in balls])
         self._movers = parts.mover[others].astype(np.int64)
-        self.arrays: dict[_Look, Any] = {}
+        self.arrays: dict[tuple[_Look, bool], Any] = {}
+        """The vertices as a program takes them, by look and whether of the quads in view."""
 
     def release(self) -> None:
         """Give everything back."""
@@ -314,8 +312,8 @@ class GlCamera:
     def _draw_part(self, shown: _Shown, part: int, map_from_movers: Array) -> None:
         parts = shown.scene.parts
         texture, mover = int(parts.texture[part]), int(parts.mover[part])
-        look = _Look(texture != PLAIN, bool(parts.smooth[part]), mover != STATIC, False)
-        array = self._array(shown, look)
+        look = _Look(texture != PLAIN, bool(parts.smooth[part]), mover != STATIC)
+        array = self._array(shown, look, False)
         if look.moves:
             array.program["map_from_mover"].write(_for_gl(map_from_movers[mover]))
         self._use(shown, texture)
@@ -329,7 +327,7 @@ class GlCamera:
         first = 0
         for texture, alike in groupby(map(shown.quad_textures.__getitem__, quads.tolist())):
             count = sum(1 for _ in alike)
-            array = self._array(shown, _Look(texture != PLAIN, False, False, True))
+            array = self._array(shown, _Look(texture != PLAIN, False, False), True)
             self._use(shown, texture)
             array.render(moderngl.TRIANGLES, vertices=6 * count, first=6 * first)
             first += count
@@ -338,22 +336,20 @@ class GlCamera:
         if texture != PLAIN:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
-    def _array(self, shown: _Shown, look: _Look) -> Any:
-        """The vertices as a program takes them; made where it is first needed."""
-        array = shown.arrays.get(look)
+    def _array(self, shown: _Shown, look: _Look, of_quads: bool) -> Any:
+        """See _Shown.arrays; made where it is first needed."""
+        array = shown.arrays.get((look, of_quads))
         if array is None:
-            program = self._program(
-                _Shading(look.textured, look.smooth, look.moves, shown.lamps, self._depth_range_m)
-            )
+            program = self._program(_Shading(look, shown.lamps, self._depth_range_m))
             if look.moves:
                 program["sun"].write(shown.scene.sun.astype(np.float32).tobytes())
             array = self._context.vertex_array(
                 program,
                 [(shown.vertices, _VERTEX_FORMAT, *_VERTEX_FIELDS)],
-                index_buffer=shown.quad_indices if look.quad else shown.indices,
+                index_buffer=shown.quad_indices if of_quads else shown.indices,
                 skip_errors=True,
             )
-            shown.arrays[look] = array
+            shown.arrays[look, of_quads] = array
         return array
 
     def _program(self, shading: _Shading) -> Any:
