@@ -120,8 +120,10 @@ class BringupNode(Node):
             return
         if self._goal_index < len(self._goals):
             self._drive(now_ns, inbox, outbox)
-        elif self._judged() is not None or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
-            self._finish()
+            return
+        evaluation = self._judged()
+        if evaluation is not None or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
+            self._finish(evaluation)
 
     def _begin_anew(self) -> None:
         """Drive the tour from its beginning: the goals so far were those of another run."""
@@ -254,8 +256,7 @@ class BringupNode(Node):
             return None
         return self._evaluation.model_copy(update={"goals": goals})
 
-    def _finish(self) -> None:
-        evaluation = self._judged()
+    def _finish(self, evaluation: Evaluation | None) -> None:
         if evaluation is not None:
             reached = all(goal.reached for goal in evaluation.goals)
             _LOG.info("tour finished\n%s", tour_table(evaluation))

@@ -262,7 +262,7 @@ def alive_key(service: str, source: str, prefix: str = "") -> str:
     return f"{prefix}{ALIVE_PREFIX}{service}/{source}"
 
 
-def _named_in(key: object) -> tuple[str, str]:
+def service_and_source(key: object) -> tuple[str, str]:
     """The service and the source at the end of a token's or a seat's key."""
     service, _, source = str(key).rpartition("/")
     return service.rsplit("/", 1)[-1], source
@@ -374,10 +374,10 @@ def watch_seats(
     """
 
     def on_token(sample: zenoh.Sample) -> None:
-        on_seat(*_named_in(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+        on_seat(*service_and_source(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
     def on_call(sample: zenoh.Sample) -> None:
-        on_wake(*_named_in(sample.key_expr))
+        on_wake(*service_and_source(sample.key_expr))
 
     callback = zenoh.handlers.Callback
     return [
@@ -476,18 +476,20 @@ def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> s
     names = set()
     for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
         if reply.ok is not None:
-            names.add(_named_in(reply.ok.key_expr)[0])
+            names.add(service_and_source(reply.ok.key_expr)[0])
     return names
 
 
-def watch_leaving(session: zenoh.Session, on_leaving: Callable[[str], None], prefix: str) -> Any:
+def watch_leaving(
+    session: zenoh.Session, on_leaving: Callable[[str], None], prefix: str = ""
+) -> Any:
     """Tell the source of each service whose process ends; keep what is returned. `on_leaving` runs
     on Zenoh's thread: it must only store.
     """
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
-            on_leaving(_named_in(sample.key_expr)[1])
+            on_leaving(service_and_source(sample.key_expr)[1])
 
     return session.liveliness().declare_subscriber(
         alive_key("*", "*", prefix),

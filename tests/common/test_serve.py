@@ -114,7 +114,7 @@ def test_a_service_that_is_killed_is_missed_by_its_source(endpoint: str) -> None
     sources: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
     left: queue.SimpleQueue[str] = queue.SimpleQueue()
     subscription = subscribe(session, DIAGNOSTICS, lambda _, attachment: sources.put(attachment))
-    leaving = watch_leaving(session, left.put, "")
+    leaving = watch_leaving(session, left.put)
     with service("worldgen", endpoint) as process:
         envelope = unpack_attachment(sources.get(timeout=DEADLINE_S) or b"")
         process.kill()

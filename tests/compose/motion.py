@@ -10,7 +10,7 @@ from typing import Any, cast
 import zenoh
 
 from services.common import wire
-from services.common.bus import BusConfig, alive_key, open_session, subscribe
+from services.common.bus import BusConfig, alive_key, open_session, service_and_source, subscribe
 from services.common.messages import Odometry
 from services.common.topics import GROUND_TRUTH_ODOM
 
@@ -54,7 +54,8 @@ class Witness:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._appeared[str(sample.key_expr).split("/")[-2]] = time.monotonic()
+            service, _ = service_and_source(sample.key_expr)
+            self._appeared[service] = time.monotonic()
 
     def driving(self) -> bool:
         """Whether the robot drives at a fair speed now."""
