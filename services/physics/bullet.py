@@ -1,4 +1,4 @@
-"""PyBullet without the line that it prints on being imported, and what it may keep.
+"""PyBullet without the lines that it prints, and what it may keep.
 
 glibc takes a block from the system by itself, and gives it back when it is freed, from 128 KiB on;
 but each such block that is freed raises that threshold to its own size, up to 32 MiB (mallopt(3)).
@@ -8,9 +8,11 @@ and left holes in it, 50 MB after a few worlds. A threshold that has been set st
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,19 +36,22 @@ def _keep_large_blocks_apart() -> None:
         mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
-def _import_quietly() -> None:
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Have nothing that PyBullet prints reach the standard output or error."""
     sys.stdout.flush()
     sys.stderr.flush()
+    c_library = ctypes.CDLL(None)
+    # C has buffers of its own, which Python's flush does not reach.
+    c_library.fflush(None)
     kept = {number: os.dup(number) for number in (1, 2)}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         for number in kept:
             os.dup2(nowhere, number)
-        import pybullet  # noqa: F401, PLC0415
-
-        # The line may wait in C's buffer, which Python's flush does not reach.
-        ctypes.CDLL(None).fflush(None)
+        yield
     finally:
+        c_library.fflush(None)
         for number, copy in kept.items():
             os.dup2(copy, number)
             os.close(copy)
@@ -54,10 +59,10 @@ def _import_quietly() -> None:
 
 
 _keep_large_blocks_apart()
-_import_quietly()
-import pybullet  # noqa: E402
+with quiet():
+    import pybullet
 
-__all__ = ["lent", "pybullet"]
+__all__ = ["lent", "pybullet", "quiet"]
 
 _rows: dict[str, list[list[float]]] = {}
 _lists: dict[str, list[Any]] = {}

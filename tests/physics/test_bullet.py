@@ -41,6 +41,15 @@ def test_what_is_lent_is_what_was_given() -> None:
     assert lent("indices", np.array([3, 1, 2])) == [3, 1, 2]
 
 
+def test_pybullet_says_nothing_of_its_own(capfd: pytest.CaptureFixture[str]) -> None:
+    stage = Stage()
+    stage.load(OPEN)
+    stage.desire(crate("heap", 2.0, mass_kg=1.0))
+    stage.wait(0.1)
+    stage.node.close()
+    assert capfd.readouterr() == ("", "")
+
+
 def test_hulls_that_come_and_go_leave_nothing() -> None:
     stage = Stage()
     stage.load(OPEN)

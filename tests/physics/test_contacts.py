@@ -77,6 +77,25 @@ def test_a_spawned_body_is_touched_by_its_name() -> None:
     robot.node.close()
 
 
+def test_what_comes_to_stand_close_ahead_of_a_robot_with_nothing_near_is_touched() -> None:
+    robot = driver_among()
+    robot.wait(0.5)
+    side_m = 0.3
+    crate = spawned(
+        "crate",
+        Box(size_m=(side_m, 0.4, 0.5)),
+        position_m=(HULL_FRONT_M + 0.02 + side_m / 2.0, 0.0, 0.25),
+    )
+    robot.deliver(
+        DESIRED_ENTITIES,
+        Entities(world_hash=robot.node.world_hash, revision=2, entities=(crate,)),
+    )
+    robot.turn()
+    robot.drive(0.2, 0.0, 0.5)
+    assert [(one.robot_link, one.body) for one in robot.all(CONTACTS)] == [("base_link", "crate")]
+    robot.node.close()
+
+
 def test_a_round_body_is_touched_where_it_is_nearest() -> None:
     post = spawned("post", Cylinder(radius_m=0.1, length_m=1.0), position_m=(0.5, 0.05, 0.5))
     robot = driver_among(post)

@@ -424,6 +424,19 @@ def test_everything_made_anew_goes_on_as_it_was(
     assert stage.all(CONTACTS) == []
 
 
+def test_a_robot_that_alone_moves_stands_to_the_last_bits_in_a_world_made_anew_too(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bodies_module, "_MAX_GARBAGE_BYTES", 0)
+    for things in ((crate(x_m=3.0),), ()):
+        stage.desire(*things)
+        assert stage.bodies._garbage_bytes == 0
+        stage.wait(1.0)
+        before = stage.bodies.state
+        stage.wait(2.0)
+        assert stage.bodies.state.position_m == pytest.approx(before.position_m, abs=1e-9)
+
+
 def cycled(cycles: int) -> tuple[float, float, float, float]:
     """Memory of this process and a step of PyBullet, in ms, before and after many cycles."""
     young, old = Stage(), Stage()

@@ -80,9 +80,8 @@ def test_stands_still_for_a_minute() -> None:
         if step == STEPS_PER_SECOND:
             settled = simulation.bodies.map_from_footprint()
     crept = inverse_matrix(settled) @ simulation.bodies.map_from_footprint()
-    assert np.abs(crept - np.eye(4)).max() < 1e-3
-    # The creep turns the wheels, so that odometry follows it.
-    assert simulation.odometry.odom_from_footprint == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    assert np.abs(crept - np.eye(4)).max() < 1e-6
+    assert simulation.odometry.odom_from_footprint == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     simulation.close()
 
 
@@ -129,6 +128,9 @@ def test_speeds_up_and_down_along_the_ramp(
             expected.append(ramp)
     assert speeds == pytest.approx(expected, rel=0.004, abs=2e-3)
     assert np.abs(np.diff(speeds)).max() < rate / 240.0 * 1.01
+    if axis == 0:
+        # Nothing but the robot moves, so that its contacts are solved exactly.
+        assert speeds == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize(
