@@ -26,9 +26,11 @@ from services.physics.camera import (
     mover_poses,
     optical_from_map,
 )
+from services.physics.mipmaps import LevelUpload
 from services.physics.occlusion import balls_in_view, visible_quads
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
 
+_LIBEGL = "libEGL.so.1"
 _VERTEX_SHADER = """
 layout(std140) uniform View { mat4 clip_from_map; };
 in vec3 position_m;
@@ -214,6 +216,7 @@ class GlCamera:
         """Raises ConfigError where no context can be made."""
         self._depth_range_m = depth_range_m
         self._context: Any = _make_context()
+        self._upload_smaller_levels = LevelUpload(_LIBEGL)
         self._clip_from_optical = intrinsics.clip_from_optical()
         size = intrinsics.width, intrinsics.height
         self._view = (
@@ -389,10 +392,10 @@ class GlCamera:
 
     def _upload(self, texture: Texture) -> Any:
         # A row of RGBA is aligned whatever the width.
-        rgba = cv2.cvtColor(texture.pixels, cv2.COLOR_RGB2RGBA)
+        rgba = np.asarray(cv2.cvtColor(texture.pixels, cv2.COLOR_RGB2RGBA), np.uint8)
         height, width = rgba.shape[:2]
         uploaded = self._context.texture((width, height), 4, rgba.tobytes())
-        uploaded.build_mipmaps()
+        self._upload_smaller_levels(uploaded, rgba)
         # Anisotropic filtering would cost a CPU four times a whole frame, and shows markers no
         # better from less than 75 degrees aside.
         uploaded.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
@@ -422,8 +425,8 @@ def _make_context() -> Any:
         options: dict[str, Any] = {
             "require": 330,
             "backend": "egl",
-            "libegl": "libEGL.so.1",
-            "libgl": "libEGL.so.1",
+            "libegl": _LIBEGL,
+            "libgl": _LIBEGL,
         }
         return moderngl.create_context(standalone=True, **options)
     except Exception as error:  # moderngl raises no narrower type
