@@ -178,23 +178,29 @@ class Inbox:
 
     def requests(self, query: Query[Q, A]) -> list[Request[Q, A]]:
         """The queries since the last call, oldest first."""
+        queue = self._requests[query.name]
+        if not queue:
+            return []
         with self._lock:
-            waiting = list(self._requests[query.name])
-            self._requests[query.name].clear()
+            waiting = list(queue)
+            queue.clear()
         return waiting
 
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
         """Take in a message, as an object or as bytes of the wire, decoded when it is read."""
+        name, source, sequence = topic.name, envelope.source, envelope.sequence
         with self._lock:
-            self._gone.discard(envelope.source)
-            counts = self.counts[topic.name]
-            last = counts.last_sequence.get(envelope.source)
+            self._gone.discard(source)
+            counts = self.counts[name]
             counts.received += 1
-            if last is not None and envelope.sequence > last + 1:
-                counts.lost += envelope.sequence - last - 1
-            counts.last_sequence[envelope.source] = max(envelope.sequence, last or 0)
-            self._queues[topic.name].append((message, envelope))
-            if topic.name in self._waking_names:
+            last = counts.last_sequence.get(source)
+            if last is None:
+                counts.last_sequence[source] = sequence
+            elif sequence > last:
+                counts.lost += sequence - last - 1
+                counts.last_sequence[source] = sequence
+            self._queues[name].append((message, envelope))
+            if name in self._waking_names:
                 self._may_wake = True
         self._on_delivery()
 

@@ -7,7 +7,7 @@ import itertools
 import math
 import operator
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -174,7 +174,7 @@ def _checker(type_name_: str) -> _Check:
     numbers, checks = _checks(type_name_)
 
     def check(message: object) -> str:
-        if numbers is not None and not all(map(math.isfinite, numbers(message))):
+        if numbers is not None and not _all_finite(numbers(message)):
             return "not finite"
         for get, problem_of in checks:
             problem = problem_of(get(message))
@@ -217,9 +217,14 @@ def _itself(message: object) -> object:
     return message
 
 
+def _all_finite(values: Sequence[float]) -> bool:
+    # A sum is finite where all are, but for those too large for one.
+    return math.isfinite(sum(values)) or all(map(math.isfinite, values))
+
+
 def _not_finite(values: Any) -> str:
     if len(values) <= _FEW:
-        return "" if all(map(math.isfinite, values.tolist())) else "not finite"
+        return "" if _all_finite(values.tolist()) else "not finite"
     return "" if np.isfinite(values).all() else "not finite"
 
 
@@ -230,7 +235,7 @@ def _nan(values: Any) -> str:
 def _each(type_name_: str, messages: list[object]) -> str:
     numbers, checks = _checks(type_name_)
     if numbers is not None:
-        if not all(map(math.isfinite, itertools.chain.from_iterable(map(numbers, messages)))):
+        if not _all_finite(list(itertools.chain.from_iterable(map(numbers, messages)))):
             return "not finite"
     for get, problem_of in checks:
         for value in map(get, messages):

@@ -32,6 +32,8 @@ class LikelihoodField:
     """Distance to the nearest face of a wall; negative inside walls, and limited."""
     log_likelihood: NDArray[np.float32]
     """Logarithm of a return's probability density, in 1/m, at that place."""
+    least_log_likelihood: float
+    """The same off the map"""
     cell_m: float
     map_from_field: SE2
     """Pose of the tables' corner (row 0, column 0)."""
@@ -67,7 +69,8 @@ def likelihood_field(
     distance_m = np.clip(distance_m, -max_distance_m, max_distance_m).astype(np.float32)
     hit = np.exp(-0.5 * (distance_m / sigma_hit_m) ** 2) / (math.sqrt(2 * math.pi) * sigma_hit_m)
     log_likelihood = np.log(z_hit * hit + z_rand / range_max_m).astype(np.float32)
-    return LikelihoodField(distance_m, log_likelihood, cell_m, map_from_grid)
+    least = float(log_likelihood.min())
+    return LikelihoodField(distance_m, log_likelihood, least, cell_m, map_from_grid)
 
 
 def _signed_distance(

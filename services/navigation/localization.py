@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from services.common.frames import SE2, Array, wrap_angle
+from services.common.frames import SE2, Array, PlanarCovariance, wrap_angle
 from services.navigation import particle_filter as pf
 from services.navigation.likelihood_field import likelihood_field
 from services.navigation.marker_model import (
@@ -416,20 +416,16 @@ class Localization:
         assert self._map_from_base is not None
         motion = pf.odometry_motion(before_from_now, self._noise)
         heading = self._map_from_base.yaw_rad + motion.rotation1_rad
-        along = np.array([math.cos(heading), math.sin(heading)])
-        across = np.array([-along[1], along[0]]) * motion.translation_m
-        by_pose = np.eye(3)
-        by_pose[:2, 2] = across
-        by_motion = np.zeros((3, 3))
-        by_motion[:2, 0] = across
-        by_motion[:2, 1] = along
-        by_motion[2, 0] = by_motion[2, 2] = 1.0
-        variances = (
-            motion.rotation1_std_rad**2, motion.translation_std_m**2, motion.rotation2_std_rad**2,
-        )  # fmt: skip
-        return np.asarray(
-            by_pose @ self._covariance @ by_pose.T + by_motion @ np.diag(variances) @ by_motion.T
+        c, s = math.cos(heading), math.sin(heading)
+        x_by_yaw, y_by_yaw = -s * motion.translation_m, c * motion.translation_m
+        moved = (
+            PlanarCovariance.from_matrix(self._covariance)
+            .moved(x_by_yaw, y_by_yaw)
+            .spread(motion.rotation1_std_rad**2, x_by_yaw, y_by_yaw, 1.0)
+            .spread(motion.translation_std_m**2, c, s, 0.0)
+            .spread(motion.rotation2_std_rad**2, 0.0, 0.0, 1.0)
         )
+        return moved.matrix()
 
     def _weigh(self, log_likelihood: Array) -> None:
         # Where the particles lie wider apart than the measurement is sharp, one of them would take
@@ -477,9 +473,11 @@ class Localization:
         self._log_weights = np.zeros(count)
 
     def _is_narrow(self, covariance: Array) -> bool:
-        return bool(
-            np.linalg.eigvalsh(covariance[:2, :2])[-1] <= self._params.converged_std_m**2
-            and covariance[2, 2] <= self._params.converged_std_rad**2
+        x_x, x_y, _, y_y, _, yaw_yaw = PlanarCovariance.from_matrix(covariance)
+        largest_m2 = (x_x + y_y) / 2.0 + math.hypot((x_x - y_y) / 2.0, x_y)
+        return (
+            largest_m2 <= self._params.converged_std_m**2
+            and yaw_yaw <= self._params.converged_std_rad**2
         )
 
     def _judge(self, points_m: Array) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
@@ -102,6 +103,10 @@ class Navigator:
         self._blocked_since_ns: int | None = None
         self._lost_since_ns: int | None = None
         self._distance_remaining_m = 0.0
+        self._path_cells: NDArray[np.int64] = np.empty(0, np.int64)
+        """Of the path's points, in the flat grid."""
+        self._path_was_free: NDArray[np.bool_] = np.empty(0, np.bool_)
+        """Of its points, whether the map alone leaves room for the robot."""
 
     @property
     def state(self) -> State:
@@ -185,7 +190,7 @@ class Navigator:
         assert self._goal is not None
         old = self._controller.path
         due = now_ns - self._planned_ns >= self._params.replanning_period_s * 1e9
-        blocked = old is not None and self._is_blocked(old, around.costmap)
+        blocked = old is not None and self._is_blocked(around.costmap)
         if self._state == "controlling" and not (due or blocked):
             return None
         if self._controller.xy_reached and self._state == "controlling":
@@ -200,24 +205,27 @@ class Navigator:
             if not shorter and off_m < around.costmap.frame.resolution_m * 3.0:
                 return None
         self._controller.follow(path, same_goal=self._state == "controlling")
+        self._look_up_cells(path)
         if self._state == "planning":
             self._state = "controlling"
             self._progress.reset()
         return path
 
-    def _is_blocked(self, path: PlannedPath, costmap: Costmap) -> bool:
-        """Whether an obstacle has come to stand on what is left of a path."""
-        frame = costmap.frame
-        points = path.points_m[self._controller.index + 1 :]
-        columns = ((points[:, 0] - frame.origin_x_m) / frame.resolution_m).astype(np.int64)
-        rows = ((points[:, 1] - frame.origin_y_m) / frame.resolution_m).astype(np.int64)
-        costs = costmap.costs[rows.clip(0, frame.rows - 1), columns.clip(0, frame.columns - 1)]
-        static = self._costmap.static.costs[
-            rows.clip(0, frame.rows - 1), columns.clip(0, frame.columns - 1)
-        ]
+    def _look_up_cells(self, path: PlannedPath) -> None:
+        static = self._costmap.static
+        frame = static.frame
+        columns = ((path.points_m[:, 0] - frame.origin_x_m) / frame.resolution_m).astype(np.int64)
+        rows = ((path.points_m[:, 1] - frame.origin_y_m) / frame.resolution_m).astype(np.int64)
+        rows, columns = rows.clip(0, frame.rows - 1), columns.clip(0, frame.columns - 1)
+        self._path_cells = rows * frame.columns + columns
+        self._path_was_free = static.costs[rows, columns] < INSCRIBED_INFLATED_OBSTACLE
+
+    def _is_blocked(self, costmap: Costmap) -> bool:
+        """Whether an obstacle has come to stand on what is left of the path."""
+        ahead = slice(self._controller.index + 1, None)
+        costs = costmap.costs.ravel()[self._path_cells[ahead]]
         # A path may begin inside inflated cells; only what the scan has added blocks it.
-        limit = INSCRIBED_INFLATED_OBSTACLE
-        return bool(((costs >= limit) & (static < limit)).any())
+        return bool(((costs >= INSCRIBED_INFLATED_OBSTACLE) & self._path_was_free[ahead]).any())
 
     def _control(
         self, now_ns: int, elapsed_s: float, around: Surroundings, new_path: PlannedPath | None

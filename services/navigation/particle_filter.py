@@ -90,7 +90,7 @@ def scan_log_weights(
     pose = field.map_from_field
     _score(
         particles, points_m, field.log_likelihood, 1.0 / field.cell_m, pose.x_m, pose.y_m,
-        pose.yaw_rad, float(field.log_likelihood.min()), weights,
+        pose.yaw_rad, field.least_log_likelihood, weights,
     )  # fmt: skip
     weights *= beam_weight
     return weights

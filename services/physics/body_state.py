@@ -31,18 +31,22 @@ class BodyState(NamedTuple):
     def is_sane(self) -> bool:
         """Whether a robot can be so: PyBullet keeps what is not finite without a word."""
         x, y, z = self.position_m
-        fast = max(map(abs, self.velocity_m_s))
+        vx, vy, vz = self.velocity_m_s
         turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
-        wheels = self.wheel_angles_rad[0] + self.wheel_angles_rad[1]
+        left, right = self.wheel_angles_rad
+        left_speed, right_speed = self.wheel_speeds_rad_s
         # A comparison with what is not a number is False.
         return (
             -_FAR_M < x < _FAR_M
             and -_FAR_M < y < _FAR_M
             and _LOWEST_M < z < _HIGHEST_M
-            and fast < _MAX_SPEED_M_S
+            and -_MAX_SPEED_M_S < vx < _MAX_SPEED_M_S
+            and -_MAX_SPEED_M_S < vy < _MAX_SPEED_M_S
+            and -_MAX_SPEED_M_S < vz < _MAX_SPEED_M_S
             and -_FAR_M < turn < _FAR_M
-            and max(map(abs, self.wheel_speeds_rad_s)) < _MAX_WHEEL_SPEED_RAD_S
-            and math.isfinite(wheels)
+            and -_MAX_WHEEL_SPEED_RAD_S < left_speed < _MAX_WHEEL_SPEED_RAD_S
+            and -_MAX_WHEEL_SPEED_RAD_S < right_speed < _MAX_WHEEL_SPEED_RAD_S
+            and math.isfinite(left + right)
         )
 
 

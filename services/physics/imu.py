@@ -8,6 +8,9 @@ from services.common import messages as msg
 from services.common.frames import IMU_FRAME, Array
 from services.physics.bodies import GRAVITY_M_S2, Bodies
 
+_DRAWN_AT_ONCE = 64
+"""Readings whose noise is drawn together: as many draws cost little more than one."""
+
 
 class Imu:
     """Angular velocity and specific force at imu_link, in its axes, with white noise.
@@ -37,6 +40,8 @@ class Imu:
         self._no_orientation = _diagonal(0.0)
         self._no_orientation[0] = -1.0
         self._velocity_m_s = bodies.motion_at(self._com_from_imu).velocity_m_s
+        self._noise: list[list[float]] = []
+        """Of the next readings, the next one last."""
 
     def read(self, stamp_ns: int, elapsed_s: float) -> msg.Imu:
         """The reading now, `elapsed_s` after the last one."""
@@ -47,7 +52,10 @@ class Imu:
         ax, ay, az = map_from_imu.rotate_back(
             (vx - ux) / elapsed_s, (vy - uy) / elapsed_s, (vz - uz) / elapsed_s + GRAVITY_M_S2
         )
-        noise = (self._random.standard_normal(6) * self._sigma).tolist()
+        if not self._noise:
+            drawn = self._random.standard_normal((_DRAWN_AT_ONCE, 6)) * self._sigma
+            self._noise = drawn[::-1].tolist()
+        noise = self._noise.pop()
         return msg.Imu(
             header=msg.header(stamp_ns, IMU_FRAME),
             orientation=msg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),

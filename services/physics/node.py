@@ -65,6 +65,8 @@ from services.physics.simulation import STEP_S, Simulation
 
 _Report = Callable[[Simulation, int, Outbox], None]
 _MAX_DESIRED_SETS = 4
+_IMU_STEPS, _ODOM_STEPS = (steps_per_period(topic.rate_hz or 1.0) for topic in (IMU, ODOM))
+"""Between messages"""
 
 _log = logging.getLogger("physics")
 
@@ -272,10 +274,10 @@ class PhysicsNode(ClockNode):
 
     def _read_out(self, simulation: Simulation) -> None:
         """Have the sensors that measure changes take in the one since their last message."""
-        since_imu = self._steps % steps_per_period(IMU.rate_hz or 1.0)
+        since_imu = self._steps % _IMU_STEPS
         if since_imu:
             simulation.imu.read(self.now_ns, since_imu * STEP_S)
-        since_odom = self._steps % steps_per_period(ODOM.rate_hz or 1.0)
+        since_odom = self._steps % _ODOM_STEPS
         if since_odom:
             simulation.odometry.update(simulation.wheel_angles_rad, since_odom * STEP_S)
 
@@ -452,14 +454,12 @@ class PhysicsNode(ClockNode):
         ]
 
     def _put_imu(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
-        elapsed_s = steps_per_period(IMU.rate_hz or 1.0) * STEP_S
-        outbox.put(IMU, simulation.imu.read(now_ns, elapsed_s))
+        outbox.put(IMU, simulation.imu.read(now_ns, _IMU_STEPS * STEP_S))
 
     def _put_odometry(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
-        elapsed_s = steps_per_period(ODOM.rate_hz or 1.0) * STEP_S
         bodies, odometry = simulation.bodies, simulation.odometry
         angles_rad = simulation.wheel_angles_rad
-        odometry.update(angles_rad, elapsed_s)
+        odometry.update(angles_rad, _ODOM_STEPS * STEP_S)
         transforms = odometry.transform(now_ns).transforms
         outbox.put(TF, msg.TFMessage(transforms=[*transforms, *mover_frames(bodies, now_ns)]))
         outbox.put(ODOM, odometry.message(now_ns))

@@ -7,7 +7,13 @@ import math
 import numpy as np
 
 from services.common import messages as msg
-from services.common.frames import BASE_FOOTPRINT_FRAME, ODOM_FRAME, SE2, Array
+from services.common.frames import (
+    BASE_FOOTPRINT_FRAME,
+    ODOM_FRAME,
+    SE2,
+    Array,
+    PlanarCovariance,
+)
 
 WHEEL_SIGMA_M_PER_SQRT_M = 0.01
 """What the covariance takes a wheel's travel to be uncertain by after one metre, at least."""
@@ -23,8 +29,8 @@ class WheelOdometry:
 
     Without slip and noise it stays within 0.1 mm of the truth over 2 m straight ahead.
     In a full turn on the spot it counts 1.25 degrees more than the robot turns (0.35 %: the wheels
-    stand 288 mm apart, and odometry assumes 287 mm). In a minute at rest the robot creeps by
-    0.6 mm, which the wheels feel.
+    stand 288 mm apart, and odometry assumes 287 mm). At rest it counts nothing; beside things that
+    move, the robot creeps by 0.6 mm a minute, which the wheels feel.
 
     The pose follows the exact arc between two readings. Each wheel's travel has an independent
     error whose variance grows with the distance it rolled (Thrun, Burgard, Fox: Probabilistic
@@ -46,13 +52,15 @@ class WheelOdometry:
         self._variance_per_m = max(noise_m_per_sqrt_m, WHEEL_SIGMA_M_PER_SQRT_M) ** 2
         self._random = random
         self.odom_from_footprint = SE2(0.0, 0.0, 0.0)
-        self.covariance: Array = np.zeros((3, 3))
-        """(3, 3) of (x, y, yaw)."""
+        self._covariance = PlanarCovariance()
         self.linear_m_s = 0.0
         self.angular_rad_s = 0.0
-        self._twist_covariance: Array = np.zeros((3, 3))
-        round_ = 1.0 / wheel_separation_m
-        self._speeds_by_wheels = np.array([[_FORWARD] * 2, [0.0] * 2, [-round_, round_]])
+        self._twist_covariance = PlanarCovariance()
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) of (x, y, yaw)."""
+        return self._covariance.matrix()
 
     def update(self, wheel_angles_rad: tuple[float, float], elapsed_s: float) -> None:
         """Take in the angles (left, right) that the wheels have `elapsed_s` after the last ones."""
@@ -91,7 +99,7 @@ class WheelOdometry:
                     linear=msg.Vector3(x=self.linear_m_s, y=0.0, z=0.0),
                     angular=msg.Vector3(x=0.0, y=0.0, z=self.angular_rad_s),
                 ),
-                covariance=msg.planar_covariance(self._twist_covariance, _UNUSED_VARIANCE),
+                covariance=msg.planar_covariance(self._twist_covariance.matrix(), _UNUSED_VARIANCE),
             ),
         )
 
@@ -109,18 +117,17 @@ class WheelOdometry:
         self, left_m: float, right_m: float, chord_m: float, heading: float, elapsed_s: float
     ) -> None:
         c, s = math.cos(heading), math.sin(heading)
-        by_pose = np.array([[1.0, 0.0, -chord_m * s], [0.0, 1.0, chord_m * c], [0.0, 0.0, 1.0]])
-        forward, round_ = _FORWARD, 1.0 / self._separation_m
+        round_ = 1.0 / self._separation_m
         lean = chord_m * round_ / 2.0
-        by_wheels = np.array(
-            [
-                [forward * c + lean * s, forward * c - lean * s],
-                [forward * s - lean * c, forward * s + lean * c],
-                [-round_, round_],
-            ]
+        left, right = abs(left_m) * self._variance_per_m, abs(right_m) * self._variance_per_m
+        self._covariance = (
+            self._covariance.moved(-chord_m * s, chord_m * c)
+            .spread(left, _FORWARD * c + lean * s, _FORWARD * s - lean * c, -round_)
+            .spread(right, _FORWARD * c - lean * s, _FORWARD * s + lean * c, round_)
         )
-        variances = np.array([abs(left_m), abs(right_m)]) * self._variance_per_m
-        spread = (by_wheels * variances) @ by_wheels.T
-        self.covariance = by_pose @ self.covariance @ by_pose.T + spread
-        by_speed = self._speeds_by_wheels / elapsed_s
-        self._twist_covariance = (by_speed * variances) @ by_speed.T
+        forward_s, round_s = _FORWARD / elapsed_s, round_ / elapsed_s
+        self._twist_covariance = (
+            PlanarCovariance()
+            .spread(left, forward_s, 0.0, -round_s)
+            .spread(right, forward_s, 0.0, round_s)
+        )
