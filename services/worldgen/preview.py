@@ -608,7 +608,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
         look = looks[material] if textured else _plain(material, world)
         _add(scene, name, _joined(meshes), look)
     for entity in entities.markers:
-        picture = Image.open(io.BytesIO(pictures[entity.texture_sha256]))
+        picture = _picture(pictures[entity.texture_sha256])
         _add(scene, entity.name, _panel_mesh(entity), _material(entity.name, (1, 1, 1, 1), picture))
     return bytes(scene.export(file_type="glb"))
 
@@ -645,7 +645,17 @@ def _look(material: Material, assets: Mapping[str, bytes]) -> Any:
     data = assets.get(material.texture_sha256)
     if data is None:
         return _material(material.name, material.diffuse, None)
-    return _material(material.name, (1.0, 1.0, 1.0, 1.0), Image.open(io.BytesIO(data)))
+    return _material(material.name, (1.0, 1.0, 1.0, 1.0), _picture(data))
+
+
+def _picture(data: bytes) -> Image.Image:
+    """A picture that trimesh writes as the file that it is, where glTF may hold such: to encode
+    those of the house anew takes a second, and a JPEG would lose by it.
+    """
+    picture = Image.open(io.BytesIO(data))
+    if picture.format in ("PNG", "JPEG"):
+        vars(picture)["save"] = lambda file, **_: file.write(data)
+    return picture
 
 
 def _plain(name: str, world: World) -> Any:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import io
 from dataclasses import replace
 from typing import Any
@@ -146,6 +147,24 @@ def test_the_model_has_y_up_and_every_material(model: bytes) -> None:
     box: Any = scene.geometry["body_red"]
     # x stays, the map's y is -z, its z is y.
     assert box.bounds == pytest.approx(np.array([[3.8, 0.0, -0.2], [4.2, 0.4, 0.2]]), abs=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_the_model_holds_a_texture_as_the_file_that_it_is(
+    furnished: LoadedWorld, suffix: str
+) -> None:
+    done, data = cv2.imencode(suffix, np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
+    assert done
+    sha256 = hashlib.sha256(data.tobytes()).hexdigest()
+    materials = tuple(
+        material.model_copy(update={"texture_sha256": sha256})
+        for material in furnished.world.materials
+    )
+    world = furnished.world.model_copy(update={"materials": materials})
+    glb = world_glb(replace(furnished, world=world, assets={sha256: data.tobytes()}))
+    assert data.tobytes() in glb
+    walls: Any = scene_of(glb).geometry["wall_bricks"]
+    assert walls.visual.material.baseColorTexture.size == (4, 4)
 
 
 def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld, model: bytes) -> None:
