@@ -13,9 +13,6 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-ROOT = Path(__file__).resolve().parents[2]
-"""The folder that holds services/, worlds/ and models/."""
-
 
 class ConfigError(Exception):
     """A mistake in a person's input: its text is the one line to show."""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.embedded import bench_loop, bench_parts, bench_peers
 from services.embedded.bench_figures import Figure, as_json, figure, missing, tables
 

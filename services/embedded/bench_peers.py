@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from services.common.config import ROOT
 from services.common.documents import World
+from services.common.root import ROOT
 from services.embedded.bench_figures import Figure, figure, missing, timed_ms
 from services.physics.bullet import pybullet
 

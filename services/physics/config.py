@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from services.common.config import ROOT, ConfigError, ServiceConfig
+from services.common.config import ConfigError, ServiceConfig
+from services.common.root import ROOT
 from services.physics.camera import FAR_M
 from services.physics.sensor_profiles import (
     CAMERA_PROFILES,

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from services.common import documents as doc
-from services.common.config import ROOT
 from services.common.diagnostics import REJECTED_KEY
 from services.common.node import Envelope, TopicCounts
+from services.common.root import ROOT
 from services.common.topics import (
     AMCL_POSE,
     CLOCK,

@@ -6,7 +6,7 @@ import platform
 import tomllib
 from importlib import metadata
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 
 _PACKAGES = ("numpy", "pybullet", "eclipse-zenoh", "rerun-sdk", "opencv")
 _OPENCV = (

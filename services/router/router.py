@@ -7,7 +7,8 @@ import json
 import zenoh
 
 from services.common.bus import alive_key
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
+from services.common.root import ROOT
 from services.router.config import RouterConfig
 
 SETTINGS_FILE = ROOT / "docker" / "router.json5"

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from services.common.config import ROOT, ServiceConfig
+from services.common.config import ServiceConfig
+from services.common.root import ROOT
 
 
 class WorldgenConfig(ServiceConfig):

@@ -18,10 +18,11 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from services.common import png
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
 from services.common.documents import Planar, World
 from services.common.frames import SE2
 from services.common.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
+from services.common.root import ROOT
 from services.worldgen.clearance import nearest_place
 from services.worldgen.mistakes import mistakes
 from services.worldgen.occupancy import FREE, OCCUPIED, Grid, grid_of, occupancy

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from tests.compose.stack import PROFILES
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from services.cli.loopback_router import free_port
-from services.common.config import ROOT
+from services.common.root import ROOT
 
 SERVICES = ("router", "worldgen", "physics", "spawner", "perception", "navigation", "recorder")
 DEMOS = {"original": "demo-world", "enhanced": "demo-world-enhanced"}

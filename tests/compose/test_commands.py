@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import pytest
 
 from services.common.bus import BusConfig, open_session, subscribe
-from services.common.config import ROOT
 from services.common.documents import World
+from services.common.root import ROOT
 from services.common.topics import WORLD
 from services.common.wire import decode
 from tests.compose.checks import check_recordings, is_active

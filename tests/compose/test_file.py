@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.common.topics import SERVICES
 
 FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())

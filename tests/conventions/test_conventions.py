@@ -10,7 +10,7 @@ import pytest
 from services.cli.recipes_page import recipes_page
 from services.cli.topics_page import topics_page
 from services.common import topics
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.common.topics import EDGE, SERVICES, TOPICS
 
 CONSTANTS = {name for name, value in vars(topics).items() if value in TOPICS}

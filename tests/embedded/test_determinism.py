@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.embedded.demo import DemoOptions, run
 from services.recorder.digests import read_digests
 from services.recorder.run_comparison import compare

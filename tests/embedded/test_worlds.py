@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.embedded.demo import DemoOptions, run
 from services.worldgen.loader import load_world
 

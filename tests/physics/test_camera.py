@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.common import png as png_file
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
 from services.common.documents import (
     Body,
     Box,
@@ -45,6 +45,7 @@ from services.common.frames import (
     transform_matrix,
 )
 from services.common.geometry import mesh_to_bytes, triangles_of
+from services.common.root import ROOT
 from services.embedded.memory import resident_mb
 from services.physics.camera import Intrinsics, Renderer, make_renderer
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene

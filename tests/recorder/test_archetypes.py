@@ -15,9 +15,9 @@ import rerun as rr
 from services.common import documents as doc
 from services.common import messages as msg
 from services.common import topics as table
-from services.common.config import ROOT
 from services.common.frames import SE2
 from services.common.geometry import mesh_to_bytes, triangles_of
+from services.common.root import ROOT
 from services.common.topics import read_by
 from services.recorder.archetypes import DRAW, SERIES, draw_start
 from services.recorder.blueprint import run_blueprint

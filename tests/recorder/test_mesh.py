@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.config import ROOT
 from services.common.frames import pose_matrix
+from services.common.root import ROOT
 from services.recorder.mesh import Mesh, panel, robot_from_urdf
 from tests.recorder.synthetic import marker_on_the_east_wall
 

@@ -17,8 +17,9 @@ import yaml
 from services.common import documents as doc
 from services.common import messages as msg
 from services.common import topics as table
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
 from services.common.node import Envelope
+from services.common.root import ROOT
 from services.recorder import node as node_module
 from services.recorder import run as run_module
 from services.recorder.config import RecorderConfig

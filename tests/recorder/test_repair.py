@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
 from services.recorder.repair import Repair, leftovers

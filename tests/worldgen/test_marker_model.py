@@ -13,8 +13,9 @@ from lxml import etree
 from numpy.typing import NDArray
 from PIL import Image
 
-from services.common.config import ROOT, ConfigError
+from services.common.config import ConfigError
 from services.common.frames import Array
+from services.common.root import ROOT
 from services.worldgen.marker_dictionary import read_dictionary
 from services.worldgen.marker_model import PANEL_THICKNESS_M, write_marker_model
 

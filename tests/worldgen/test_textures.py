@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.config import ROOT
 from services.common.documents import Marker
 from services.common.marker_picture import draw
 from services.common.png import problem
+from services.common.root import ROOT
 from services.perception.config import PerceptionConfig
 from services.perception.detect import Detector
 from services.worldgen.textures import COARSE_STEP, TEXTURES, png_bytes

@@ -12,11 +12,11 @@ import pytest
 import shapely
 from scipy import ndimage
 
-from services.common.config import ROOT
 from services.common.documents import Planar, Room, World
 from services.common.frames import SE2, rotation_from_quaternion
 from services.common.furnish import furnish
 from services.common.placement import panel_of
+from services.common.root import ROOT
 from services.worldgen.check import problems_of
 from services.worldgen.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
 from services.worldgen.occupancy import FREE, OCCUPIED

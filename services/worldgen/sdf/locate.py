@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
-from services.common.config import ROOT
+from services.common.root import ROOT
 
 SHIPPED = ROOT / "models"
 MAX_PARENTS = 4
