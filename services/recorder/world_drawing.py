@@ -13,12 +13,13 @@ from services.common import documents as doc
 from services.common import messages as msg
 from services.common import png
 from services.common.assets import assets_of
-from services.common.frames import MAP_FRAME
+from services.common.frames import MAP_FRAME, Array
 from services.common.surfaces import PLAIN
 from services.recorder import palette
 from services.recorder.canvas import Canvas, entity_part
 from services.recorder.mesh import mesh_drawing, panel
 from services.recorder.obstacles import read_meshes
+from services.recorder.room_names import name_places_m
 from services.recorder.scenery import Part, entity_parts, parts, plain_rgba, seen_meshes
 
 _TEXTURE_SIDE_PX = 512
@@ -69,7 +70,16 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
         "world/rooms",
         rr.CoordinateFrame(MAP_FRAME),
         rr.LineStrips3D(
-            [np.column_stack([line, np.full(len(line), 0.02)]) for line in outlines],
+            [_on_the_floor(line) for line in outlines], colors=palette.SECOND, radii=0.01
+        ),
+        static=True,
+    )
+    locations_m = np.array([(place.x_m, place.y_m) for place in world.locations]).reshape(-1, 2)
+    log(
+        "world/rooms/names",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            _on_the_floor(name_places_m(outlines, locations_m)),
             labels=[room.name for room in world.rooms],
             colors=palette.SECOND,
             radii=0.01,
@@ -80,7 +90,7 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
         "world/locations",
         rr.CoordinateFrame(MAP_FRAME),
         rr.Points3D(
-            [(place.x_m, place.y_m, 0.02) for place in world.locations],
+            _on_the_floor(locations_m),
             labels=[place.name for place in world.locations],
             colors=palette.PLAN,
             radii=0.05,
@@ -100,6 +110,11 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
     )
     text = f"world {world.name}: {len(world.walls)} walls, {len(world.bodies)} bodies"
     canvas.say("world/status", text)
+
+
+def _on_the_floor(points_m: Array) -> Array:
+    """(n, 3) of points (n, 2): above the floor by as much as it takes to be seen."""
+    return np.column_stack([points_m, np.full(len(points_m), 0.02)])
 
 
 def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:

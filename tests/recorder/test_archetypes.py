@@ -311,7 +311,9 @@ def test_the_floor_reaches_a_little_beyond_the_walls_and_lies_under_the_map() ->
     assert corners(floor).max(axis=0) == pytest.approx([2.875, 2.875, -0.01], abs=1e-3)
     assert corners(parlour)[:, :2].max(axis=0) == pytest.approx([0.0, 2.0], abs=1e-5)
     (outline,) = [a for a in paper.logged["world/rooms"] if isinstance(a, rr.LineStrips3D)]
-    assert column(outline, "labels").to_pylist() == ["parlour"]
+    assert len(column(outline, "strips").to_pylist()) == 1
+    (names,) = [a for a in paper.logged["world/rooms/names"] if isinstance(a, rr.Points3D)]
+    assert column(names, "labels").to_pylist() == ["parlour"]
     (lamps,) = [a for a in paper.logged["world/lights"] if isinstance(a, rr.Points3D)]
     assert column(lamps, "positions").to_pylist() == [[0.0, 0.0, 2.5]]
 

@@ -1,0 +1,39 @@
+"""Where in a room its name is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_PLACES_A_SIDE = 25
+"""That are looked at."""
+_LABEL_TO_WALL = 0.5
+"""A label is this much less in the way of a wall than of another label, which is as long as it."""
+
+
+def name_places_m(polygons_m: Sequence[Array], named_m: Array) -> Array:
+    """(r, 2) a place in each of r rooms, (n, 2) each, well away from its border, from places (k, 2)
+    that have names of their own, and from the rooms' names before it.
+    """
+    places = np.empty((len(polygons_m), 2))
+    for number, polygon_m in enumerate(polygons_m):
+        polygon = shapely.make_valid(shapely.Polygon(polygon_m))
+        low, high = polygon_m.min(0), polygon_m.max(0)
+        sides = (np.linspace(a, b, _PLACES_A_SIDE) for a, b in zip(low, high, strict=True))
+        grid = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+        inside = grid[shapely.contains_xy(polygon, grid)]
+        if not len(inside):
+            places[number] = shapely.get_coordinates(shapely.point_on_surface(polygon))[0]
+            continue
+        room_m = shapely.distance(shapely.boundary(polygon), shapely.points(inside))
+        others_m = np.concatenate([named_m, places[:number]])
+        if len(others_m):
+            apart_m = np.linalg.norm(inside[:, None] - others_m, axis=2).min(1)
+            room_m = np.minimum(room_m, _LABEL_TO_WALL * apart_m)
+        places[number] = inside[np.argmax(room_m)]
+    return places
