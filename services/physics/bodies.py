@@ -78,8 +78,8 @@ _ITERATIVE = pybullet.CONSTRAINT_SOLVER_LCP_SI
 """PyBullet's own choice"""
 _EXACT = pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG
 _EXACT_CFM = 1e-9
-"""Softness of its constraints: three wheels' worth of points on one floor are more than it takes to
-hold a robot, and without any softness every second step has no solution.
+"""Softness of its constraints: two wheels and two casters touch the floor in more points than it
+takes to hold a robot, and without any softness every second step has no one solution.
 """
 _STATIC_GROUP, _ROBOT_GROUP, _MOVER_GROUP, _SCRIPTED_GROUP = 1, 2, 4, 8
 _MEETS = {
@@ -569,7 +569,8 @@ class Bodies:
         """
         solver = _ITERATIVE if self._movers else self._solver or _EXACT
         if solver != (self._solver or _ITERATIVE):
-            with quiet():
+            # It tells so on standard output.
+            with quiet(1):
                 pybullet.setPhysicsEngineParameter(
                     constraintSolverType=solver,
                     globalCFM=_EXACT_CFM if solver == _EXACT else 0.0,

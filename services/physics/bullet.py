@@ -37,14 +37,14 @@ def _keep_large_blocks_apart() -> None:
 
 
 @contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Have nothing that PyBullet prints reach the standard output or error."""
+def quiet(*descriptors: int) -> Iterator[None]:
+    """Have nothing that is written to standard output (1) or error (2) reach anybody."""
     sys.stdout.flush()
     sys.stderr.flush()
     c_library = ctypes.CDLL(None)
     # C has buffers of its own, which Python's flush does not reach.
     c_library.fflush(None)
-    kept = {number: os.dup(number) for number in (1, 2)}
+    kept = {number: os.dup(number) for number in descriptors}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         for number in kept:
@@ -59,7 +59,7 @@ def quiet() -> Iterator[None]:
 
 
 _keep_large_blocks_apart()
-with quiet():
+with quiet(1, 2):
     import pybullet
 
 __all__ = ["lent", "pybullet", "quiet"]
