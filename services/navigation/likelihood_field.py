@@ -7,6 +7,7 @@ its cells. And the tables are finer than the map, so that a nearest look-up keep
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -62,10 +63,12 @@ def likelihood_field(
         raise ValueError(f"map cells: need at least 2 x 2, got {cells.shape}")
     if not (math.isfinite(resolution_m) and resolution_m > 0.0):
         raise ValueError(f"map resolution: must be positive, got {resolution_m}")
-    occupied = (cells >= OCCUPIED).astype(np.float32)
+    occupied = cells >= OCCUPIED
     if not occupied.any():
         raise ValueError("map cells: no cell is occupied, so there is nothing to localise by")
-    distance_m, cell_m = _signed_distance(occupied, resolution_m, wall_inset_cells)
+    distance_m, cell_m = _signed_distance(
+        occupied.tobytes(), occupied.shape, resolution_m, wall_inset_cells
+    )
     distance_m = np.clip(distance_m, -max_distance_m, max_distance_m).astype(np.float32)
     hit = np.exp(-0.5 * (distance_m / sigma_hit_m) ** 2) / (math.sqrt(2 * math.pi) * sigma_hit_m)
     log_likelihood = np.log(z_hit * hit + z_rand / range_max_m).astype(np.float32)
@@ -73,11 +76,14 @@ def likelihood_field(
     return LikelihoodField(distance_m, log_likelihood, least, cell_m, map_from_grid)
 
 
+# Nearly all that a table costs. A reset begins with the same map again.
+@functools.lru_cache(maxsize=2)
 def _signed_distance(
-    occupied: NDArray[np.float32], resolution_m: float, wall_inset_cells: float
+    occupied_bytes: bytes, shape: tuple[int, int], resolution_m: float, wall_inset_cells: float
 ) -> tuple[NDArray[np.float32], float]:
     factor = max(1, min(8, round(resolution_m / TABLE_CELL_M)))
-    rows, columns = occupied.shape
+    rows, columns = shape
+    occupied = np.frombuffer(occupied_bytes, np.bool_).reshape(shape).astype(np.float32)
     # Interpolating before the threshold turns the stairs of slanted walls into slopes and leaves
     # the edges of the others on the border of their cells.
     fine = cv2.resize(occupied, (columns * factor, rows * factor), interpolation=cv2.INTER_LINEAR)
