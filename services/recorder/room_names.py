@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from services.common.frames import Array
 
 _PLACES_A_SIDE = 25
 """That are looked at."""

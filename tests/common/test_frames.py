@@ -10,6 +10,7 @@ from services.common.frames import (
     SE2,
     SE3,
     Array,
+    PlanarCovariance,
     inverse_matrix,
     pose_matrix,
     quaternion_from_rotation,
@@ -29,6 +30,30 @@ rigid = st.builds(transform_matrix, turn, st.tuples(length, length, length))
 @given(pose, pose)
 def test_composition_agrees_with_matrices(a: SE2, b: SE2) -> None:
     assert np.allclose((a @ b).matrix(), a.matrix() @ b.matrix(), atol=1e-9)
+
+
+@given(
+    st.lists(st.floats(-3.0, 3.0), min_size=9, max_size=9),
+    st.tuples(length, length),
+    st.floats(0.0, 10.0),
+    st.tuples(length, length, angle),
+)
+def test_a_planar_covariance_moves_and_spreads_as_matrices_do(
+    numbers: list[float],
+    aside: tuple[float, float],
+    variance: float,
+    by_error: tuple[float, float, float],
+) -> None:
+    root = np.array(numbers).reshape(3, 3)
+    before = root @ root.T
+    assert np.array_equal(
+        PlanarCovariance.from_matrix(before).matrix(), np.triu(before) + np.triu(before, 1).T
+    )
+    by_pose = np.eye(3)
+    by_pose[:2, 2] = aside
+    expected = by_pose @ before @ by_pose.T + variance * np.outer(by_error, by_error)
+    after = PlanarCovariance.from_matrix(before).moved(*aside).spread(variance, *by_error)
+    assert np.allclose(after.matrix(), expected, rtol=1e-9, atol=1e-7)
 
 
 @given(rigid, rigid)
