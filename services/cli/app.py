@@ -82,7 +82,7 @@ def demo(
             help="folder of the wall textures [default: worlds/textures]",
         ),
     ] = None,
-    renderer: Annotated[str, typer.Option(help="auto, gl, tiny or none")] = "auto",
+    renderer: Annotated[str, typer.Option(help="auto, gl, cpu, tiny or none")] = "auto",
     camera: Annotated[bool, typer.Option("--camera/--no-camera", help="simulate it")] = True,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write run.rrd")] = True,
 ) -> None:  # fmt: skip

@@ -496,7 +496,9 @@ class SimulationStats(Document):
         0, description="counts the beginnings: load, reset, and every time the world was built anew"
     )
     entities: int = Field(0, description="how many stand in the world")
-    renderer: str = Field(description="`moderngl (...)`, `tiny_renderer`, or `none`")
+    renderer: str = Field(
+        description="`cpu_rasterizer`, `moderngl (...)`, `tiny_renderer`, or `none`"
+    )
     state_hash: str = Field(
         description="chained hash of the states of robot and things after every step of this epoch"
     )

@@ -83,11 +83,11 @@ def sensors_and_steps(loaded: LoadedWorld, seconds: float, repeats: int) -> Figu
 def cameras(loaded: dict[str, LoadedWorld], frames: int) -> list[Figure]:
     """One picture, colour and depth, by profile and renderer, while the camera turns."""
     return [
-        camera(label, world, kind, profile, frames if kind == "gl" else max(frames // 10, 3))
+        camera(label, world, kind, profile, max(frames // 10, 3) if kind == "tiny" else frames)
         for label, world in loaded.items()
         for profile in CAMERA_PROFILES
-        for kind in ("gl", "tiny")
-        if kind == "gl" or (label, profile) == ("enhanced", "d435i")
+        for kind in ("cpu", "gl", "tiny")
+        if kind != "tiny" or (label, profile) == ("enhanced", "d435i")
     ]
 
 

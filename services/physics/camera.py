@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
@@ -15,12 +17,17 @@ from services.common.frames import Array
 from services.common.kernels import kernel
 from services.physics.scene import Scene
 
-RendererKind = Literal["auto", "gl", "tiny", "none"]
+RendererKind = Literal["auto", "gl", "cpu", "tiny", "none"]
 
 NEAR_M = 0.02
 FAR_M = 300.0
 """Between them things show: as the camera of ROBOTIS' simulated waffle."""
 MAX_SIDE_PX = 4096
+
+_GPU_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "dxg")
+"""Of Mesa's drivers, of NVIDIA's, and of Windows' for Linux."""
+_SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swrast")
+"""Mesa's, without a GPU"""
 
 _log = logging.getLogger("physics")
 
@@ -150,15 +157,12 @@ def make_renderer(
 ) -> Renderer | None:
     """The renderer asked for; None for `none`. Its pictures have depth where a range is given.
 
-    `auto` takes OpenGL where a context can be made, else PyBullet's TinyRenderer, and logs why.
-    Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
+    `auto` takes a GPU where one is at hand, else the CPU, and logs why a GPU that is there is not
+    used. Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
     """
     if kind == "none":
         return None
-    if kind == "tiny":
-        renderer = _tiny_camera(intrinsics, depth_range_m)
-    else:
-        renderer = _gl_camera(kind, intrinsics, depth_range_m)
+    renderer = _MAKERS[kind](intrinsics, depth_range_m)
     _log.info("Rendering with %s", renderer.name)
     return renderer
 
@@ -166,21 +170,46 @@ def make_renderer(
 # Imported where they are used: they know this module, and a machine may lack the other's libraries.
 
 
-def _gl_camera(
-    kind: RendererKind, intrinsics: Intrinsics, depth_range_m: DepthRange | None
-) -> Renderer:
+def _gpu_or_cpu(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
+    if gpu_devices():
+        try:
+            renderer = _gl_camera(intrinsics, depth_range_m)
+        except ConfigError as error:
+            _log.warning("%s; rendering on the CPU", error)
+            return _cpu_camera(intrinsics, depth_range_m)
+        if not any(driver in renderer.name for driver in _SOFTWARE_DRIVERS):
+            return renderer
+        renderer.close()
+        _log.warning("OpenGL here is %s, no GPU; rendering on the CPU", renderer.name)
+    return _cpu_camera(intrinsics, depth_range_m)
+
+
+def gpu_devices() -> list[Path]:
+    """What a GPU's driver shows itself by: asking OpenGL would load Mesa's compiler first."""
+    return [place for pattern in _GPU_DEVICES for place in Path("/dev").glob(pattern)]
+
+
+def _gl_camera(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
     from services.physics.gl_camera import GlCamera  # noqa: PLC0415
 
-    try:
-        return GlCamera(intrinsics, depth_range_m)
-    except ConfigError as error:
-        if kind == "gl":
-            raise
-        _log.warning("%s; using tiny_renderer, which is slower", error)
-        return _tiny_camera(intrinsics, depth_range_m)
+    return GlCamera(intrinsics, depth_range_m)
+
+
+def _cpu_camera(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
+    from services.physics.cpu_camera import CpuCamera  # noqa: PLC0415
+
+    return CpuCamera(intrinsics, depth_range_m)
 
 
 def _tiny_camera(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
     from services.physics.tiny_camera import TinyCamera  # noqa: PLC0415
 
     return TinyCamera(intrinsics, depth_range_m)
+
+
+_MAKERS: dict[str, Callable[[Intrinsics, DepthRange | None], Renderer]] = {
+    "auto": _gpu_or_cpu,
+    "gl": _gl_camera,
+    "cpu": _cpu_camera,
+    "tiny": _tiny_camera,
+}

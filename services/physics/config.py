@@ -118,9 +118,12 @@ class PhysicsConfig(ServiceConfig):
         description="ranges are whole multiples of it; 0: not rounded",
     )
     camera_enabled: bool = Field(True, description="render and send pictures")
-    renderer: Literal["auto", "gl", "tiny", "none"] = Field(
+    renderer: Literal["auto", "gl", "cpu", "tiny", "none"] = Field(
         "auto",
-        description="gl: OpenGL, no display; tiny: PyBullet's TinyRenderer; auto: gl or else tiny",
+        description=(
+            "auto: gl where there is a GPU, else cpu; gl: OpenGL, no display; "
+            "cpu: on all cores; tiny: PyBullet's TinyRenderer"
+        ),
     )
     camera_profile: Literal["d435i", "waffle", "small"] = Field(
         "d435i", description="camera whose figures the camera_ fields have where they are not set"

@@ -1,4 +1,4 @@
-"""The camera on OpenGL: a GPU, or Mesa's llvmpipe on a CPU, without a display."""
+"""The camera on OpenGL, without a display: on a GPU, or with Mesa's llvmpipe on a CPU."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ from services.common.config import ConfigError
 from services.common.documents import PointLight
 from services.common.frames import Array
 from services.common.kernels import kernel
+from services.physics import visibility
 from services.physics.camera import (
-    FAR_M,
-    NEAR_M,
     DepthRange,
     Intrinsics,
     Picture,
@@ -27,8 +26,8 @@ from services.physics.camera import (
     optical_from_map,
 )
 from services.physics.mipmaps import LevelUpload
-from services.physics.occlusion import balls_in_view, visible_quads
 from services.physics.scene import PLAIN, STATIC, Scene, Texture
+from services.physics.visibility import Visibility
 
 _LIBEGL = "libEGL.so.1"
 _VERTEX_SHADER = """
@@ -168,26 +167,19 @@ class _Shading:
 class _Shown:
     """A scene's OpenGL objects, and what of it to draw from where."""
 
-    def __init__(self, context: Any, scene: Scene) -> None:
+    def __init__(self, context: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         self.scene = scene
         self.lamps = _lamp_constants(scene.lamps)
         parts = scene.parts
+        self.visibility = Visibility(scene, intrinsics)
         self.vertices = context.buffer(_vertices(scene).tobytes())
         self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
-        quads = np.flatnonzero(parts.quad)
+        quads = self.visibility.quads
         # Few show at a time: lists give one number, or a few, sooner than arrays do.
         self.quad_textures: list[int] = parts.texture[quads].tolist()
         first = parts.first[quads]
         self.indices_of_quads = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
         self.quad_indices = context.buffer(reserve=max(self.indices_of_quads.nbytes, 4))
-        self.corners_m = scene.vertices_m[self.indices_of_quads[:, (0, 1, 2, 5)]]
-        others = np.flatnonzero(~parts.quad)
-        self._others: list[int] = others.tolist()
-        self._background: list[bool] = parts.background[others].tolist()
-        balls = [_ball(scene, part) for part in self._others]
-        self._centres_m = np.array([centre for centre, _ in balls]).reshape(-1, 3)
-        self._radii_m = np.array([radius for _, radius in balls])
-        self._movers = parts.mover[others].astype(np.int64)
         self.arrays: dict[tuple[_Look, bool], Any] = {}
         """The vertices as a program takes them, by look and whether of the quads in view."""
 
@@ -195,18 +187,6 @@ class _Shown:
         """Give everything back."""
         for thing in (*self.arrays.values(), self.vertices, self.indices, self.quad_indices):
             thing.release()
-
-    def others_in_view(
-        self, from_map: Array, clip_from_map: Array, map_from_movers: Array
-    ) -> tuple[list[int], list[int]]:
-        """All other parts in view, near before far: things, and what lies behind them."""
-        things: list[int] = []
-        background: list[int] = []
-        for ball in balls_in_view(
-            self._centres_m, self._radii_m, self._movers, map_from_movers, from_map, clip_from_map
-        ).tolist():
-            (background if self._background[ball] else things).append(self._others[ball])
-        return things, background
 
 
 class GlCamera:
@@ -219,12 +199,7 @@ class GlCamera:
         self._upload_smaller_levels = LevelUpload(_LIBEGL)
         self._clip_from_optical = intrinsics.clip_from_optical()
         size = intrinsics.width, intrinsics.height
-        self._view = (
-            np.array([intrinsics.fx, intrinsics.fy]),
-            np.array([intrinsics.cx, intrinsics.cy]),
-            np.array(size),
-            np.array([NEAR_M, FAR_M]),
-        )
+        self._intrinsics = intrinsics
         self._strip = np.empty((_STRIP_PX, intrinsics.width, 4), np.uint8)
         self._textures: dict[str, Any] = {}
         self._shown: _Shown | None = None
@@ -256,7 +231,7 @@ class GlCamera:
             for sha256, texture in wanted.items():
                 if sha256 not in self._textures:
                     self._textures[sha256] = self._upload(texture)
-            self._shown = _Shown(context, scene)
+            self._shown = _Shown(context, scene, self._intrinsics)
             for shading in [key for key in self._programs if key.lamps != self._shown.lamps]:
                 self._programs.pop(shading).release()
 
@@ -304,12 +279,11 @@ class GlCamera:
     def _draw(
         self, shown: _Shown, from_map: Array, clip_from_map: Array, map_from_movers: Array
     ) -> None:
-        quads = visible_quads(shown.corners_m, from_map, *self._view)
-        things, background = shown.others_in_view(from_map, clip_from_map, map_from_movers)
-        for part in things:
+        in_view = shown.visibility.of(from_map, clip_from_map, map_from_movers)
+        for part in in_view.things.tolist():
             self._draw_part(shown, part, map_from_movers)
-        self._draw_quads(shown, quads)
-        for part in background:
+        self._draw_quads(shown, in_view.quads)
+        for part in in_view.background.tolist():
             self._draw_part(shown, part, map_from_movers)
 
     def _draw_part(self, shown: _Shown, part: int, map_from_movers: Array) -> None:
@@ -404,12 +378,8 @@ class GlCamera:
 
 def compile_kernels() -> None:
     """Leave nothing to compile for the first picture."""
-    eye, pair, size_px = np.eye(4), np.ones(2), np.ones(2, np.int64)
-    _views(eye, eye)
-    visible_quads(np.empty((0, 4, 3)), eye, pair, pair, size_px, pair)
-    balls_in_view(
-        np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty((0, 4, 4)), eye, eye
-    )
+    visibility.compile_kernels()
+    _views(np.eye(4), np.eye(4))
 
 
 def _make_context() -> Any:
@@ -433,7 +403,7 @@ def _make_context() -> Any:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ConfigError(
             f"renderer: gl: no OpenGL context could be made ({reason}); "
-            "install libegl1 and libgl1-mesa-dri, or use --renderer auto"
+            "install libegl1 and libgl1-mesa-dri, or use --renderer cpu"
         ) from error
 
 
@@ -462,14 +432,6 @@ def _constant(numbers: Sequence[float]) -> str:
     most = float(np.finfo(np.float32).max)
     exact = [float(np.float32(min(max(number, -most), most))) for number in numbers]
     return f"vec{len(exact)}({', '.join(map(repr, exact))})"
-
-
-def _ball(scene: Scene, part: int) -> tuple[Array, float]:
-    """Centre and radius of a ball around a part, in its own frame."""
-    first, count = int(scene.parts.first[part]), int(scene.parts.count[part])
-    points = scene.vertices_m[scene.triangles[first : first + count].ravel()]
-    centre = (points.min(0) + points.max(0)) / 2.0
-    return centre, float(np.linalg.norm(points - centre, axis=1).max())
 
 
 @kernel()

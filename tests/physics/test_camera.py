@@ -1,4 +1,4 @@
-"""The camera's pictures: where things show, in which colours, and that both renderers agree."""
+"""The camera's pictures: where things show, in which colours, and that all renderers agree."""
 
 from __future__ import annotations
 
@@ -47,7 +47,15 @@ from services.common.frames import (
 from services.common.geometry import mesh_to_bytes, triangles_of
 from services.common.root import ROOT
 from services.embedded.memory import resident_mb
-from services.physics.camera import Intrinsics, Renderer, make_renderer
+from services.physics import camera
+from services.physics.camera import (
+    DepthRange,
+    Intrinsics,
+    Renderer,
+    RendererKind,
+    make_renderer,
+)
+from services.physics.cpu_camera import CpuCamera
 from services.physics.scene import PANEL_BACK, PLAIN, Scene, build_scene
 
 Picture = NDArray[np.uint8]
@@ -56,17 +64,30 @@ INTRINSICS = Intrinsics.from_horizontal_fov(320, 240, 1.047)
 SKY = 0.7, 0.7, 0.7, 1.0
 
 
-def new_renderer(kind: str, intrinsics: Intrinsics = INTRINSICS) -> Renderer:
+KINDS: tuple[RendererKind, ...] = ("cpu", "gl", "tiny")
+
+
+def new_renderer(
+    kind: RendererKind, intrinsics: Intrinsics = INTRINSICS, range_m: DepthRange | None = None
+) -> Renderer:
     try:
-        renderer = make_renderer("gl" if kind == "gl" else "tiny", intrinsics)
+        renderer = make_renderer(kind, intrinsics, range_m)
     except ConfigError as error:
         pytest.skip(str(error))
     assert renderer is not None
     return renderer
 
 
-@pytest.fixture(params=["gl", "tiny"])
+@pytest.fixture(params=KINDS)
 def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
+    made = new_renderer(request.param)
+    yield made
+    made.close()
+
+
+@pytest.fixture(params=["cpu", "gl"])
+def shader(request: pytest.FixtureRequest) -> Iterator[Renderer]:
+    """A renderer that shades each pixel by itself."""
     made = new_renderer(request.param)
     yield made
     made.close()
@@ -219,8 +240,8 @@ def test_wall_shows_where_opencv_projects_it(renderer: Renderer, pose: Array) ->
 
 
 @pytest.mark.parametrize("distance_m", [1.0, 2.0, 3.0])
-@pytest.mark.parametrize("kind", ["gl", "tiny"])
-def test_marker_is_read_with_its_pose(kind: str, distance_m: float) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_marker_is_read_with_its_pose(kind: RendererKind, distance_m: float) -> None:
     intrinsics = Intrinsics.from_horizontal_fov(640, 480, 1.047)
     renderer = new_renderer(kind, intrinsics)
     sha256, data = png(marker_picture(60))
@@ -250,7 +271,7 @@ def test_marker_is_read_with_its_pose(kind: str, distance_m: float) -> None:
         square_m @ map_from_panel[:3, :3].T + map_from_panel[:3, 3], view(), intrinsics
     )
     # TinyRenderer's edges are stairs of whole pixels.
-    assert np.abs(corners[0][0] - expected).max() < (0.5 if kind == "gl" else 0.8)
+    assert np.abs(corners[0][0] - expected).max() < (0.8 if kind == "tiny" else 0.5)
 
 
 def test_texture_repeats_by_the_metre_from_the_bottom_left(renderer: Renderer) -> None:
@@ -363,8 +384,7 @@ def test_bodies_show_where_opencv_projects_them(renderer: Renderer, mass_kg: flo
         assert_fills(red, projected(corners, view()), tolerance_px=0.05)
 
 
-def test_a_body_that_has_turned_is_lit_where_it_stands() -> None:
-    renderer = new_renderer("gl")
+def test_a_body_that_has_turned_is_lit_where_it_stands(shader: Renderer) -> None:
     turn = rotation_from_rpy(0.5, -0.4, 2.0)
     still = thing(Sphere(radius_m=0.3), orientation_xyzw=quaternion_from_rotation(turn))
     pictures = []
@@ -375,19 +395,16 @@ def test_a_body_that_has_turned_is_lit_where_it_stands() -> None:
             np.array([transform_matrix(turn, (1.5, 0.0, 0.2))]),
         ),
     ):
-        renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(body,)), {}))
-        pictures.append(renderer.render(view(), poses).rgb.astype(int))
-    renderer.close()
+        shader.set_scene(build_scene(world(materials=(GREY,), bodies=(body,)), {}))
+        pictures.append(shader.render(view(), poses).rgb.astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 1
 
 
-def test_what_is_round_is_shaded_evenly_and_lighter_towards_the_sun() -> None:
-    renderer = new_renderer("gl")
+def test_what_is_round_is_shaded_evenly_and_lighter_towards_the_sun(shader: Renderer) -> None:
     lit_by: dict[str, Any] = {"light_direction": (0.0, 0.0, -1.0), "light_ambient": 0.4}
     ball = thing(Sphere(radius_m=0.3))
-    renderer.set_scene(build_scene(world(materials=(GREY,), bodies=(ball,), **lit_by), {}))
-    picture = renderer.render(view(z_m=0.2)).rgb.astype(int)
-    renderer.close()
+    shader.set_scene(build_scene(world(materials=(GREY,), bodies=(ball,), **lit_by), {}))
+    picture = shader.render(view(z_m=0.2)).rgb.astype(int)
     middle = picture[80:160, 160, 0]
     assert middle[5] > middle[40] + 40
     # Flat facets would make steps.
@@ -409,13 +426,11 @@ def lamps(*places_m: tuple[float, float, float], **changes: Any) -> dict[str, An
     return {"lights": lights, "light_ambient": 0.1, "light_diffuse": 0.0}
 
 
-def test_a_lamp_lights_what_is_near_after_lambert() -> None:
-    renderer = new_renderer("gl")
+def test_a_lamp_lights_what_is_near_after_lambert(shader: Renderer) -> None:
     of = world((wall(length_m=4.0),), (GREY,), **lamps((1.0, 0.5, 0.5), quadratic=1.0))
-    renderer.set_scene(build_scene(of, {}))
+    shader.set_scene(build_scene(of, {}))
     pose = view(z_m=0.4)
-    picture = renderer.render(pose).rgb
-    renderer.close()
+    picture = shader.render(pose).rgb
     for y in (0.5, 0.0, -0.6):
         distance = math.hypot(1.0, y - 0.5, 0.0)
         light = 0.1 + (1.0 / distance) / (1.0 + distance**2)
@@ -432,37 +447,31 @@ def test_a_lamp_does_not_reach_beyond_its_range_or_behind_a_face(renderer: Rende
         assert float(seen[0]) == pytest.approx(dark, abs=9.0)
 
 
-def test_lamps_change_with_the_scene() -> None:
-    renderer = new_renderer("gl")
+def test_lamps_change_with_the_scene(shader: Renderer) -> None:
     seen = []
     for places in ([(1.0, 0.5, 0.5)], [(1.0, -0.5, 0.5)], [(1.0, 0.5, 0.5), (1.0, -0.5, 0.5)]):
         of = world((wall(length_m=4.0),), (GREY,), **lamps(*places, quadratic=4.0))
-        renderer.set_scene(build_scene(of, {}))
-        picture = renderer.render(view(z_m=0.4)).rgb
+        shader.set_scene(build_scene(of, {}))
+        picture = shader.render(view(z_m=0.4)).rgb
         seen.append([int(colour_at(picture, (2.0, y, 0.5), view(z_m=0.4))[0]) for y in (0.5, -0.5)])
-    renderer.close()
     (near, far), (far_again, near_again), (left, right) = seen
     assert near > far + 10
     assert (near_again, far_again) == pytest.approx((near, far), abs=1)
     assert min(left, right) > near
 
 
-def test_a_lamp_beyond_single_precision_gives_a_picture() -> None:
-    renderer = new_renderer("gl")
+def test_a_lamp_beyond_single_precision_gives_a_picture(shader: Renderer) -> None:
     of = world((wall(),), (GREY,), **lamps((1e300, -1e300, 1e-300), range_m=1e308, quadratic=1e308))
-    renderer.set_scene(build_scene(of, {}))
-    seen = colour_at(renderer.render(view()).rgb, (2.0, 0.1, 0.3), view())
-    renderer.close()
+    shader.set_scene(build_scene(of, {}))
+    seen = colour_at(shader.render(view()).rgb, (2.0, 0.1, 0.3), view())
     assert float(seen[0]) == pytest.approx(255 * 0.5 * 0.1, abs=2.0)
 
 
-def test_lamps_do_not_light_markers() -> None:
-    renderer = new_renderer("gl")
+def test_lamps_do_not_light_markers(shader: Renderer) -> None:
     sha256, data = png(flat((0, 100, 200)))
     of = world((wall(),), (GREY,), **lamps((0.5, 0.0, 0.3)))
-    renderer.set_scene(build_scene(of, {sha256: data}, [panel(sha256, facing_back(1.9))]))
-    seen = colour_at(renderer.render(view()).rgb, (1.9, 0.05, 0.25), view())
-    renderer.close()
+    shader.set_scene(build_scene(of, {sha256: data}, [panel(sha256, facing_back(1.9))]))
+    seen = colour_at(shader.render(view()).rgb, (1.9, 0.05, 0.25), view())
     assert seen.tolist() == [0, 100, 200]
 
 
@@ -490,14 +499,12 @@ def test_floor_and_ceiling_have_their_textures(renderer: Renderer) -> None:
         assert above == (green if (x, y) == (0.25, 0.25) else red)
 
 
-def test_a_mesh_is_shown_and_one_that_is_missing_is_named() -> None:
+def test_a_mesh_is_shown_and_one_that_is_missing_is_named(shader: Renderer) -> None:
     data = mesh_to_bytes(triangles_of(Box(size_m=(0.4, 0.4, 0.4)), {}))
     sha256 = hashlib.sha256(data).hexdigest()
     of = world(materials=(RED,), bodies=(thing(Mesh(sha256=sha256), "red"),))
-    renderer = new_renderer("gl")
-    renderer.set_scene(build_scene(of, {sha256: data}))
-    assert (renderer.render(view()).rgb[:, :, 0] > 100).sum() > 1000
-    renderer.close()
+    shader.set_scene(build_scene(of, {sha256: data}))
+    assert (shader.render(view()).rgb[:, :, 0] > 100).sum() > 1000
     assert build_scene(of, {}).problems == (
         f"body thing: mesh {sha256[:12]} is not there; not shown",
     )
@@ -522,12 +529,16 @@ def textured_room() -> Scene:
 
 def test_renderers_agree() -> None:
     pictures = []
-    for kind in ("gl", "tiny"):
+    for kind in KINDS:
         renderer = new_renderer(kind)
         renderer.set_scene(textured_room())
         pictures.append(renderer.render(TILTED_VIEW).rgb.astype(int))
         renderer.close()
-    gl, tiny = pictures
+    cpu, gl, tiny = pictures
+    # Mesa blends two levels of a texture less than in full; at an edge a pixel is this side or that.
+    apart = np.abs(cpu - gl).max(axis=2)
+    assert apart.mean() < 0.6
+    assert (apart > 8).mean() < 0.005
     # TinyRenderer rounds down, and shows one pixel of a texture where OpenGL mixes several.
     assert np.abs(gl.mean(axis=(0, 1)) - tiny.mean(axis=(0, 1))).max() < 2.0
     assert np.abs(gl - tiny).mean() < 4.0
@@ -563,8 +574,13 @@ def test_a_new_scene_takes_the_place_of_the_old(renderer: Renderer) -> None:
     assert (renderer.render(view()).rgb == room).all()
 
 
+def kind_of(renderer: Renderer) -> RendererKind:
+    kinds: dict[str, RendererKind] = {"cpu_rasterizer": "cpu", "tiny_renderer": "tiny"}
+    return kinds.get(renderer.name, "gl")
+
+
 def test_two_cameras_of_one_process_do_not_mix(renderer: Renderer) -> None:
-    other = new_renderer("gl" if renderer.name.startswith("moderngl") else "tiny")
+    other = new_renderer(kind_of(renderer))
     renderer.set_scene(textured_room())
     alone = renderer.render(view()).rgb
     other.set_scene(build_scene(world(), {}))
@@ -590,9 +606,9 @@ def test_scenes_do_not_pile_up(renderer: Renderer) -> None:
         for scene in scenes:
             renderer.set_scene(scene)
             renderer.render(view())
-    # Kept, 30 textures would be 160 MB in OpenGL, and 12 MB in TinyRenderer, which gets small ones.
+    # Kept, 30 textures would be 160 MB, and 12 MB in TinyRenderer, which gets small ones.
     # Mesa frees one some frames after it was let go.
-    limit_mb = 25.0 if renderer.name.startswith("moderngl") else 4.0
+    limit_mb = 25.0 if kind_of(renderer) == "gl" else 4.0
     assert resident_mb() - before_mb < limit_mb
 
 
@@ -622,7 +638,7 @@ def run_python(code: str, **environment: str) -> subprocess.CompletedProcess[str
     )
 
 
-def picture_hash(kind: str) -> str:
+def picture_hash(kind: RendererKind) -> str:
     renderer = new_renderer(kind)
     renderer.set_scene(textured_room())
     digest = hashlib.sha256()
@@ -632,12 +648,13 @@ def picture_hash(kind: str) -> str:
     return digest.hexdigest()
 
 
-@pytest.mark.parametrize("kind", ["gl", "tiny"])
-def test_pixels_are_the_same_in_every_process(kind: str) -> None:
-    # Mesa draws with as many threads as it is told, or with none of its own: that must not show.
+@pytest.mark.parametrize("kind", KINDS)
+def test_pixels_are_the_same_in_every_process(kind: RendererKind) -> None:
+    # Drawn with as many threads as there are told to be, or with none beside: that must not show.
     code = f"""
-from services.physics import gl_camera
+from services.physics import cpu_camera, gl_camera
 gl_camera._THREADS_PER_PROCESSOR = 0
+cpu_camera._processors = lambda: 1
 from tests.physics.test_camera import picture_hash
 print(picture_hash({kind!r}))
 """
@@ -646,17 +663,56 @@ print(picture_hash({kind!r}))
     assert other.stdout.split()[-1:] == [expected], other.stderr
 
 
-def test_without_opengl_gl_says_so_and_auto_takes_the_other(tmp_path: Path) -> None:
+@pytest.mark.parametrize("threads", [1, 2, 3, 7])
+def test_the_cpus_pixels_do_not_depend_on_its_threads(threads: int) -> None:
+    scene, odd = textured_room(), Intrinsics.from_horizontal_fov(317, 235, 1.2)
+    pictures = []
+    for count in (2, threads):
+        drawn = CpuCamera(odd, (0.1, 5.0), count)
+        drawn.set_scene(scene)
+        pictures.append(drawn.render(TILTED_VIEW))
+        drawn.close()
+    first, second = pictures
+    assert first.depth_m is not None
+    assert second.depth_m is not None
+    assert (first.rgb == second.rgb).all()
+    assert (first.depth_m == second.depth_m).all()
+
+
+def test_no_kernel_of_the_cpus_is_left_to_compile() -> None:
     code = """
+import numpy as np
+from services.physics import cpu_camera, rasterizer
+cpu_camera.compile_kernels()
+from services.physics.camera import Intrinsics
+from tests.physics.test_camera import TILTED_VIEW, textured_room
+camera = cpu_camera.CpuCamera(Intrinsics.from_horizontal_fov(64, 48, 1.2), (0.1, 5.0))
+camera.set_scene(textured_room())
+camera.render(TILTED_VIEW)
+kernels = rasterizer.triangles_of_parts, rasterizer.project, rasterizer.draw_strip
+print(*(len(kernel.signatures) for kernel in kernels))
+"""
+    done = run_python(code)
+    assert done.stdout.split() == ["1", "1", "1"], done.stderr
+
+
+CHOOSE = """
 import logging
 logging.basicConfig(format="%(levelname)s %(message)s", level="INFO")
 from services.common.config import ConfigError
+from services.physics import camera
 from services.physics.camera import Intrinsics, make_renderer
 intrinsics = Intrinsics.from_horizontal_fov(32, 24, 1.0)
+"""
+
+
+def test_without_opengl_gl_says_so_and_auto_takes_the_cpu(tmp_path: Path) -> None:
+    code = f"""{CHOOSE}
 try:
     make_renderer("gl", intrinsics)
 except ConfigError as error:
     print(error)
+camera._GPU_DEVICES = ("null",)
 print(make_renderer("auto", intrinsics).name)
 """
     # No driver is registered in an empty folder.
@@ -664,10 +720,30 @@ print(make_renderer("auto", intrinsics).name)
     lines = [line for line in result.stdout.splitlines() if "build time" not in line]
     assert len(lines) == 2, result.stderr
     assert lines[0].startswith("renderer: gl: no OpenGL context could be made (")
-    assert lines[0].endswith("install libegl1 and libgl1-mesa-dri, or use --renderer auto")
-    assert lines[1] == "tiny_renderer"
-    assert f"WARNING {lines[0]}; using tiny_renderer" in result.stderr
-    assert "INFO Rendering with tiny_renderer" in result.stderr
+    assert lines[0].endswith("install libegl1 and libgl1-mesa-dri, or use --renderer cpu")
+    assert lines[1] == "cpu_rasterizer"
+    assert f"WARNING {lines[0]}; rendering on the CPU" in result.stderr
+    assert "INFO Rendering with cpu_rasterizer" in result.stderr
+
+
+def test_auto_asks_opengl_only_where_there_is_a_gpu_and_takes_no_other_cpu_for_one() -> None:
+    for devices, loaded in (("nothing*", "False"), ("null", "True")):
+        code = f"""{CHOOSE}
+import sys
+camera._GPU_DEVICES = ({devices!r},)
+camera._SOFTWARE_DRIVERS = ("moderngl",)
+print(make_renderer("auto", intrinsics).name, "moderngl" in sys.modules)
+"""
+        result = run_python(code)
+        assert result.stdout.split() == ["cpu_rasterizer", loaded], result.stderr
+        assert ("no GPU; rendering on the CPU" in result.stderr) == (loaded == "True")
+
+
+def test_auto_takes_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera, "_GPU_DEVICES", ("null",))
+    monkeypatch.setattr(camera, "_SOFTWARE_DRIVERS", ())
+    new_renderer("gl").close()
+    assert kind_of(new_renderer("auto")) == "gl"
 
 
 def test_none_renders_nothing() -> None:

@@ -489,7 +489,7 @@ def test_the_same_run_again_is_poisoned_and_built_anew_alike() -> None:
     assert hashes[0] == hashes[1]
 
 
-@pytest.mark.parametrize("kind", ["gl", "tiny"])
+@pytest.mark.parametrize("kind", ["cpu", "gl", "tiny"])
 def test_textures_that_come_and_go_take_no_memory(kind: Any) -> None:
     try:
         renderer = make_renderer(kind, Intrinsics.from_horizontal_fov(32, 24, 1.0))
