@@ -37,7 +37,6 @@ $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .too
 	@test -x $(PYTHON) || $(UV) venv --quiet --python 3.11 .venv
 	@$(UV) pip sync --quiet --compile-bytecode --python $(PYTHON) --require-hashes requirements-dev.lock
 	@$(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
-	@scripts/ensure-gl || true
 	@$(PYTHON) -m compileall -q services
 	@$(PYTHON) -m services.embedded.kernels || true
 	@touch $@

@@ -27,3 +27,11 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
     It runs in one thread, and gives the same bits each time. It may call other kernels.
     """
     return cast("Callable[[F], F]", numba.njit(signature, cache=True, **options))
+
+
+def shared_kernel(inline: bool = False) -> Callable[[F], F]:
+    """As `kernel`, for what several threads do at once: it runs without the interpreter's lock, and
+    counts no references, on which processors would wait for each other. It makes no arrays, returns
+    none, and divides by zero as IEEE 754 has it. `inline` puts it into those that call it.
+    """
+    return kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=inline)

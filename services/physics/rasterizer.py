@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.common.frames import Array
-from services.common.kernels import kernel
+from services.common.kernels import kernel, shared_kernel
 from services.physics.mipmaps import smaller_levels
 from services.physics.scene import Texture
 
@@ -320,7 +320,7 @@ def _interpolate(plane: Array, row: int, volume: float, values: tuple[float, flo
         ) / volume
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def draw_strip(
     first_row: int,
     end_row: int,
@@ -382,7 +382,7 @@ def draw_strip(
     _pack(rgba, pixels, rgb, first_row * width // 4 * 3)
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def _pack(rgba: Words, pixels: int, rgb: Words, to: int) -> None:
     """Four colours to three words, and so on: the bytes lie in a word from the lowest up."""
     for four in range((pixels + 3) // 4):
@@ -394,7 +394,7 @@ def _pack(rgba: Words, pixels: int, rgb: Words, to: int) -> None:
         rgb[word + _at(2)] = _u32(_u32(c >> _u32(16)) | _u32(d << _u32(8)))
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def _cover(
     triangle: int,
     planes: Array,
@@ -443,13 +443,13 @@ def _cover(
             owners[at] = own if here > before else owner
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _fill(rgba: Words, start: int, end: int, colour: int) -> None:
     for at in range(end - start):
         rgba[_at(start) + _at(at)] = _u32(colour)
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def _flat_colour(facts: Counts, owner: int) -> int:
     colour = 0
     for axis in range(3):
@@ -457,7 +457,7 @@ def _flat_colour(facts: Counts, owner: int) -> int:
     return colour
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _shade(
     owner: int,
     at: int,
@@ -506,7 +506,7 @@ def _shade(
             rgba[here] = _u32(lit_r | _u32(lit_g << _u32(8))) | _u32(lit_b << _u32(16))
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _place_texels(
     owner: int,
     texture: int,
@@ -558,7 +558,7 @@ def _place_texels(
         levels[step] = _i32(level if level < last else last)
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _filter(
     texture: int,
     level: int,
@@ -588,7 +588,7 @@ def _filter(
             rgba[here] = _mixed(rgba[here], words[_SMALLER + step], share)
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _fetch(
     texture: int, level: int, start: int, end: int, textures: Textures, scratch: Scratch
 ) -> None:
@@ -616,7 +616,7 @@ def _fetch(
         words[_LOW_RIGHT + step] = texels[place + _at(row + 1)]
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _bilinear(words: Words, step: int) -> np.uint32:
     across = words[_ACROSS + step]
     top = _mixed(words[_TOP_LEFT + step], words[_TOP_RIGHT + step], across)
@@ -624,7 +624,7 @@ def _bilinear(words: Words, step: int) -> np.uint32:
     return _mixed(top, low, words[_DOWN + step])
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@shared_kernel(inline=True)
 def _mixed(a: np.uint32, b: np.uint32, share: np.uint32) -> np.uint32:
     """Two colours, of which b has a share, of 256: red and blue in one product."""
     rest = _u32(_u32(256) - share)
@@ -643,7 +643,7 @@ def _mixed(a: np.uint32, b: np.uint32, share: np.uint32) -> np.uint32:
     return _u32(_u32(_u32(red_blue >> _u32(8)) & ends) | _u32(green & _u32(0xFF00)))
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def _vary(
     owner: int,
     at: int,
@@ -681,7 +681,7 @@ def _vary(
         rgba[here] = _u32(lit)
 
 
-@kernel(nogil=True, error_model="numpy", _nrt=False)
+@shared_kernel()
 def _add_lamps(
     plane: Array,
     at: int,

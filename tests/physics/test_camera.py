@@ -73,6 +73,8 @@ def new_renderer(
     try:
         renderer = make_renderer(kind, intrinsics, range_m)
     except ConfigError as error:
+        if "CI" in os.environ:
+            raise
         pytest.skip(str(error))
     assert renderer is not None
     return renderer
@@ -535,7 +537,7 @@ def test_renderers_agree() -> None:
         pictures.append(renderer.render(TILTED_VIEW).rgb.astype(int))
         renderer.close()
     cpu, gl, tiny = pictures
-    # Mesa blends two levels of a texture less than in full; at an edge a pixel is this side or that.
+    # Mesa blends two levels of a texture less than in full; a pixel on an edge is on either side.
     apart = np.abs(cpu - gl).max(axis=2)
     assert apart.mean() < 0.6
     assert (apart > 8).mean() < 0.005
@@ -633,7 +635,7 @@ def run_python(code: str, **environment: str) -> subprocess.CompletedProcess[str
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
         check=False,
     )
 
@@ -661,6 +663,16 @@ print(picture_hash({kind!r}))
     expected = picture_hash(kind)
     other = run_python(code)
     assert other.stdout.split()[-1:] == [expected], other.stderr
+
+
+@pytest.mark.slow
+def test_the_cpus_pixels_are_the_same_on_another_processor(tmp_path: Path) -> None:
+    code = "from tests.physics.test_camera import picture_hash; print(picture_hash('cpu'))"
+    # The oldest that there is: no vectors but of four numbers, nothing fused.
+    plain = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    other = run_python(code, NUMBA_CACHE_DIR=str(tmp_path), **plain)
+    assert other.stdout.split() == [picture_hash("cpu")], other.stderr
+    assert list(tmp_path.rglob("rasterizer.draw_strip*.nbc"))
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 7])

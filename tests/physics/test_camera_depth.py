@@ -295,6 +295,27 @@ def test_what_is_left_out_does_not_show(
     assert np.mean(drawn) < 0.1 * scene.parts.quad.sum()
 
 
+def test_cpu_and_opengl_draw_the_same_from_anywhere() -> None:
+    scene, _ = many_walls()
+    intrinsics, range_m = Intrinsics.from_horizontal_fov(317, 235, 1.2), (0.02, 40.0)
+    renderers = [new_renderer(kind, intrinsics, range_m) for kind in ("cpu", "gl")]
+    for renderer in renderers:
+        renderer.set_scene(scene)
+    random = np.random.default_rng(6)
+    for _ in range(40):
+        roll, pitch, yaw = (random.uniform(-1, 1, 3) * (3.0, 0.5, 3.0)).tolist()
+        x_m, y_m = random.uniform(-6, 6, 2).tolist()
+        place = x_m, y_m, float(random.uniform(0.1, 1.0))
+        pose = transform_matrix(rotation_from_rpy(roll, pitch, yaw), place) @ view(z_m=0.0)
+        cpu, gl = (renderer.render(pose) for renderer in renderers)
+        # Where two walls stand through one another, the depth buffer's steps show.
+        assert (np.abs(cpu.rgb.astype(int) - gl.rgb).max(-1) > 1).mean() < 2e-3
+        depths, cpu_m = neighbours(depth_of(gl)), depth_of(cpu)[1:-1, 1:-1]
+        assert (np.abs(depths - cpu_m) <= 1e-4 + 1e-3 * cpu_m).any(0).mean() > 0.9995
+    for renderer in renderers:
+        renderer.close()
+
+
 def test_balls_are_found_near_to_far_and_none_that_shows_is_missed() -> None:
     random = np.random.default_rng(5)
     clip_from_optical = Intrinsics.from_horizontal_fov(317, 235, 1.2).clip_from_optical()
