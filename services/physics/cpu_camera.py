@@ -33,6 +33,7 @@ from services.physics.rasterizer import (
 from services.physics.scene import Scene, build_scene
 from services.physics.visibility import Visibility
 
+_FARTHEST = float(np.finfo(np.float32).max)
 _STRIP_PX = 32
 """Rows that are drawn at a time: few enough for a core's cache, and to be shared out evenly."""
 
@@ -83,7 +84,7 @@ class CpuCamera:
         self._visibility = Visibility(scene, self._intrinsics)
         self._first = np.ascontiguousarray(scene.parts.first)
         self._count = np.ascontiguousarray(scene.parts.count)
-        self._lamps = np.array(
+        lamps = np.array(
             [
                 (*lamp.position_m, *lamp.diffuse[:3],
                  lamp.constant, lamp.linear, lamp.quadratic, lamp.range_m)
@@ -91,6 +92,8 @@ class CpuCamera:
             ],
             np.float64,
         ).reshape(-1, 10)  # fmt: skip
+        # As a GPU has it: a lamp that is farther than single precision goes shines nowhere.
+        self._lamps = np.clip(lamps, -_FARTHEST, _FARTHEST)
         red, green, blue = np.round(255.0 * scene.sky).astype(int).tolist()
         self._sky = red | green << 8 | blue << 16
         self._scene = scene

@@ -45,16 +45,17 @@ _NOBODY = -1
 
 _CHUNK = 64
 """Pixels of one triangle that are shaded together, so that loops over them fit a processor."""
+_LANES = 15
 _S, _T, _SCALE, _LIGHT_R, _LIGHT_G, _LIGHT_B, _SHADE_R, _SHADE_G, _SHADE_B = (
     _CHUNK * lane for lane in range(9)
 )
-_LANES = 9
+_X, _Y, _Z, _FACING_X, _FACING_Y, _FACING_Z = (_CHUNK * lane for lane in range(9, _LANES))
 _TOP_LEFT, _TOP_RIGHT, _LOW_LEFT, _LOW_RIGHT, _ACROSS, _DOWN, _SMALLER = (
     _CHUNK * lane for lane in range(7)
 )
 _WORD_LANES = 7
-_SLACK_ROWS = 1e-6
-"""By which rounding may move a corner: edges decide, this only leaves out rows."""
+_SLACK_PX = 1e-6
+"""By which rounding may move a corner: edges decide, this only leaves out what has no pixel."""
 
 
 class Surfaces(NamedTuple):
@@ -209,22 +210,22 @@ def project(
     """
     fx, fy = view.focal_px
     cx, cy = view.centre_px
-    height = view.size_px[1]
+    width, height = view.size_px
     near_m = view.limits_m[0]
+    places_m, normals = surfaces.places_m, surfaces.normals
     planes = np.empty((len(chosen), PLANES, 3))
     facts = np.empty((len(chosen), FACTS), np.int64)
     corner = np.empty((3, 3))
     edge = np.empty((3, 3))
     normal = np.empty((3, 3))
     tint = np.empty((3, 3))
+    albedo = np.empty((3, 3))
     kept = 0
     for triangle in chosen:
         mover = surfaces.movers[triangle]
-        nearer = 0
-        top, bottom = math.inf, -math.inf
         for index in range(3):
             vertex = surfaces.corners[triangle, index]
-            x, y, z = surfaces.places_m[vertex]
+            x, y, z = places_m[vertex, 0], places_m[vertex, 1], places_m[vertex, 2]
             if mover >= 0:
                 pose = map_from_movers[mover]
                 x, y, z = (
@@ -233,50 +234,61 @@ def project(
                     pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3],
                 )
             for axis in range(3):
-                row = optical_from_map[axis]
-                corner[index, axis] = row[0] * x + row[1] * y + row[2] * z + row[3]
+                corner[index, axis] = (
+                    optical_from_map[axis, 0] * x
+                    + optical_from_map[axis, 1] * y
+                    + optical_from_map[axis, 2] * z
+                    + optical_from_map[axis, 3]
+                )
+        # The normal of the plane through the eye and an edge is turned inwards where the front is
+        # seen.
+        _set_edge(edge, 0, corner)
+        volume = corner[0, 0] * edge[0, 0] + corner[0, 1] * edge[0, 1] + corner[0, 2] * edge[0, 2]
+        if not volume > 0.0:
+            continue
+        nearer = 0
+        left, right, top, bottom = math.inf, -math.inf, math.inf, -math.inf
+        for index in range(3):
             if corner[index, 2] < near_m:
                 nearer += 1
             else:
+                u = fx * corner[index, 0] / corner[index, 2] + cx
                 v = fy * corner[index, 1] / corner[index, 2] + cy
+                left, right = min(left, u), max(right, u)
                 top, bottom = min(top, v), max(bottom, v)
-        # The triangle of eye, one edge: its normal is turned inwards where the front is seen.
-        for index in range(3):
-            a, b = corner[(index + 2) % 3], corner[(index + 1) % 3]
-            edge[index, 0] = a[1] * b[2] - a[2] * b[1]
-            edge[index, 1] = a[2] * b[0] - a[0] * b[2]
-            edge[index, 2] = a[0] * b[1] - a[1] * b[0]
-        volume = corner[0, 0] * edge[0, 0] + corner[0, 1] * edge[0, 1] + corner[0, 2] * edge[0, 2]
-        if nearer == 3 or not volume > 0.0:
+        if nearer == 3:
             continue
         first_row, end_row = 0, height
         if nearer == 0:
-            if top > 0.0:
-                first_row = math.ceil(min(top, float(height)) - _SLACK_ROWS)
-            if bottom < height - 1.0:
-                end_row = math.floor(max(bottom, -1.0) + _SLACK_ROWS) + 1
+            # Of a fine mesh most triangles lie between the middles of pixels.
+            first, end = _pixels(left, right, width)
+            first_row, end_row = _pixels(top, bottom, height)
+            if first >= end:
+                continue
         if first_row >= end_row:
             continue
 
+        _set_edge(edge, 1, corner)
+        _set_edge(edge, 2, corner)
         plane = planes[kept]
         for index in range(3):
             plane[index, 0] = edge[index, 0] / fx
             plane[index, 1] = edge[index, 1] / fy
             plane[index, 2] = edge[index, 2] - plane[index, 0] * cx - plane[index, 1] * cy
         ones = (1.0, 1.0, 1.0)
-        _interpolate(plane, NEARNESS, volume, ones)
+        _interpolate(planes, kept, NEARNESS, volume, ones)
         a, b, c = surfaces.corners[triangle]
         texture = surfaces.textures[triangle]
         if texture >= 0:
             for axis in range(2):
                 of = (surfaces.uvs[a, axis], surfaces.uvs[b, axis], surfaces.uvs[c, axis])
-                _interpolate(plane, UV + axis, volume, of)
+                _interpolate(planes, kept, UV + axis, volume, of)
 
         # What is flat is everywhere as at the last corner, as OpenGL has it.
         smooth = surfaces.smooth[triangle]
         for index in range(3):
             vertex = surfaces.corners[triangle, index if smooth else 2]
-            x, y, z = surfaces.normals[vertex]
+            x, y, z = normals[vertex, 0], normals[vertex, 1], normals[vertex, 2]
             light = 0.0
             if mover >= 0:
                 pose = map_from_movers[mover]
@@ -288,18 +300,19 @@ def project(
                 light = max(x * sun[0] + y * sun[1] + z * sun[2], 0.0)
             normal[index, 0], normal[index, 1], normal[index, 2] = x, y, z
             for axis in range(3):
-                lit = surfaces.tints[vertex, axis] + surfaces.albedos[vertex, axis] * light
+                albedo[index, axis] = surfaces.albedos[vertex, axis]
+                lit = surfaces.tints[vertex, axis] + albedo[index, axis] * light
                 tint[index, axis] = min(max(lit, 0.0), 1.0)
         if smooth or lit_by_lamps:
-            last = surfaces.corners[triangle] if smooth else np.array([c, c, c], np.int32)
             for axis in range(3):
                 of = (tint[0, axis], tint[1, axis], tint[2, axis])
-                _interpolate(plane, TINT + axis, volume, of)
+                _interpolate(planes, kept, TINT + axis, volume, of)
+        if lit_by_lamps:
+            for axis in range(3):
                 of = (normal[0, axis], normal[1, axis], normal[2, axis])
-                _interpolate(plane, NORMAL + axis, volume, of)
-                albedos = surfaces.albedos
-                of = (albedos[last[0], axis], albedos[last[1], axis], albedos[last[2], axis])
-                _interpolate(plane, ALBEDO + axis, volume, of)
+                _interpolate(planes, kept, NORMAL + axis, volume, of)
+                of = (albedo[0, axis], albedo[1, axis], albedo[2, axis])
+                _interpolate(planes, kept, ALBEDO + axis, volume, of)
         fact = facts[kept]
         fact[FIRST_ROW], fact[END_ROW], fact[TEXTURE] = first_row, end_row, texture
         fact[VARIES] = 1 if smooth or lit_by_lamps else 0
@@ -310,13 +323,37 @@ def project(
 
 
 @kernel()
-def _interpolate(plane: Array, row: int, volume: float, values: tuple[float, float, float]) -> None:
+def _set_edge(edge: Array, index: int, corner: Array) -> None:
+    """The cross product of the two corners other than this one, the later one first."""
+    a, b = (index + 2) % 3, (index + 1) % 3
+    edge[index, 0] = corner[a, 1] * corner[b, 2] - corner[a, 2] * corner[b, 1]
+    edge[index, 1] = corner[a, 2] * corner[b, 0] - corner[a, 0] * corner[b, 2]
+    edge[index, 2] = corner[a, 0] * corner[b, 1] - corner[a, 1] * corner[b, 0]
+
+
+@kernel()
+def _pixels(least: float, most: float, count: int) -> tuple[int, int]:
+    """The first of so many pixels whose middle may lie between two places, and the one after the
+    last.
+    """
+    first, end = 0, count
+    if least > 0.0:
+        first = math.ceil(min(least, float(count)) - _SLACK_PX)
+    if most < count - 1.0:
+        end = math.floor(max(most, -1.0) + _SLACK_PX) + 1
+    return first, end
+
+
+@kernel()
+def _interpolate(
+    planes: Array, triangle: int, row: int, volume: float, values: tuple[float, float, float]
+) -> None:
     """The plane of a property over the depth, from its values at the corners."""
     for axis in range(3):
-        plane[row, axis] = (
-            plane[EDGE, axis] * values[0]
-            + plane[EDGE + 1, axis] * values[1]
-            + plane[EDGE + 2, axis] * values[2]
+        planes[triangle, row, axis] = (
+            planes[triangle, EDGE, axis] * values[0]
+            + planes[triangle, EDGE + 1, axis] * values[1]
+            + planes[triangle, EDGE + 2, axis] * values[2]
         ) / volume
 
 
@@ -348,7 +385,10 @@ def draw_strip(
         nearness[at] = _f32(1.0 / far_m)
         owners[at] = _i32(_NOBODY)
     for triangle in range(len(planes)):
-        _cover(triangle, planes, facts, first_row, end_row, width, 1.0 / near_m, nearness, owners)
+        if facts[triangle, FIRST_ROW] < end_row and facts[triangle, END_ROW] > first_row:
+            _cover(
+                triangle, planes, facts, first_row, end_row, width, 1.0 / near_m, nearness, owners
+            )
     for at in range(pixels):
         nearness[at] = _f32(1.0) / nearness[at]
     if len(depth_m):
@@ -694,33 +734,42 @@ def _add_lamps(
 ) -> None:
     """Add to the shades what the lamps' light brings, after Lambert."""
     lanes, depth = scratch.lanes, scratch.nearness
-    pose = lamps.map_from_optical
-    ray_y = (v - view.centre_px[1]) / view.focal_px[1]
-    for step in range(count):
-        lanes[_LIGHT_R + step] = lanes[_LIGHT_G + step] = lanes[_LIGHT_B + step] = _f32(0.0)
-    for step in range(count):
-        column = u + step
-        z = float(depth[_at(at) + _at(step)])
-        ray_x = (column - view.centre_px[0]) / view.focal_px[0]
-        x = (pose[0, 0] * ray_x + pose[0, 1] * ray_y + pose[0, 2]) * z + pose[0, 3]
-        y = (pose[1, 0] * ray_x + pose[1, 1] * ray_y + pose[1, 2]) * z + pose[1, 3]
-        height = (pose[2, 0] * ray_x + pose[2, 1] * ray_y + pose[2, 2]) * z + pose[2, 3]
-        facing_x = plane[NORMAL, 0] * column + plane[NORMAL, 1] * v + plane[NORMAL, 2]
-        facing_y = plane[NORMAL + 1, 0] * column + plane[NORMAL + 1, 1] * v + plane[NORMAL + 1, 2]
-        facing_z = plane[NORMAL + 2, 0] * column + plane[NORMAL + 2, 1] * v + plane[NORMAL + 2, 2]
-        length = math.sqrt(facing_x * facing_x + facing_y * facing_y + facing_z * facing_z)
-        for lamp in range(len(lamps.rows)):
-            row = lamps.rows[lamp]
-            to_x, to_y, to_z = row[0] - x, row[1] - y, row[2] - height
-            distance = math.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
-            if not distance <= row[9] or length == 0.0:
-                continue
-            facing = (facing_x * to_x + facing_y * to_y + facing_z * to_z) / length
-            fade = row[6] + row[7] * distance + row[8] * distance * distance
-            strength = max(facing, 0.0) / max(distance, 1e-6) / max(fade, 1e-6)
-            lanes[_LIGHT_R + step] += _f32(strength * row[3])
-            lanes[_LIGHT_G + step] += _f32(strength * row[4])
-            lanes[_LIGHT_B + step] += _f32(strength * row[5])
+    zero, least = _f32(0.0), _f32(1e-6)
+    for axis in range(3):
+        # The place in the map is the eye's, and so many rays; the facing's length goes out.
+        pose = lamps.map_from_optical[axis]
+        slope_x, slope_y = pose[0] / view.focal_px[0], pose[1] / view.focal_px[1]
+        ray_u, ray_v = u - view.centre_px[0], v - view.centre_px[1]
+        ray, along = _f32(slope_x * ray_u + slope_y * ray_v + pose[2]), _f32(slope_x)
+        eye = _f32(pose[3])
+        row = plane[NORMAL + axis]
+        facing, turn = _f32(row[0] * u + row[1] * v + row[2]), _f32(row[0])
+        for step in range(count):
+            here = _f32(_i32(step))
+            z = depth[_at(at) + _at(step)]
+            lanes[_X + axis * _CHUNK + step] = eye + (ray + along * here) * z
+            lanes[_FACING_X + axis * _CHUNK + step] = (facing + turn * here) * z
+            lanes[_LIGHT_R + axis * _CHUNK + step] = zero
+    for lamp in range(len(lamps.rows)):
+        row = lamps.rows[lamp]
+        lamp_x, lamp_y, lamp_z = _f32(row[0]), _f32(row[1]), _f32(row[2])
+        red, green, blue = _f32(row[3]), _f32(row[4]), _f32(row[5])
+        constant, linear, quadratic = _f32(row[6]), _f32(row[7]), _f32(row[8])
+        reach = _f32(row[9])
+        for step in range(count):
+            x, y, z = lanes[_FACING_X + step], lanes[_FACING_Y + step], lanes[_FACING_Z + step]
+            to_x = lamp_x - lanes[_X + step]
+            to_y = lamp_y - lanes[_Y + step]
+            to_z = lamp_z - lanes[_Z + step]
+            distance = np.sqrt(to_x * to_x + to_y * to_y + to_z * to_z)
+            facing = x * to_x + y * to_y + z * to_z
+            scale = max(np.sqrt(x * x + y * y + z * z) * distance, least)
+            fade = max(constant + linear * distance + quadratic * distance * distance, least)
+            strength = max(facing, zero) / scale / fade
+            strength = strength if distance <= reach else zero
+            lanes[_LIGHT_R + step] += strength * red
+            lanes[_LIGHT_G + step] += strength * green
+            lanes[_LIGHT_B + step] += strength * blue
     for axis in range(3):
         row = plane[ALBEDO + axis]
         first, across = _f32(row[0] * u + row[1] * v + row[2]), _f32(row[0])
