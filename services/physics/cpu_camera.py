@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +83,9 @@ class CpuCamera:
             self._textures = textures_of(scene.textures, known)
         self._surfaces = _surfaces(scene)
         self._visibility = Visibility(scene, self._intrinsics)
-        self._first = np.ascontiguousarray(scene.parts.first)
-        self._count = np.ascontiguousarray(scene.parts.count)
+        self._first = _plain(scene.parts.first, np.int64)
+        self._count = _plain(scene.parts.count, np.int64)
+        self._sun = _plain(scene.sun, np.float64)
         lamps = np.array(
             [
                 (*lamp.position_m, *lamp.diffuse[:3],
@@ -119,11 +121,12 @@ class CpuCamera:
                 self._surfaces,
                 self._view,
                 from_map,
-                poses,
-                scene.sun,
+                _plain(poses, np.float64),
+                self._sun,
                 len(self._lamps) > 0,
             )
-            self._draw(planes, facts, Lamps(self._lamps, map_from_optical), words, depths_m)
+            lamps = Lamps(self._lamps, _plain(map_from_optical, np.float64))
+            self._draw(planes, facts, lamps, words, depths_m)
         else:
             words[:], depths_m[:] = 0, 0.0
         return Picture(rgb, depth_m)
@@ -178,6 +181,11 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
+def _plain(array: NDArray[Any], kind: type[Any]) -> NDArray[Any]:
+    """A copy as kernels are compiled for: laid out row by row, and not read-only."""
+    return np.array(array, kind, order="C")
+
+
 def _surfaces(scene: Scene) -> Surfaces:
     parts = scene.parts
     textures = np.full(len(scene.triangles), -1, np.int64)
@@ -190,12 +198,12 @@ def _surfaces(scene: Scene) -> Surfaces:
         these = slice(first, first + count)
         textures[these], movers[these], smooth[these] = texture, mover, bent
     return Surfaces(
-        corners=np.ascontiguousarray(scene.triangles),
-        places_m=np.ascontiguousarray(scene.vertices_m, np.float64),
-        normals=np.ascontiguousarray(scene.normals, np.float64),
-        uvs=np.ascontiguousarray(scene.uvs, np.float64),
-        tints=np.ascontiguousarray(scene.tints, np.float64),
-        albedos=np.ascontiguousarray(scene.albedos, np.float64),
+        corners=_plain(scene.triangles, np.int32),
+        places_m=_plain(scene.vertices_m, np.float64),
+        normals=_plain(scene.normals, np.float64),
+        uvs=_plain(scene.uvs, np.float64),
+        tints=_plain(scene.tints, np.float64),
+        albedos=_plain(scene.albedos, np.float64),
         textures=textures,
         movers=movers,
         smooth=smooth,

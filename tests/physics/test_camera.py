@@ -700,7 +700,9 @@ from services.physics.camera import Intrinsics
 from tests.physics.test_camera import TILTED_VIEW, textured_room
 camera = cpu_camera.CpuCamera(Intrinsics.from_horizontal_fov(64, 48, 1.2), (0.1, 5.0))
 camera.set_scene(textured_room())
-camera.render(TILTED_VIEW)
+read_only = TILTED_VIEW.copy(order="F")
+read_only.flags.writeable = False
+camera.render(read_only)
 kernels = rasterizer.triangles_of_parts, rasterizer.project, rasterizer.draw_strip
 print(*(len(kernel.signatures) for kernel in kernels))
 """
