@@ -14,12 +14,17 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+_ROOT, _NUMBA = logging.getLogger(), logging.getLogger("numba")
+_LEVELS = _ROOT.level, _NUMBA.level
+
+
 @pytest.fixture(autouse=True)
 def _logging_as_before() -> Iterator[None]:
-    """A run in this process sends all logs to its own console: no later test may see that."""
-    root, numba = logging.getLogger(), logging.getLogger("numba")
-    handlers, levels = list(root.handlers), (root.level, numba.level)
+    """A run in this process sends all logs to its own console: no later test may see that, nor
+    where a fixture of a whole module was the one to run it.
+    """
+    handlers = [each for each in _ROOT.handlers if type(each).__module__.startswith("_pytest.")]
     yield
-    root.handlers = handlers
-    root.setLevel(levels[0])
-    numba.setLevel(levels[1])
+    _ROOT.handlers = handlers
+    _ROOT.setLevel(_LEVELS[0])
+    _NUMBA.setLevel(_LEVELS[1])
