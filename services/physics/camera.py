@@ -171,7 +171,7 @@ def make_renderer(
 
 
 def _gpu_or_cpu(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
-    if gpu_devices():
+    if _has_gpu():
         try:
             renderer = _gl_camera(intrinsics, depth_range_m)
         except ConfigError as error:
@@ -184,9 +184,9 @@ def _gpu_or_cpu(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Ren
     return _cpu_camera(intrinsics, depth_range_m)
 
 
-def gpu_devices() -> list[Path]:
-    """What a GPU's driver shows itself by: asking OpenGL would load Mesa's compiler first."""
-    return [place for pattern in _GPU_DEVICES for place in Path("/dev").glob(pattern)]
+def _has_gpu() -> bool:
+    """A GPU's driver shows itself among the devices: OpenGL would load Mesa's compiler to tell."""
+    return any(any(Path("/dev").glob(pattern)) for pattern in _GPU_DEVICES)
 
 
 def _gl_camera(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:

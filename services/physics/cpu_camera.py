@@ -188,15 +188,11 @@ def _plain(array: NDArray[Any], kind: type[Any]) -> NDArray[Any]:
 
 def _surfaces(scene: Scene) -> Surfaces:
     parts = scene.parts
-    textures = np.full(len(scene.triangles), -1, np.int64)
-    movers = textures.copy()
-    smooth = np.zeros(len(scene.triangles), np.bool_)
-    for first, count, texture, mover, bent in zip(
-        parts.first.tolist(), parts.count.tolist(), parts.texture.tolist(), parts.mover.tolist(),
-        parts.smooth.tolist(), strict=True,
-    ):  # fmt: skip
-        these = slice(first, first + count)
-        textures[these], movers[these], smooth[these] = texture, mover, bent
+    each = np.arange(len(parts.first))
+    part = np.empty(len(scene.triangles), np.int64)
+    part[triangles_of_parts(each, _plain(parts.first, np.int64), _plain(parts.count, np.int64))] = (
+        np.repeat(each, parts.count)
+    )
     return Surfaces(
         corners=_plain(scene.triangles, np.int32),
         places_m=_plain(scene.vertices_m, np.float64),
@@ -204,7 +200,7 @@ def _surfaces(scene: Scene) -> Surfaces:
         uvs=_plain(scene.uvs, np.float64),
         tints=_plain(scene.tints, np.float64),
         albedos=_plain(scene.albedos, np.float64),
-        textures=textures,
-        movers=movers,
-        smooth=smooth,
+        textures=parts.texture[part],
+        movers=parts.mover[part],
+        smooth=parts.smooth[part],
     )

@@ -170,16 +170,12 @@ class _Shown:
     def __init__(self, context: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         self.scene = scene
         self.lamps = _lamp_constants(scene.lamps)
-        parts = scene.parts
         self.visibility = Visibility(scene, intrinsics)
         self.vertices = context.buffer(_vertices(scene).tobytes())
         self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
-        quads = self.visibility.quads
         # Few show at a time: lists give one number, or a few, sooner than arrays do.
-        self.quad_textures: list[int] = parts.texture[quads].tolist()
-        first = parts.first[quads]
-        self.indices_of_quads = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
-        self.quad_indices = context.buffer(reserve=max(self.indices_of_quads.nbytes, 4))
+        self.quad_textures: list[int] = scene.parts.texture[self.visibility.quads].tolist()
+        self.quad_indices = context.buffer(reserve=max(self.visibility.quad_vertices.nbytes, 4))
         self.arrays: dict[tuple[_Look, bool], Any] = {}
         """The vertices as a program takes them, by look and whether of the quads in view."""
 
@@ -300,7 +296,7 @@ class GlCamera:
     def _draw_quads(self, shown: _Shown, quads: NDArray[np.int64]) -> None:
         if not len(quads):
             return
-        shown.quad_indices.write(shown.indices_of_quads[quads])
+        shown.quad_indices.write(shown.visibility.quad_vertices[quads])
         first = 0
         for texture, alike in groupby(map(shown.quad_textures.__getitem__, quads.tolist())):
             count = sum(1 for _ in alike)

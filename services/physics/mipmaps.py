@@ -1,4 +1,4 @@
-"""A texture's smaller levels, made here and handed to OpenGL.
+"""A texture's smaller levels, made here for every renderer, and handed to OpenGL.
 
 Mesa on a CPU draws them, with shaders that it first has to compile: 0.15 s of each start. moderngl
 has no call for a level that OpenGL has not made itself.

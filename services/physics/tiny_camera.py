@@ -1,4 +1,4 @@
-"""The camera on PyBullet's TinyRenderer: needs no OpenGL, and is some thirty times slower.
+"""The camera on PyBullet's TinyRenderer, to compare with: some fifty times slower than the others.
 
 Each triangle has one shade, that of its middle, and keeps it: a body that moves is shaded as it
 stood at the start.

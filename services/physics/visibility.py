@@ -34,8 +34,9 @@ class Visibility:
         self.quads: Parts = np.flatnonzero(parts.quad)
         """The parts that are rectangles"""
         first = parts.first[self.quads]
-        corners = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
-        self._corners_m = scene.vertices_m[corners[:, (0, 1, 2, 5)]]
+        self.quad_vertices = scene.triangles[np.stack((first, first + 1), axis=1)].reshape(-1, 6)
+        """(q, 6): of their two triangles"""
+        self._corners_m = scene.vertices_m[self.quad_vertices[:, (0, 1, 2, 5)]]
         self._others: Parts = np.flatnonzero(~parts.quad)
         self._background = parts.background[self._others]
         balls = [_ball(scene, part) for part in self._others.tolist()]
