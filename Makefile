@@ -5,7 +5,7 @@ WORLD ?= enhanced
 SEED ?= 7
 # `field=value` put over the world's recipe, with spaces between.
 SET ?=
-GOAL ?= 1.0 0.0 0.0
+GOAL ?= 0.5 -0.9 0.0
 JSON ?= bench.json
 HOURS ?= 1
 # Anything: with the camera.
@@ -63,8 +63,8 @@ goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 recordings: $(STAMP) ## list what runs have left
 	@.venv/bin/mazebot recordings list
 
-view: $(STAMP) ## open the newest recording in a browser
-	@.venv/bin/mazebot recordings view
+view: $(STAMP) ## serve the newest recording, and open it in a browser where there is one
+	@.venv/bin/mazebot recordings view --open
 
 test: $(STAMP) ## pass the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
@@ -80,8 +80,10 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/ruff format --check $(SOURCES)
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
-	@.venv/bin/python -m services.cli.topics_page | diff - docs/topics.md || { echo "docs/topics.md is stale: make generate"; exit 1; }
-	@.venv/bin/python -m services.cli.recipes_page | diff - docs/recipes.md || { echo "docs/recipes.md is stale: make generate"; exit 1; }
+	@for page in topics recipes parameters recordings; do \
+		.venv/bin/python -m services.cli.pages.$${page}_page | diff - docs/$$page.md \
+			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
+	done
 	@echo "check: all well"
 
 fix: $(STAMP) ## format, and mend what the linter can
@@ -89,8 +91,9 @@ fix: $(STAMP) ## format, and mend what the linter can
 	@.venv/bin/ruff format $(SOURCES)
 
 generate: $(STAMP) ## write generated files anew
-	@.venv/bin/python -m services.cli.topics_page > docs/topics.md
-	@.venv/bin/python -m services.cli.recipes_page > docs/recipes.md
+	@for page in topics recipes parameters recordings; do \
+		.venv/bin/python -m services.cli.pages.$${page}_page > docs/$$page.md; \
+	done
 
 lock: $(STAMP) ## resolve the dependencies anew
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock
@@ -100,7 +103,7 @@ lock: $(STAMP) ## resolve the dependencies anew
 
 bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=bench.json)
 	@$(MAKE) --silent .venv-bench/.installed || echo "ir-sim cannot be had: its rows stay empty"
-	@.venv/bin/python -m services.embedded.bench --json $(JSON)
+	@.venv/bin/python -m services.bench.bench --json $(JSON)
 
 .venv-bench/.installed: requirements-bench.lock | $(filter .tools/bin/uv,$(UV))
 	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-bench
@@ -108,10 +111,10 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 	@touch $@
 
 soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
-	@.venv/bin/python -m services.embedded.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
+	@.venv/bin/python -m services.bench.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
-	@.venv/bin/python -m services.embedded.seeds
+	@.venv/bin/python -m services.bench.seeds
 
 image: ## build the container image
 	@docker compose --profile original --profile enhanced build

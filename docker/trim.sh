@@ -10,7 +10,18 @@ rm -rf eglRenderer.*.so
 
 # Arrow as Rerun uses it: columns in memory. No network, no object stores, no building against it.
 rm -rf pyarrow/include pyarrow/src pyarrow/tests pyarrow/libarrow_flight.* \
-  pyarrow/libarrow_python_flight.* pyarrow/_flight.*
+  pyarrow/libarrow_python_flight.* pyarrow/_flight.* pyarrow/libarrow_s3.* \
+  pyarrow/libarrow_python_parquet_encryption.* pyarrow/_pyarrow_cpp_tests.* \
+  pyarrow/_azurefs.* pyarrow/_gcsfs.* pyarrow/_hdfs.* pyarrow/_s3fs.* pyarrow/_orc.* \
+  pyarrow/_parquet*.so pyarrow/_dataset*.so pyarrow/_substrait.*
+# Each library is there under three names, and looked for by one.
+rm -f pyarrow/libarrow_python.so pyarrow/libarrow_python.so.*.*
+
+# rosbags as this uses it: types and their bytes. No bags.
+rm -rf apsw lz4 ruamel
+
+# Of scipy: distances, neighbours, graphs and optimisation.
+rm -rf scipy/stats scipy/io scipy/signal scipy/integrate scipy/interpolate
 find pyarrow -name '*.pxi' -delete -o -name '*.pxd' -delete -o -name '*.pyx' -delete
 
 find networkx numba numpy scipy shapely -type d -name tests -prune -exec rm -rf {} +

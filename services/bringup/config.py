@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from services.common.config import PlainText, ServiceConfig
-from services.common.documents import Finite
+from services.common.node.documents import Finite
 
 
 def _listed(value: object) -> object:
@@ -17,7 +17,10 @@ def _listed(value: object) -> object:
     if not isinstance(value, str):
         return value
     if value.lstrip().startswith("["):
-        return json.loads(value)
+        try:
+            return json.loads(value)
+        except ValueError as error:
+            raise ValueError("must be `field=value`, or a JSON list of them") from error
     # Only where a field begins: a value such as {x_m: 1, y_m: 2} has commas of its own.
     return re.split(r",(?=\s*[A-Za-z_][\w.]*=)", value) if value.strip() else ()
 
@@ -35,7 +38,7 @@ class BringupConfig(ServiceConfig):
     tour: tuple[str, ...] = Field(
         (),
         description="names of locations to drive to, in order; `home` is the robot's start; none: "
-        "all of the world's, then `home`",
+        "all of the world's, or places spread over its floor where it has none, then `home`",
     )
     goal: tuple[Finite, Finite, Finite] | None = Field(
         None, description="x (m), y (m), yaw (rad) in the map frame: one goal in place of the tour"

@@ -9,9 +9,11 @@ import logging
 from services.bringup.config import BringupConfig
 from services.bringup.table import tour_table
 from services.bringup.tour import NoLocationsError, tour_goals
-from services.common import messages as msg
-from services.common.diagnostics import WAITING_KEY
-from services.common.documents import (
+from services.common.error_codes import ErrorCode
+from services.common.frames import MAP_FRAME
+from services.common.node import messages as msg
+from services.common.node.diagnostics import WAITING_KEY
+from services.common.node.documents import (
     Evaluation,
     NavigationResult,
     NavigationStatus,
@@ -19,13 +21,12 @@ from services.common.documents import (
     World,
     WorldRequest,
 )
-from services.common.error_codes import ErrorCode
-from services.common.frames import MAP_FRAME
-from services.common.node import Inbox, Node, Outbox
-from services.common.topics import (
+from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.topics import (
     DIAGNOSTICS,
     EVALUATION,
     GOAL_POSE,
+    MAP,
     NAVIGATION_RESULT,
     NAVIGATION_STATUS,
     SERVICES,
@@ -64,6 +65,7 @@ class BringupNode(Node):
         self._requested = False
         self._clock_seen_ns: int | None = None
         self._offered: World | None = None
+        self._map: msg.OccupancyGrid | None = None
         self._world: World | None = None
         self._goals: list[tuple[str, Planar]] = []
         self._goal_index = 0
@@ -122,8 +124,10 @@ class BringupNode(Node):
             self._drive(now_ns, inbox, outbox)
             return
         evaluation = self._judged()
-        if evaluation is not None or now_ns - self._tour_end_ns > EVALUATION_PATIENCE_S * 1e9:
-            self._finish(evaluation)
+        if evaluation is None or len(evaluation.goals) < len(self._results):
+            if now_ns - self._tour_end_ns <= EVALUATION_PATIENCE_S * 1e9:
+                return
+        self._finish(evaluation)
 
     def _begin_anew(self) -> None:
         """Drive the tour from its beginning: the goals so far were those of another run."""
@@ -153,8 +157,14 @@ class BringupNode(Node):
             else:
                 self.world_hash = status.world_hash
         self._offered = inbox.latest(WORLD) or self._offered
-        if self._world is None and self._offered and self._offered.hash == self.world_hash:
-            self._enter(self._offered)
+        self._map = inbox.latest(MAP) or self._map
+        if (
+            self._world is None
+            and self._offered
+            and self._offered.hash == self.world_hash
+            and self._map
+        ):
+            self._enter(self._offered, self._map)
         for array in inbox.new(DIAGNOSTICS):
             for status_of in array.status:
                 values = {value.key: value.value for value in status_of.values}
@@ -169,9 +179,9 @@ class BringupNode(Node):
                 self._goal_sign_ns = now_ns
         self._evaluation = inbox.latest(EVALUATION) or self._evaluation
 
-    def _enter(self, world: World) -> None:
+    def _enter(self, world: World, grid: msg.OccupancyGrid) -> None:
         try:
-            self._goals = self._goals_in(world)
+            self._goals = self._goals_in(world, grid)
         except ValueError as error:
             _LOG.error("%s", error)
             nowhere = isinstance(error, NoLocationsError)
@@ -184,10 +194,11 @@ class BringupNode(Node):
             *(world.name, world.hash, walls, bodies, markers),
         )
 
-    def _goals_in(self, world: World) -> list[tuple[str, Planar]]:
+    def _goals_in(self, world: World, grid: msg.OccupancyGrid) -> list[tuple[str, Planar]]:
         """Raises ValueError where the tour leads nowhere."""
         if self._config.goal is None:
-            return tour_goals(world, self._config.tour)
+            cells, origin = msg.cells_from_grid(grid), msg.se2_from_pose(grid.info.origin)
+            return tour_goals(world, self._config.tour, cells, origin, self._config.seed)
         x_m, y_m, yaw_rad = self._config.goal
         return [("goal", Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))]
 
@@ -244,23 +255,36 @@ class BringupNode(Node):
         )
 
     def _judged(self) -> Evaluation | None:
-        """The recorder's verdict on our own goals; others may send the robot somewhere too. None
-        before it has judged each of them.
+        """The recorder's verdict on those of our own goals that it has judged; others may send the
+        robot somewhere too.
         """
         if self._evaluation is None:
             return None
         verdicts = {goal.goal_stamp_ns: goal for goal in self._evaluation.goals}
         ours = [verdicts.get(result.goal_stamp_ns) for result in self._results]
-        goals = tuple(goal for goal in ours if goal is not None)
-        if len(goals) < len(ours):
-            return None
+        # The recorder knows the names of locations, not those of a default tour.
+        goals = tuple(
+            goal.model_copy(update={"name": name})
+            for goal, (name, _) in zip(ours, self._goals, strict=False)
+            if goal is not None
+        )
         return self._evaluation.model_copy(update={"goals": goals})
 
     def _finish(self, evaluation: Evaluation | None) -> None:
-        if evaluation is not None:
-            reached = all(goal.reached for goal in evaluation.goals)
+        """End with the table; navigation's own word stands for what the recorder did not see."""
+        goals = evaluation.goals if evaluation is not None else ()
+        if evaluation is not None and goals:
             _LOG.info("tour finished\n%s", tour_table(evaluation))
         else:
-            reached = all(result.error_code == 0 for result in self._results)
             _LOG.warning("tour finished; the recorder has not judged it")
-        self.exit_code = 0 if reached else EXIT_NOT_REACHED
+        judged = {goal.goal_stamp_ns for goal in goals}
+        others = [result for result in self._results if result.goal_stamp_ns not in judged]
+        for result in others if goals else ():
+            ended = f"error {result.error_code}" if result.error_code else "reached"
+            _LOG.warning(
+                "not judged by the recorder: (%.2f, %.2f) %s after %.1f s",
+                *(result.goal.x_m, result.goal.y_m, ended),
+                result.end_time_s - result.start_time_s,
+            )
+        reached = [goal.reached for goal in goals] + [not other.error_code for other in others]
+        self.exit_code = 0 if all(reached) else EXIT_NOT_REACHED

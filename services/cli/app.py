@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import functools
+import math
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, markers, sim, world
+from services.cli import entities, known, markers, sim, world
+from services.cli.command import App, UsageMistake, in_one_line, overview
+from services.cli.completion import run_names, topic_names, world_names, written_topic_names
 from services.cli.options import ROUTER as _ROUTER
-from services.cli.options import Connect
+from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
 
-app = typer.Typer(
+app = App(
     name="mazebot",
     help="The TurtleBot house maze with no ROS and no Gazebo.",
-    invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
-topics_app = typer.Typer(help="Look at the topics of a running stack.", invoke_without_command=True)
-recordings_app = typer.Typer(help="Look at what runs have left.", invoke_without_command=True)
+topics_app = App(help="Look at the topics of a running stack, and write to them.")
+recordings_app = App(help="Look at what runs have left.")
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 app.add_typer(world.app, name="world")
@@ -34,36 +36,66 @@ app.add_typer(sim.app, name="sim")
 RecordingsDir = Annotated[
     Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
 ]
-# typer keeps click to itself: this is click's UsageError.
-_UsageMistake: type[Exception] = typer.BadParameter.__mro__[1]
+RunName = Annotated[
+    str, typer.Argument(metavar="RUN", help="its folder or its name", autocompletion=run_names)
+]
+TopicName = Annotated[
+    str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
+]
 _TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"mazebot {version('mazebot')}\n")
+        raise typer.Exit
+
+
 @app.callback()
-@topics_app.callback()
-@recordings_app.callback()
-def _overview(context: typer.Context) -> None:
-    if context.invoked_subcommand is None:
-        sys.stdout.write(context.get_help() + "\n")
+def _begin(
+    context: typer.Context,
+    _: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_print_version, help="print the version"),
+    ] = False,
+) -> None:
+    overview(context)
+    if context.invoked_subcommand is not None and "--help" not in sys.argv:
+        known.check_environment()
 
 
 @app.command()
 def demo(
     world_name: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
-            help="enhanced (sim_house_enhanced), original (sim_house), or another of the worlds",
+            autocompletion=world_names,
+            help="enhanced (sim_house_enhanced), original (sim_house), another of the worlds, or a "
+            "file: recipe, SDF, URDF or xacro [default: enhanced]",
         ),
-    ] = "enhanced",
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", help="field=value put over the world's recipe; may be given again"),
     ] = None,
+    arguments: Annotated[
+        list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
+    ] = None,
+    path: Annotated[
+        list[Path] | None,
+        typer.Option("--path", help="folder of models, before those of GZ_SIM_RESOURCE_PATH"),
+    ] = None,
     worlds_dir: Annotated[
         Path | None, typer.Option(help="folder of the worlds [default: worlds]")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="the run's one seed")] = 7,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="the run's one seed [default: 7]")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="a YAML file of settings; a run's own config.yaml repeats that run"),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="the run's folder [default: recordings/<time>_<world>]"),
@@ -73,8 +105,11 @@ def demo(
         typer.Option(help="x, y (m) and yaw (rad) in the map: drive there instead of the tour"),
     ] = None,
     use_aruco: Annotated[
-        str, typer.Option("--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False")
-    ] = "True",
+        str | None,
+        typer.Option(
+            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
+        ),
+    ] = None,
     texture_base: Annotated[
         Path | None,
         typer.Option(
@@ -82,26 +117,48 @@ def demo(
             help="folder of the wall textures [default: worlds/textures]",
         ),
     ] = None,
-    renderer: Annotated[str, typer.Option(help="auto, gl, cpu, tiny or none")] = "auto",
-    camera: Annotated[bool, typer.Option("--camera/--no-camera", help="simulate it")] = True,
-    record: Annotated[bool, typer.Option("--record/--no-record", help="write run.rrd")] = True,
+    renderer: Annotated[
+        Literal["auto", "gl", "cpu", "tiny", "none"] | None,
+        typer.Option(help="who draws the camera's pictures [default: auto]"),
+    ] = None,
+    camera: Annotated[
+        bool | None, typer.Option("--camera/--no-camera", help="simulate it [default: camera]")
+    ] = None,
+    record: Annotated[
+        bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
+    ] = None,
+    as_json: Json = False,
 ) -> None:  # fmt: skip
     """Drive the tour of a world in this process, as fast as the machine allows."""
+    said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
+    known.check_not_for_make([option for option, value in said.items() if value])
+    if goal is not None and not all(map(math.isfinite, goal)):
+        raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
+    if config is not None:
+        known.check_file(config)
     with collections_held_off():
+        world.refuse_unused(world_name or "enhanced", arguments, path)
         from services.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
+        from services.recorder.keeping.run_folder import check_free  # noqa: PLC0415
 
+        if out is not None:
+            check_free("--out", out)
         options = embedded.DemoOptions(
             world_name=world_name,
             seed=seed,
             out_dir=out,
             camera=camera,
             record=record,
-            use_aruco=parse_bool("--use_aruco", use_aruco),
+            use_aruco=None if use_aruco is None else parse_bool("--use_aruco", use_aruco),
             texture_base=texture_base,
             renderer=renderer,
             goal=goal,
             overrides=tuple(overrides or ()),
             worlds_dir=worlds_dir,
+            settings=config,
+            as_json=as_json,
+            arguments=xacro_arguments(arguments),
+            roots=model_folders("--path", path),
         )
         code = embedded.run(options)
     raise typer.Exit(code)
@@ -109,80 +166,150 @@ def demo(
 
 @app.command()
 def diff(
-    first: Annotated[str, typer.Argument(help="a run's folder or its name")],
-    second: Annotated[str, typer.Argument(help="another's")],
+    first: RunName,
+    second: RunName,
     directory: RecordingsDir = None,
+    as_json: Json = False,
 ) -> None:
     """Name the first message in which two runs differ; exit code 0 where none does, else 1."""
     from services.cli.diff import diff_runs  # noqa: PLC0415
 
-    raise typer.Exit(diff_runs(directory or Path("recordings"), first, second))
+    code = diff_runs(directory or Path("recordings"), first, second, as_json)
+    raise typer.Exit(code)
 
 
-@app.command(context_settings={"ignore_unknown_options": True})
-def goal(x: float, y: float, yaw: float, connect: Connect = _ROUTER) -> None:
-    """Send the robot of a running stack to x, y (m) and yaw (rad) in the map, and wait for the
-    result.
+@app.command()
+def goal(
+    x: Annotated[float, typer.Argument(metavar="X", help="in the map, m")],
+    y: Annotated[float, typer.Argument(metavar="Y", help="in the map, m")],
+    yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", min=0.1, help="seconds until the goal is cancelled"),
+    ] = None,
+    as_json: Json = False,
+    connect: Connect = _ROUTER,
+) -> None:
+    """Send the robot of a running stack to a pose in the map, and wait for the result.
+
+    Ctrl-C cancels the goal, and so does the end of --timeout: the robot stops.
     """
     from services.cli.goal import send_goal  # noqa: PLC0415
 
-    raise typer.Exit(send_goal(connect, x, y, yaw))
+    raise typer.Exit(send_goal(connect, (x, y, yaw), timeout_s, as_json))
+
+
+@app.command()
+def cancel(as_json: Json = False, connect: Connect = _ROUTER) -> None:
+    """Cancel the goal to which the robot of a running stack drives: it stops."""
+    from services.cli.goal import cancel_goal  # noqa: PLC0415
+
+    cancel_goal(connect, as_json)
 
 
 @topics_app.command("list")
 def topic_list(
     connect: Connect = _ROUTER,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="with types")] = False,
+    as_json: Json = False,
 ) -> None:
     """Name the topics that somebody publishes."""
     from services.cli.topic import list_topics  # noqa: PLC0415
 
-    list_topics(connect, verbose)
+    list_topics(connect, verbose, as_json)
+
+
+@topics_app.command("info")
+def topic_info(name: TopicName, as_json: Json = False, connect: Connect = _ROUTER) -> None:
+    """Say of which type a topic is, who writes and reads it, and which of them are there."""
+    from services.cli.topic import tell_topic  # noqa: PLC0415
+
+    tell_topic(connect, name, as_json)
 
 
 @topics_app.command("hz")
 def topic_hz(
-    name: str,
+    name: TopicName,
     connect: Connect = _ROUTER,
     window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to count")] = 5.0,
+    as_json: Json = False,
 ) -> None:
     """Measure how often a topic's messages come."""
     from services.cli.topic import measure_rate  # noqa: PLC0415
 
-    measure_rate(connect, name, window_s)
+    measure_rate(connect, name, window_s, as_json)
 
 
 @topics_app.command("echo")
 def topic_echo(
-    name: str,
+    name: TopicName,
     connect: Connect = _ROUTER,
     once: Annotated[bool, typer.Option("--once", help="stop after one message")] = False,
     timeout_s: Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait")] = 10.0,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print a JSON object a line, arrays in full")
+    ] = False,
 ) -> None:
     """Print a topic's messages as YAML."""
     from services.cli.topic import echo  # noqa: PLC0415
 
-    echo(connect, name, once, timeout_s)
+    echo(connect, name, once, timeout_s, as_json)
+
+
+@topics_app.command("pub")
+def topic_pub(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="TOPIC", help="/cmd_vel, /goal_pose or /initialpose",
+            autocompletion=written_topic_names,
+        ),
+    ],
+    message: Annotated[
+        str, typer.Argument(metavar="MESSAGE", help="JSON or YAML; what is not said is zero")
+    ] = "{}",
+    rate_hz: Annotated[
+        float, typer.Option("--rate", "-r", min=0.01, max=1000.0, help="messages a second")
+    ] = 1.0,
+    once: Annotated[bool, typer.Option("--once", "-1", help="send one message")] = False,
+    times: Annotated[
+        int | None, typer.Option("--times", "-t", min=1, help="send so many, then end")
+    ] = None,
+    connect: Connect = _ROUTER,
+) -> None:  # fmt: skip
+    """Write messages to a topic until Ctrl-C, as `ros2 topic pub` does.
+
+    A message without a stamp is stamped with the simulation's time, one without a frame is in that
+    of its topic.
+    """
+    from services.cli.publishing import publish_messages  # noqa: PLC0415
+
+    publish_messages(connect, name, message, rate_hz, 1 if once else times)
 
 
 @recordings_app.command("list")
-def recordings_list(directory: RecordingsDir = None) -> None:
+def recordings_list(directory: RecordingsDir = None, as_json: Json = False) -> None:
     """List the runs, newest first."""
     from services.cli.recordings import list_runs  # noqa: PLC0415
 
-    list_runs(directory or Path("recordings"))
+    list_runs(directory, as_json)
 
 
 @recordings_app.command("view")
 def recordings_view(
-    name: Annotated[str, typer.Argument(help="a run's folder or its name")] = "",
+    name: Annotated[
+        str, typer.Argument(help="a run's folder or its name", autocompletion=run_names)
+    ] = "",
     directory: RecordingsDir = None,
     port: Annotated[int, typer.Option(min=1, max=65534, help="of the web viewer")] = 9090,
+    open_browser: Annotated[
+        bool, typer.Option("--open", help="open it in a browser, where this machine has one")
+    ] = False,
 ) -> None:
     """Serve a run (the newest one, without a name) to a browser."""
     from services.cli.recordings import view_run  # noqa: PLC0415
 
-    view_run(directory or Path("recordings"), name, port)
+    view_run(directory or Path("recordings"), name, port, open_browser)
 
 
 entities.register(app)
@@ -210,9 +337,9 @@ def main() -> NoReturn:
     """Run the command; a mistake is one line on standard error, and not exit code 0."""
     code: object = 0
     try:
-        code = _command()(standalone_mode=False)
-    except _UsageMistake as error:
-        sys.stderr.write(f"error: {' '.join(error.format_message().split())}\n")  # type: ignore[attr-defined]
+        code = _command()(prog_name="mazebot", standalone_mode=False)
+    except UsageMistake as error:
+        sys.stderr.write(f"error: {in_one_line(error)}\n")
         code = 2
     except ConfigError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from collections.abc import Iterator
@@ -10,11 +11,13 @@ from typing import Any
 
 import yaml
 
+from services.cli.options import print_json
 from services.common.config import ConfigError
-from services.common.topics import CMD_VEL
-from services.recorder.digests import DigestError, Digests, read_digests
-from services.recorder.run_comparison import Comparison, Difference, compare
-from services.recorder.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
+from services.common.node.topics import CMD_VEL
+from services.common.yaml_words import line_and_words
+from services.recorder.keeping.digests import DigestError, Digests, read_digests
+from services.recorder.keeping.run_comparison import Comparison, Difference, compare
+from services.recorder.keeping.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
 
 _CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
 _MOST_LINES = 12
@@ -22,21 +25,32 @@ _NO_MATTER = ("services.recorder.", "world_hash")
 """Settings on which nothing that happens depends, and what the summary says better."""
 
 
-def diff_runs(directory: Path, first: str, second: str) -> int:
+def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -> int:
     """Print what two runs, by folder or name, were told and said differently; 0: they said the
     same, 1: they did not.
 
     Raises ConfigError where one of them is no run, or has no digests.
     """
     folders = _find(directory, first), _find(directory, second)
-    digests = _read(folders[0]), _read(folders[1])
-    comparison = compare(*digests)
+    comparison = compare(_read(folders[0]), _read(folders[1]))
+    code = 1 if comparison.differences else 0
+    still = [(folder / LOCK).exists() for folder in folders]
+    if as_json:
+        one, other = map(_settings, folders)
+        settings = {
+            name: [one.get(name), other.get(name)]
+            for name in dict.fromkeys((*one, *other))
+            if one.get(name) != other.get(name)
+        }
+        told = {"same": not code, "settings": settings, "not_ended": still}
+        print_json(told | dataclasses.asdict(comparison))
+        return code
     lines = [*_told(*folders), *_said(comparison)]
-    for which, folder in zip(("first", "second"), folders, strict=True):
-        if (folder / LOCK).exists():
+    for which, open_still in zip(("first", "second"), still, strict=True):
+        if open_still:
             lines.append(f"the {which} run has not ended, or its recorder was killed")
     sys.stdout.write("\n".join(lines) + "\n")
-    return 1 if comparison.differences else 0
+    return code
 
 
 def _find(directory: Path, name: str) -> Path:
@@ -92,7 +106,8 @@ def _mapping(path: Path, parse: Any) -> dict[str, Any]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigError(f"diff: {path}: {' '.join(str(error).split())}") from error
+        line, said = line_and_words(error)
+        raise ConfigError(f"diff: {path}{f':{line}' if line else ''}: {said}") from error
     if not isinstance(content, dict):
         raise ConfigError(f"diff: {path}: holds no settings")
     return content

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import math
 import sys
 from dataclasses import dataclass, replace
@@ -17,8 +16,7 @@ from pydantic import ValidationError
 
 from services.cli import session as stack
 from services.cli.number_options import NumbersCommand, numbers
-from services.cli.options import ROUTER, Connect, model_folders
-from services.common import documents as doc
+from services.cli.options import ROUTER, Connect, Json, model_folders, print_json
 from services.common.config import ConfigError, one_line
 from services.common.frames import (
     Array,
@@ -30,6 +28,7 @@ from services.common.frames import (
     transform_matrix,
     yaw_from_quaternion,
 )
+from services.common.node import documents as doc
 
 if TYPE_CHECKING:
     import zenoh
@@ -100,14 +99,17 @@ def spawn(
         bool, typer.Option("--allow-renaming", help="where the name is taken, take one like it")
     ] = False,
     timeout_s: Timeout = 10.0,
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Put a thing into the world of a running stack, and print where it stands."""
     what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
             "--model": model, "--marker": marker}  # fmt: skip
     given = [option for option, value in what.items() if value is not None]
-    if len(given) != 1:
+    if not given:
         raise ConfigError(f"spawn: must be given one of {', '.join(what)}")
+    if len(given) > 1:
+        raise ConfigError(f"spawn: {' and '.join(given)}: must be given one of them only")
     made: Model | None = None
     on_panel = _MarkerAsked(marker, size_m, dictionary, 1) if marker is not None else None
     if mesh is not None or model is not None:
@@ -122,9 +124,11 @@ def spawn(
             if value is not None:
                 raise ConfigError(f"{option}: must not be given for a marker")
         place = _WallPlace(wall, side, offset, height)
+        on_panel.marker(pose, place)
         with stack.connected(connect) as session:
             panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
-            _tell(_ask_spawn(session, panel, assets, allow_renaming, timeout_s), is_marker=True)
+            reply = _ask_spawn(session, panel, assets, allow_renaming, timeout_s)
+            _tell(reply, as_json, is_marker=True)
         return
     if wall is not None:
         raise ConfigError("--wall: is for markers: must be --at")
@@ -136,7 +140,7 @@ def spawn(
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
     with stack.connected(connect) as session:
-        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s))
+        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s), as_json)
 
 
 def move(
@@ -149,10 +153,11 @@ def move(
     offset: Offset = 0.0,
     height: Height = 0.4,
     timeout_s: Timeout = 10.0,
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Put a thing of a running stack elsewhere; what is not said stays as it is."""
-    from services.common.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
+    from services.common.node.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
 
     pose = _Pose.of(at, yaw, rpy)
     if pose == _Pose() and wall is None:
@@ -177,7 +182,7 @@ def move(
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
         reply = stack.ask(session, SET_ENTITY_STATE, state, timeout_s)
-        _tell(reply, isinstance(entity, doc.MarkerEntity))
+        _tell(reply, as_json, isinstance(entity, doc.MarkerEntity))
 
 
 def remove(
@@ -189,7 +194,7 @@ def remove(
     connect: Connect = ROUTER,
 ) -> None:
     """Take things out of the world of a running stack."""
-    from services.common.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
+    from services.common.node.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
 
     if bool(names) == everything:
         raise ConfigError("remove: must be given names, or --all")
@@ -210,17 +215,17 @@ def remove(
 
 
 def entities(
-    as_json: Annotated[bool, typer.Option("--json", help="as the document that travels")] = False,
+    as_json: Json = False,
     timeout_s: Timeout = 10.0,
     connect: Connect = ROUTER,
 ) -> None:
     """List what stands in the world of a running stack, and what was refused."""
-    from services.common.topics import GET_ENTITIES  # noqa: PLC0415
+    from services.common.node.topics import GET_ENTITIES  # noqa: PLC0415
 
     with stack.connected(connect) as session:
         standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
     if as_json:
-        sys.stdout.write(json.dumps(standing.model_dump(mode="json"), indent=2) + "\n")
+        print_json(standing.model_dump(mode="json"))
         return
     rows: list[tuple[str, ...]] = [
         ("name", "kind", "x m", "y m", "z m", "yaw rad", "mass kg", "path")
@@ -268,7 +273,7 @@ class _Pose:
             return None
         if not is_marker:
             return rotation_from_quaternion(*quaternion_from_yaw(self.yaw_rad))
-        from services.common.placement import upright  # noqa: PLC0415
+        from services.common.world.placement import upright  # noqa: PLC0415
 
         return upright(self.yaw_rad)
 
@@ -300,8 +305,8 @@ class _WallPlace:
 
     def map_from_panel(self, world: doc.World, size_m: float) -> Array:
         """(4, 4). Raises ConfigError where there is no such wall."""
-        from services.common.furnish import PanelStyle  # noqa: PLC0415
-        from services.common.placement import hang  # noqa: PLC0415
+        from services.common.world.furnish import PanelStyle  # noqa: PLC0415
+        from services.common.world.placement import hang  # noqa: PLC0415
 
         host = next((one for one in world.walls if one.name == self.wall), None)
         if host is None:
@@ -320,13 +325,9 @@ class _MarkerAsked:
     dictionary: str
     quiet_zone: int
 
-    def entity(
-        self, name: str, pose: _Pose, place: _WallPlace, session: zenoh.Session, timeout_s: float
-    ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
-        """The entity and its texture. Raises ConfigError."""
-        from services.common import marker_picture  # noqa: PLC0415
-        from services.common.furnish import PanelStyle, marker_entity  # noqa: PLC0415
-        from services.common.placement import Panel  # noqa: PLC0415
+    def marker(self, pose: _Pose, place: _WallPlace) -> doc.Marker:
+        """The marker. Raises ConfigError where there is none such, or its place is not said."""
+        from services.common.world import marker_picture  # noqa: PLC0415
 
         marker = place.marker(self.id, self.size_m, self.dictionary, self.quiet_zone)
         problem = marker_picture.identity_problem(marker)
@@ -334,12 +335,26 @@ class _MarkerAsked:
             raise ConfigError(f"spawn: {problem}")
         if place.wall is not None:
             if pose != _Pose():
-                raise ConfigError("--wall: must not be given with a pose")
+                raise ConfigError(f"--wall: {place.wall}: must not be given with a pose")
+        elif pose.at_m is None or len(pose.at_m) != 3 or pose.rotation(is_marker=True) is None:
+            raise ConfigError(f"--marker: {self.id}: must be given --wall, or --at X Y Z and --yaw")
+        return marker
+
+    def entity(
+        self, name: str, pose: _Pose, place: _WallPlace, session: zenoh.Session, timeout_s: float
+    ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
+        """The entity and its texture. Raises ConfigError."""
+        from services.common.world import marker_picture  # noqa: PLC0415
+        from services.common.world.furnish import PanelStyle, marker_entity  # noqa: PLC0415
+        from services.common.world.placement import Panel  # noqa: PLC0415
+
+        marker = self.marker(pose, place)
+        if place.wall is not None:
             matrix = place.map_from_panel(stack.world_that_runs(session, timeout_s), self.size_m)
         else:
             rotation = pose.rotation(is_marker=True)
-            if pose.at_m is None or len(pose.at_m) != 3 or rotation is None:
-                raise ConfigError("--marker: must be given --wall, or --at X Y Z and --yaw")
+            assert rotation is not None
+            assert pose.at_m is not None
             x, y, z = pose.at_m
             matrix = transform_matrix(rotation, (x, y, z))
         side_m = marker_picture.panel_side_m(marker)
@@ -461,7 +476,7 @@ def _ask_spawn(
     allow_renaming: bool,
     timeout_s: float,
 ) -> doc.EntityReply:
-    from services.common.topics import SPAWN_ENTITY  # noqa: PLC0415
+    from services.common.node.topics import SPAWN_ENTITY  # noqa: PLC0415
 
     encoded = {sha256: base64.b64encode(data).decode() for sha256, data in assets.items()}
     request = doc.SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=encoded)
@@ -497,11 +512,14 @@ def _row(entity: doc.Entity) -> tuple[str, ...]:
     return (entity.name, what, *place, mass, path)
 
 
-def _tell(reply: doc.EntityReply, is_marker: bool = False) -> None:
+def _tell(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
     """Print where a thing stands. Raises ConfigError where it does not."""
     if reply.error:
         named = reply.error.startswith("name:")
         raise ConfigError(reply.error if named else f"{reply.name}: {reply.error}")
+    if as_json:
+        print_json(reply.model_dump(mode="json"))
+        return
     x, y, z = (_short(value) for value in reply.position_m)
     up = rotation_from_quaternion(*reply.orientation_xyzw)[2]
     turned = f"yaw {_short(_heading(reply.orientation_xyzw, is_marker))} rad"

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from services.common.bus import BusConfig, BusUnavailableError, open_session
+from services.common.bus.bus import BusConfig, BusUnavailableError, open_session
 
 _DEADLINE_S = 20.0
 

@@ -8,18 +8,13 @@ from typing import Annotated
 
 import typer
 
+from services.cli.command import App
 from services.common.config import ConfigError
 
 KINDS = ("panel", "cube")
 DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
 
-app = typer.Typer(help="Make models of ArUco markers.", invoke_without_command=True)
-
-
-@app.callback()
-def _overview(context: typer.Context) -> None:
-    if context.invoked_subcommand is None:
-        sys.stdout.write(context.get_help() + "\n")
+app = App(help="Make models of ArUco markers.")
 
 
 @app.command()
@@ -36,7 +31,7 @@ def make(
     out: Annotated[Path, typer.Option(help="folder of models")] = Path("models"),
 ) -> None:
     """Write models/aruco_id_ID: model.config, model.sdf, meshes and textures, for Gazebo."""
-    from services.worldgen.marker_model import write_marker_model  # noqa: PLC0415
+    from services.worldgen.markers.marker_model import write_marker_model  # noqa: PLC0415
 
     if kind not in KINDS:
         raise ConfigError(f"--kind: {kind!r}: must be one of {', '.join(KINDS)}")

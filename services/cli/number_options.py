@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from typer.core import TyperCommand
-
+from services.cli.command import Command, is_number
 from services.common.config import ConfigError
 
 MOST_NUMBERS = {
@@ -16,7 +15,7 @@ MOST_NUMBERS = {
 """How many numbers at most may follow an option."""
 
 
-class NumbersCommand(TyperCommand):
+class NumbersCommand(Command):
     """A command whose options in MOST_NUMBERS take the numbers behind them as one text."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -27,7 +26,7 @@ class NumbersCommand(TyperCommand):
             word = waiting.pop()
             joined.append(word)
             numbers: list[str] = []
-            while waiting and len(numbers) < MOST_NUMBERS.get(word, 0) and _is_number(waiting[-1]):
+            while waiting and len(numbers) < MOST_NUMBERS.get(word, 0) and is_number(waiting[-1]):
                 numbers.append(waiting.pop())
             if numbers:
                 joined.append(" ".join(numbers))
@@ -40,17 +39,9 @@ def numbers(option: str, text: str, *counts: int) -> tuple[float, ...]:
     Raises ConfigError, in one line.
     """
     words = text.replace(",", " ").split()
-    if not all(_is_number(word) and math.isfinite(float(word)) for word in words):
+    if not all(is_number(word) and math.isfinite(float(word)) for word in words):
         raise ConfigError(f"{option}: {text!r:.60}: must be finite numbers")
     if counts and len(words) not in counts:
         many = " or ".join(map(str, counts))
         raise ConfigError(f"{option}: {text!r:.60}: must be {many} number{'s' * (many != '1')}")
     return tuple(float(word) for word in words)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

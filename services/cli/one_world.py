@@ -12,9 +12,9 @@ import os
 import sys
 import threading
 
-from services.common.bus import BusConfig, BusUnavailableError, open_session, subscribe
-from services.common.health import is_alive
-from services.common.topics import WORLD
+from services.common.bus.bus import BusConfig, BusUnavailableError, open_session, subscribe
+from services.common.bus.health import is_alive
+from services.common.node.topics import WORLD
 
 WORLD_PATIENCE_S = 1.0
 """In which the world of a running stack is heard of; it is latched."""
@@ -43,7 +43,7 @@ def main() -> None:
     # Slow to load, and not needed where a stack is only starting.
     from services.bringup.config import BringupConfig  # noqa: PLC0415
     from services.bringup.node import BringupNode  # noqa: PLC0415
-    from services.common.serve import main as serve  # noqa: PLC0415
+    from services.common.bus.serve import main as serve  # noqa: PLC0415
 
     sys.argv[1:] = ["--only-ask", "true"]
     serve(BringupConfig, BringupNode)

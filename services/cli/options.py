@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +19,12 @@ Connect = Annotated[
     str,
     typer.Option(envvar="MAZEBOT_BUS_CONNECT", help="Zenoh endpoint of the stack's router"),
 ]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+
+
+def print_json(value: object) -> None:
+    """Print a value for programs."""
+    sys.stdout.write(json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def model_folders(option: str, given: Sequence[Path] | None) -> tuple[Path, ...]:
@@ -34,3 +42,17 @@ def model_folders(option: str, given: Sequence[Path] | None) -> tuple[Path, ...]
         if part
     )
     return (*(given or ()), *listed)
+
+
+def xacro_arguments(arguments: Sequence[str] | None) -> dict[str, str]:
+    """The values of `--arg name:=value` by name.
+
+    Raises ConfigError where one is written otherwise.
+    """
+    pairs = {}
+    for argument in arguments or []:
+        name, given, value = argument.partition(":=")
+        if not given or not name:
+            raise ConfigError(f"--arg: {argument!r}: must be name:=value")
+        pairs[name] = value
+    return pairs

@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import sys
 import threading
+import webbrowser
 from pathlib import Path
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from services.cli.options import print_json
 from services.common.config import ConfigError
-from services.recorder.catalog import RecordingInfo, list_recordings
-from services.recorder.run_folder import RECORDING
+from services.recorder.keeping.catalog import RecordingInfo, list_recordings
+from services.recorder.keeping.run_folder import RECORDING, parts_of
+
+DEFAULT = Path("recordings")
 
 
-def list_runs(directory: Path) -> None:
-    """Print the runs of a folder, newest first."""
+def list_runs(directory: Path | None, as_json: bool) -> None:
+    """Print the runs of a folder, newest first.
+
+    Raises ConfigError where a folder is named that is none.
+    """
+    if directory is not None and not directory.is_dir():
+        raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
+    directory = directory or DEFAULT
     runs = list_recordings(directory)
+    if as_json:
+        print_json([_row(run) for run in runs])
+        return
     if not runs:
         sys.stdout.write(f"no recordings in {directory}; `make demo` makes one\n")
         return
@@ -29,28 +44,48 @@ def list_runs(directory: Path) -> None:
         goals = f"{run.goals_reached}/{run.goals_total}"
         state = "" if run.closed else "open"
         size = f"{run.size_bytes / 1e6:.1f}"
-        table.add_row(run.name, run.world, started, goals, f"{run.sim_time_s:.0f}", size, state)
+        simulated = "-" if run.sim_time_s is None else f"{run.sim_time_s:.0f}"
+        table.add_row(run.name, run.world, started, goals, simulated, size, state)
     console = Console()
     if not console.is_terminal:
         console.width = 200
     console.print(table)
 
 
-def view_run(directory: Path, name: str, web_port: int) -> None:
-    """Serve a run to browsers on this machine until Ctrl-C.
+def _row(run: RecordingInfo) -> dict[str, object]:
+    return dataclasses.asdict(run) | {
+        "path": str(run.path),
+        "started": run.started.isoformat() if run.started else None,
+        "recording": str(run.recording) if run.recording else None,
+    }
+
+
+def view_run(directory: Path, name: str, web_port: int, open_browser: bool) -> None:
+    """Serve a run to browsers on this machine until Ctrl-C; show it in one where that is wanted.
 
     Raises ConfigError where there is no such run or the port is taken.
     """
     recording = _find(directory, name)
-    from services.recorder.live import WebPage  # noqa: PLC0415 - loads Rerun
+    from services.recorder.keeping.live import WebPage  # noqa: PLC0415 - loads Rerun
 
-    page = WebPage("127.0.0.1", web_port, recording=recording)
-    sys.stdout.write(f"{recording}: open http://localhost:{web_port} (Ctrl-C ends)\n")
+    page = WebPage("127.0.0.1", web_port, recording=parts_of(recording.parent))
+    url = f"http://localhost:{web_port}"
+    opened = open_browser and _opened(url)
+    told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
+    sys.stdout.write(f"{recording}: {told} (Ctrl-C ends)\n")
     sys.stdout.flush()
     try:
         threading.Event().wait()
     finally:
         page.close()
+
+
+def _opened(url: str) -> bool:
+    """Whether a browser was begun, which this machine must have a screen for: one that draws in
+    the terminal cannot show a recording.
+    """
+    shows = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    return (shows or sys.platform == "darwin") and webbrowser.open(url)
 
 
 def _find(directory: Path, name: str) -> Path:

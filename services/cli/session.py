@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 from services.common.config import ConfigError
-from services.common.documents import World
+from services.common.node.documents import World
 
 if TYPE_CHECKING:
     import zenoh
 
-    from services.common.topics import Query
+    from services.common.node.topics import Query
 
 Q = TypeVar("Q")
 A = TypeVar("A")
@@ -25,7 +25,7 @@ def connected(endpoint: str) -> Iterator[zenoh.Session]:
 
     Raises ConfigError where there is none.
     """
-    from services.common.bus import BusConfig, BusUnavailableError, open_session  # noqa: PLC0415
+    from services.common.bus.bus import BusConfig, BusUnavailableError, open_session  # noqa: PLC0415
 
     try:
         session = open_session(BusConfig(connect=endpoint))
@@ -41,8 +41,8 @@ def connected(endpoint: str) -> Iterator[zenoh.Session]:
 
 def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
     """The answer to a query. Raises ConfigError where none comes."""
-    from services.common import bus  # noqa: PLC0415
-    from services.common.wire import WireError  # noqa: PLC0415
+    from services.common.bus import bus  # noqa: PLC0415
+    from services.common.bus.wire import WireError  # noqa: PLC0415
 
     try:
         return bus.ask(session, query, message, timeout_s)
@@ -52,9 +52,9 @@ def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float
 
 def world_that_runs(session: zenoh.Session, timeout_s: float) -> World:
     """The world of the stack. Raises ConfigError where none comes."""
-    from services.common import wire  # noqa: PLC0415
-    from services.common.bus import subscribe  # noqa: PLC0415
-    from services.common.topics import WORLD  # noqa: PLC0415
+    from services.common.bus import wire  # noqa: PLC0415
+    from services.common.bus.bus import subscribe  # noqa: PLC0415
+    from services.common.node.topics import WORLD  # noqa: PLC0415
 
     come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     subscription = subscribe(session, WORLD, lambda payload, _: come.put(payload))

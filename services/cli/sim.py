@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import queue
 import sys
 import time
@@ -12,9 +11,10 @@ import typer
 from pydantic import ValidationError
 
 from services.cli import session as stack
-from services.cli.options import ROUTER, Connect
+from services.cli.command import App
+from services.cli.options import ROUTER, Connect, Json, print_json
 from services.common.config import ConfigError, one_line
-from services.common.documents import SimulationControl, SimulationStats
+from services.common.node.documents import SimulationControl, SimulationStats
 
 if TYPE_CHECKING:
     import zenoh
@@ -32,45 +32,39 @@ RATES_PATIENCE_S = 0.5
 PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
 
-app = typer.Typer(
-    help="Control the time of a running stack's simulation.", invoke_without_command=True
-)
-
-
-@app.callback()
-def _overview(context: typer.Context) -> None:
-    if context.invoked_subcommand is None:
-        sys.stdout.write(context.get_help() + "\n")
+app = App(help="Control the time of a running stack's simulation.")
 
 
 @app.command()
-def pause(connect: Connect = ROUTER) -> None:
+def pause(as_json: Json = False, connect: Connect = ROUTER) -> None:
     """Let time stand still."""
-    _control(connect, pause=True)
+    _control(connect, as_json, pause=True)
 
 
 @app.command()
-def resume(connect: Connect = ROUTER) -> None:
+def resume(as_json: Json = False, connect: Connect = ROUTER) -> None:
     """Let time go on."""
-    _control(connect, pause=False)
+    _control(connect, as_json, pause=False)
 
 
 @app.command()
 def step(
     steps: Annotated[int, typer.Argument(metavar="[N]", help="of 1/240 s")] = 1,
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Advance by N steps and leave the simulation paused."""
-    _control(connect, step=steps)
+    _control(connect, as_json, step=steps)
 
 
 @app.command("run-until")
 def run_until(
     time_s: Annotated[float, typer.Argument(metavar="T", help="simulation time, seconds")],
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Advance to a simulation time and leave the simulation paused."""
-    _control(connect, run_until_s=time_s)
+    _control(connect, as_json, run_until_s=time_s)
 
 
 @app.command()
@@ -81,10 +75,11 @@ def reset(
     seed: Annotated[
         int | None, typer.Option(help="of the random streams from now on [default: as before]")
     ] = None,
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Begin again at time 0, with everything as at the start."""
-    _control(connect, reset="time" if time_only else "all", seed=seed)
+    _control(connect, as_json, reset="time" if time_only else "all", seed=seed)
 
 
 @app.command()
@@ -92,20 +87,21 @@ def speed(
     factor: Annotated[
         str, typer.Argument(metavar="X", help="simulated seconds a second, or fast, or real_time")
     ],
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Set how fast time passes; 0 is as fast as possible."""
-    _control(connect, speed=SPEEDS.get(factor, factor))
+    _control(connect, as_json, speed=SPEEDS.get(factor, factor))
 
 
 @app.command()
 def stats(
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON")] = False,
+    as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Print time, real time factor, hashes and the rates of the sensors."""
-    from services.common.bus import subscribe  # noqa: PLC0415 - loads Zenoh
-    from services.common.topics import DIAGNOSTICS  # noqa: PLC0415
+    from services.common.bus.bus import subscribe  # noqa: PLC0415 - loads Zenoh
+    from services.common.node.topics import DIAGNOSTICS  # noqa: PLC0415
 
     told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     with stack.connected(connect) as session:
@@ -121,7 +117,7 @@ def stats(
     if as_json:
         content = last.model_dump(mode="json")
         content |= {"real_time_factor": factor, "rates_hz": rates_hz}
-        sys.stdout.write(json.dumps(content) + "\n")
+        print_json(content)
     else:
         sys.stdout.write(_table(last, factor, rates_hz))
 
@@ -146,7 +142,7 @@ def paused(session: zenoh.Session) -> str:
     return PAUSED if found is not None and found.paused else ""
 
 
-def _control(endpoint: str, **fields: Any) -> None:
+def _control(endpoint: str, as_json: bool, **fields: Any) -> None:
     try:
         request = SimulationControl(**fields)
     except ValidationError as error:
@@ -154,13 +150,16 @@ def _control(endpoint: str, **fields: Any) -> None:
     takes_time = request.step is not None or request.run_until_s is not None
     with stack.connected(endpoint) as session:
         now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
-    sys.stdout.write(_state(now, request) + "\n")
+    if as_json:
+        print_json(None if now is None else now.model_dump(mode="json"))
+    else:
+        sys.stdout.write(_state(now, request) + "\n")
 
 
 def _asked(
     session: zenoh.Session, who: str, request: SimulationControl, timeout_s: float
 ) -> SimulationStats | None:
-    from services.common.topics import SIMULATION_CONTROL  # noqa: PLC0415 - loads the messages
+    from services.common.node.topics import SIMULATION_CONTROL  # noqa: PLC0415 - loads the messages
 
     reply = stack.ask(session, SIMULATION_CONTROL, request, timeout_s)
     if reply.error:
@@ -182,9 +181,9 @@ def _pace(factor: float) -> str:
 
 def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
     """What the simulation says of how often its topics come, per second of simulation."""
-    from services.common import wire  # noqa: PLC0415 - loads rosbags
-    from services.common.diagnostics import RATE_KEY  # noqa: PLC0415
-    from services.common.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
+    from services.common.bus import wire  # noqa: PLC0415 - loads rosbags
+    from services.common.node.diagnostics import RATE_KEY  # noqa: PLC0415
+    from services.common.node.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
 
     end_s = time.monotonic() + RATES_PATIENCE_S
     while True:

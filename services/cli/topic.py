@@ -1,9 +1,12 @@
-"""`mazebot topic list|hz|echo`."""
+"""`mazebot topic list|info|hz|echo`."""
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import itertools
+import json
+import math
 import queue
 import statistics
 import sys
@@ -13,13 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from services.cli.options import print_json
 from services.cli.session import connected
 from services.cli.sim import paused
-from services.common import wire
-from services.common.bus import alive, subscribe, topic_named
+from services.common.bus import wire
+from services.common.bus.bus import alive, subscribe, topic_named
 from services.common.config import ConfigError
-from services.common.documents import Document
-from services.common.topics import TOPICS, Topic
+from services.common.node.documents import Document
+from services.common.node.topics import BY_NAME, EDGE, TOPICS, Topic
 
 if TYPE_CHECKING:
     import zenoh
@@ -28,22 +32,59 @@ ARRAY_SHOWN = 12
 """Numbers of an array to print; the rest is counted."""
 
 
-def list_topics(endpoint: str, verbose: bool) -> None:
+def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
     """Print the topics whose owners are there."""
     with connected(endpoint) as session:
         services = alive(session)
-    for topic in sorted(TOPICS, key=lambda topic: topic.name):
-        if services & set(topic.owners):
-            kind = f" [{wire.type_name(topic)}]" if verbose else ""
-            sys.stdout.write(f"{topic.name}{kind}\n")
+    there = sorted(
+        (topic for topic in TOPICS if services & set(topic.owners)), key=lambda topic: topic.name
+    )
+    if as_json:
+        print_json([{"name": topic.name, "type": wire.type_name(topic)} for topic in there])
+        return
+    for topic in there:
+        kind = f" [{wire.type_name(topic)}]" if verbose else ""
+        sys.stdout.write(f"{topic.name}{kind}\n")
 
 
-def measure_rate(endpoint: str, name: str, window_s: float) -> None:
+def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
+    """Print a topic's row of the table, and which of its services are there."""
+    topic = named_topic(name)
+    with connected(endpoint) as session:
+        services = alive(session)
+    told = {
+        "name": topic.name,
+        "type": wire.type_name(topic),
+        "document": topic.type.__name__ if issubclass(topic.type, Document) else None,
+        "about": topic.about,
+        "key": wire.key_from_topic(topic),
+        "delivery": topic.delivery.value,
+        "depth": topic.depth,
+        "rate_hz": topic.rate_hz,
+        "publishers": {one: one in services for one in topic.owners},
+        "subscribers": {one: one in services for one in topic.readers},
+    }
+    if as_json:
+        print_json(told)
+        return
+    for label, value in told.items():
+        text = value
+        if isinstance(value, dict):
+            # A command publishes and is gone again.
+            text = ", ".join(
+                one if there or one == EDGE else f"{one} (not running)"
+                for one, there in value.items()
+            )
+        if value is not None:
+            sys.stdout.write(f"{label.replace('_hz', ' (Hz)')}: {text}\n")
+
+
+def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> None:
     """Print the rate of a topic's messages over a window of wall time, and how even it is.
 
     Raises ConfigError where too few came.
     """
-    topic = _topic(name)
+    topic = named_topic(name)
     times_s: list[float] = []
     with connected(endpoint) as session:
         subscription = subscribe(session, topic, lambda *_: times_s.append(time.monotonic()))
@@ -55,19 +96,33 @@ def measure_rate(endpoint: str, name: str, window_s: float) -> None:
             count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
             raise _too_few(session, topic, f"{count} in {window_s:g} s")
     gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
+    rate_hz, deviation_s = 1.0 / statistics.fmean(gaps_s), statistics.pstdev(gaps_s)
+    if as_json:
+        print_json(
+            {
+                "topic": topic.name,
+                "rate_hz": rate_hz,
+                "min_s": min(gaps_s),
+                "max_s": max(gaps_s),
+                "std_dev_s": deviation_s,
+                "messages": len(times_s),
+            }
+        )
+        return
     sys.stdout.write(
-        f"average rate: {1.0 / statistics.fmean(gaps_s):.2f} Hz\n"
+        f"average rate: {rate_hz:.2f} Hz\n"
         f"  min: {min(gaps_s):.4f} s  max: {max(gaps_s):.4f} s  "
-        f"std dev: {statistics.pstdev(gaps_s):.5f} s  window: {len(times_s)}\n"
+        f"std dev: {deviation_s:.5f} s  window: {len(times_s)}\n"
     )
 
 
-def echo(endpoint: str, name: str, once: bool, timeout_s: float) -> None:
-    """Print messages as YAML documents until the time is out; with `once`, the first one.
+def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) -> None:
+    """Print messages as YAML documents, or as JSON a line, until the time is out; with `once`, the
+    first one.
 
     Raises ConfigError where none came.
     """
-    topic = _topic(name)
+    topic = named_topic(name)
     payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     count = 0
     with connected(endpoint) as session:
@@ -78,16 +133,26 @@ def echo(endpoint: str, name: str, once: bool, timeout_s: float) -> None:
                 payload = payloads.get(timeout=0.1)
             except queue.Empty:
                 continue
-            try:
-                text = yaml.safe_dump(plain(wire.decode(topic, payload)), sort_keys=False)
-            except wire.WireError as error:
-                text = f"# rejected: {error}\n"
-            sys.stdout.write(f"{text}---\n")
-            sys.stdout.flush()
+            _print_message(topic, payload, as_json)
             count += 1
         del subscription
         if not count:
             raise _too_few(session, topic, f"no message in {timeout_s:g} s")
+
+
+def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
+    try:
+        message = wire.decode(topic, payload)
+    except wire.WireError as error:
+        # What reads JSON reads all of standard output.
+        told = sys.stderr if as_json else sys.stdout
+        told.write(f"# rejected: {error}\n")
+        return
+    if as_json:
+        sys.stdout.write(json.dumps(in_json(message), allow_nan=False) + "\n")
+    else:
+        sys.stdout.write(f"{yaml.safe_dump(plain(message), sort_keys=False)}---\n")
+    sys.stdout.flush()
 
 
 def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigError:
@@ -95,23 +160,48 @@ def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigE
     return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
 
 
-def plain(value: Any) -> Any:
-    """A message as dicts, lists and numbers, long arrays cut short."""
+def in_json(message: object) -> Any:
+    """A message as JSON can hold it, arrays in full; numbers that are none as texts: "Infinity",
+    "-Infinity", "NaN".
+    """
+    return _with_words(plain(message, None))
+
+
+def _with_words(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _with_words(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_with_words(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
+    return value
+
+
+def plain(value: Any, shown: int | None = ARRAY_SHOWN) -> Any:
+    """A message as dicts, lists and numbers, arrays of more than `shown` numbers cut short."""
     if isinstance(value, Document):
         return value.model_dump(mode="json")
     if dataclasses.is_dataclass(value):
         names = [field.name for field in dataclasses.fields(value)]
-        return {name: plain(getattr(value, name)) for name in names if not name.startswith("__")}
+        return {
+            name: plain(getattr(value, name), shown) for name in names if not name.startswith("__")
+        }
     if isinstance(value, np.ndarray):
-        shown = [item.item() for item in value[:ARRAY_SHOWN]]
-        return [*shown, f"... {len(value)} in all"] if len(value) > ARRAY_SHOWN else shown
+        items = value[:shown].tolist()
+        cut = shown is not None and len(value) > shown
+        return [*items, f"... {len(value)} in all"] if cut else items
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, shown) for item in value]
     return value
 
 
-def _topic(name: str) -> Topic[object]:
+def named_topic(name: str) -> Topic[object]:
+    """The topic of a name with or without its slash. Raises ConfigError where there is none."""
     topic = topic_named(name)
     if topic is None:
-        raise ConfigError(f"topic: {name!r} is none of ours (see `mazebot topic list`)")
+        near = difflib.get_close_matches(f"/{name.removeprefix('/')}", BY_NAME, 1)
+        said = (
+            f"did you mean {near[0]}?" if near else f"must be one of {', '.join(sorted(BY_NAME))}"
+        )
+        raise ConfigError(f"topic: {name!r:.60}: no such topic; {said}")
     return topic

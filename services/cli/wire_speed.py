@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from services.bench.bench_figures import timed_ms
 from services.cli.loopback_router import running_router
-from services.common import messages as msg
-from services.common import wire
-from services.common.bus import BusConfig, open_session, publish, subscribe
-from services.common.topics import CAMERA_IMAGE, SCAN, Topic
-from services.embedded.bench_figures import timed_ms
+from services.common.bus import wire
+from services.common.bus.bus import BusConfig, open_session, publish, subscribe
+from services.common.node import messages as msg
+from services.common.node.topics import CAMERA_IMAGE, SCAN, Topic
 
 _DEADLINE_S = 20.0
 _PREFIX = "wire_speed/"

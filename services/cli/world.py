@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shutil
@@ -19,27 +18,31 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from services.cli.options import model_folders
-from services.common.config import ConfigError, load
+from services.cli.command import App
+from services.cli.completion import world_names
+from services.cli.options import Json, model_folders, print_json, xacro_arguments
+from services.common.config import ConfigError
+from services.common.load import load
 from services.worldgen.config import WorldgenConfig
 
 if TYPE_CHECKING:
     from services.common.frames import Array
-    from services.worldgen.loader import LoadedWorld
+    from services.worldgen.recipe.loader import LoadedWorld
     from services.worldgen.sdf.model import ImportReport, SdfWorld
 
-app = typer.Typer(
-    help="Make worlds: recipes, mazes, SDF in and out, maps, previews.",
-    invoke_without_command=True,
-)
+app = App(help="Make worlds: recipes, mazes, SDF in and out, maps, previews.")
 
-FILE_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf", ".yaml", ".yml")
 FOUND_SOMETHING = 1
 """Exit code where a world was read and something is wrong in it."""
 
-World = Annotated[str, typer.Argument(help="a world's name, or a recipe's file")]
+World = Annotated[
+    str, typer.Argument(help="a world's name, or a recipe's file", autocompletion=world_names)
+]
 Anything = Annotated[
-    str, typer.Argument(help="a world's name, or a file: recipe, SDF, URDF or xacro")
+    str,
+    typer.Argument(
+        help="a world's name, or a file: recipe, SDF, URDF or xacro", autocompletion=world_names
+    ),
 ]
 Set = Annotated[
     list[str] | None,
@@ -52,22 +55,16 @@ Roots = Annotated[
     list[Path] | None,
     typer.Option("--path", help="folder of models, before those of GZ_SIM_RESOURCE_PATH"),
 ]
-Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+
 WorldsDir = Annotated[
     Path | None, typer.Option("--worlds-dir", help="folder of recipes [default: worlds]")
 ]
 
 
-@app.callback()
-def _overview(context: typer.Context) -> None:
-    if context.invoked_subcommand is None:
-        sys.stdout.write(context.get_help() + "\n")
-
-
 @app.command("list")
 def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
     """Name the worlds that there are."""
-    from services.worldgen.loader import SHORT_NAMES, known_worlds, load_world  # noqa: PLC0415
+    from services.worldgen.recipe.loader import SHORT_NAMES, known_worlds, load_world  # noqa: PLC0415
 
     folder = _worlds_dir(worlds_dir)
     short_of = {name: short for short, name in SHORT_NAMES.items()}
@@ -94,7 +91,7 @@ def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
             }
         )
     if as_json:
-        _print_json(rows)
+        print_json(rows)
     else:
         _print_table(rows)
     for line in wrong:
@@ -121,38 +118,44 @@ def show(
             raise ConfigError(f"--frames: {world!r}: must be an SDF, URDF or xacro file")
         sdf = _read_sdf(Path(world), arguments, path)
         if as_json:
-            _print_json({"world": sdf.name, "frames": [_frame(frame) for frame in sdf.frames]})
+            print_json({"world": sdf.name, "frames": [_frame(frame) for frame in sdf.frames]})
         else:
             rows = [_frame(frame) for frame in sdf.frames]
             _print_table([{**row, **{k: _short(v) for k, v in row.items()}} for row in rows])
         _tell_errors(sdf.report)
         return
-    with _loaded(world, overrides, arguments, path, worlds_dir) as loaded:
-        if as_json:
-            _print_json(loaded.world.model_dump(mode="json"))
-            return
-        _print_table([{"": key, "value": value} for key, value in _summary(loaded).items()])
+    loaded = _loaded(world, overrides, arguments, path, worlds_dir)
+    if as_json:
+        print_json(loaded.world.model_dump(mode="json"))
+        return
+    _print_table([{"": key, "value": value} for key, value in _summary(loaded).items()])
 
 
 @app.command()
 def check(
-    worlds: Annotated[list[str], typer.Argument(help="names of worlds, or files")],
+    worlds: Annotated[
+        list[str],
+        typer.Argument(help="names of worlds, or files", autocompletion=world_names),
+    ],
     overrides: Set = None,
     arguments: Arguments = None,
     path: Roots = None,
     worlds_dir: WorldsDir = None,
     as_json: Json = False,
 ) -> None:
-    """List every problem of worlds, each with file, line and field; exit code 1 if there is one."""
-    from services.worldgen.check import problems_of  # noqa: PLC0415
+    """List every problem of worlds, each with file, line and field, and say how much of the floor
+    can be reached; exit code 1 if there is a problem.
+    """
+    from services.worldgen.check import findings_of  # noqa: PLC0415
+    from services.worldgen.files import is_file  # noqa: PLC0415
 
     found: dict[str, list[dict[str, Any]]] = {}
     for world in worlds:
-        problems = problems_of(
-            Path(world) if _is_file(world) else world,
+        problems, reach = findings_of(
+            Path(world) if is_file(world) or _is_sdf(world) else world,
             worlds_dir=_worlds_dir(worlds_dir),
             overrides=tuple(overrides or ()),
-            arguments=_xacro_arguments(arguments),
+            arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
         )
         found[world] = [problem.model_dump(mode="json") for problem in problems]
@@ -160,9 +163,10 @@ def check(
             for problem in problems:
                 sys.stderr.write(f"{problem}\n")
             count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
-            sys.stdout.write(f"{world}: {count if problems else 'all well'}\n")
+            floor = f"; {reach}" if reach else ""
+            sys.stdout.write(f"{world}: {count if problems else 'all well'}{floor}\n")
     if as_json:
-        _print_json(found)
+        print_json(found)
     if any(found.values()):
         raise typer.Exit(FOUND_SOMETHING)
 
@@ -182,22 +186,22 @@ def build(
 
     variants = [tuple(overrides or ())]
     if count > 1:
-        with _loaded(world, overrides, None, None, worlds_dir) as loaded:
-            if loaded.recipe is None or loaded.recipe.maze is None:
-                raise ConfigError(f"--count: {count}: {world} has no maze, whose seed could count")
-            first = loaded.recipe.maze.seed
+        loaded = _loaded(world, overrides, None, None, worlds_dir)
+        if loaded.recipe is None or loaded.recipe.maze is None:
+            raise ConfigError(f"--count: {count}: {world} has no maze, whose seed could count")
+        first = loaded.recipe.maze.seed
         variants = [(*variants[0], f"maze.seed={seed}") for seed in range(first, first + count)]
     console = Console(stderr=True)
     with _new_folder(out) as folder:
         for variant in track(
             variants, "building", console=console, transient=True, disable=not console.is_terminal
         ):
-            with _loaded(world, variant, None, None, worlds_dir) as loaded:
-                inside = folder
-                if count > 1:
-                    inside = folder / f"{loaded.world.name}_{variant[-1].partition('=')[2]}"
-                    inside.mkdir()
-                build_world(loaded, inside)
+            loaded = _loaded(world, variant, None, None, worlds_dir)
+            inside = folder
+            if count > 1:
+                inside = folder / f"{loaded.world.name}_{variant[-1].partition('=')[2]}"
+                inside.mkdir()
+            build_world(loaded, inside)
     sys.stdout.write(f"{out}: {count} world{'s' if count > 1 else ''}\n")
 
 
@@ -216,7 +220,9 @@ def import_world(
 
     Exit code 0 only without errors.
     """
-    from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
+    from services.worldgen.files import world_name  # noqa: PLC0415
+    from services.worldgen.sdf.convert import to_recipe  # noqa: PLC0415
+    from services.worldgen.sdf.recipe_file import write_recipe  # noqa: PLC0415
 
     if out is not None:
         _refuse_no_recipe(out)
@@ -224,11 +230,12 @@ def import_world(
     report = sdf.report
     imported = None
     if not report.errors:
-        imported = to_recipe(sdf, out.stem if out else _world_name(file))
+        imported = to_recipe(sdf, out.stem if out else world_name(file))
         report = imported.report
     if as_json:
-        _print_json(report.model_dump(mode="json"))
-    else:
+        print_json(report.model_dump(mode="json"))
+    elif report.models or report.includes or not report.errors:
+        # Else the file could not be read, and there is nothing in it to tell of.
         _print_report(report)
     _tell_errors(report)
     if out is not None and imported is not None:
@@ -248,8 +255,8 @@ def export(
     """Write a world as SDF for Gazebo."""
     from services.worldgen.sdf.export import export_world  # noqa: PLC0415
 
-    with _loaded(world, overrides, None, None, worlds_dir) as loaded:
-        file = export_world(loaded, out)
+    loaded = _loaded(world, overrides, None, None, worlds_dir)
+    file = export_world(loaded, out)
     sys.stdout.write(f"{file}: GZ_SIM_RESOURCE_PATH={out} gz sim {file.name}\n")
 
 
@@ -264,50 +271,53 @@ def preview(
     worlds_dir: WorldsDir = None,
 ) -> None:
     """Draw a plan of a world (PNG), and its model (GLB)."""
-    from services.worldgen.preview import plan_png, world_glb  # noqa: PLC0415
+    from services.worldgen.preview import plan_png  # noqa: PLC0415
+    from services.worldgen.world_model import world_glb  # noqa: PLC0415
 
-    with _loaded(world, overrides, arguments, path, worlds_dir) as loaded:
-        out = out or Path(f"{loaded.world.name}.png")
-        plan = _writable("--out", out)
-        # `with_suffix` has no answer for a name that is none, which is refused above.
-        glb = glb or out.with_suffix(".glb")
-        model = _writable("--glb", glb)
-        if plan == model:
-            raise ConfigError(f"--glb: {glb}: must be another file than the plan")
-        _write({plan: plan_png(loaded), model: world_glb(loaded)})
+    loaded = _loaded(world, overrides, arguments, path, worlds_dir)
+    out = out or Path(f"{loaded.world.name}.png")
+    plan = _writable("--out", out, suffix=".png")
+    # `with_suffix` has no answer for a name that is none, which is refused above.
+    glb = glb or out.with_suffix(".glb")
+    model = _writable("--glb", glb, suffix=".glb")
+    if plan == model:
+        raise ConfigError(f"--glb: {glb}: must be another file than the plan")
+    _write({plan: plan_png(loaded), model: world_glb(loaded)})
     sys.stdout.write(f"{out}\n{glb}\n")
 
 
-@contextmanager
 def _loaded(
     world: str,
     overrides: Iterable[str] | None,
     arguments: list[str] | None,
     path: list[Path] | None,
     worlds_dir: Path | None,
-) -> Iterator[LoadedWorld]:
-    """A world by name, or of a recipe's or an SDF file."""
-    from services.worldgen.loader import load_file, load_world  # noqa: PLC0415
-    from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
+) -> LoadedWorld:
+    """A world by name, or of a recipe's or an SDF file.
 
-    changes = tuple(overrides or ())
-    _refuse_unused(world, arguments, path)
-    if _is_sdf(world):
-        sdf = _read_sdf(Path(world), arguments, path)
-        _tell_errors(sdf.report)
-        with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
-            recipe = Path(folder) / f"{_world_name(Path(world))}.yaml"
-            imported = to_recipe(sdf, recipe.stem)
-            _tell_errors(imported.report)
-            write_recipe(imported, recipe)
-            yield load_file(recipe, overrides=changes)
-    elif _is_file(world):
-        yield load_file(Path(world), overrides=changes)
-    else:
-        yield load_world(world, worlds_dir=_worlds_dir(worlds_dir), overrides=changes)
+    Every mistake of a file is told, one a line, before the command is left.
+    """
+    from services.worldgen.files import load_any  # noqa: PLC0415
+    from services.worldgen.recipe.problems import WorldError  # noqa: PLC0415
+
+    refuse_unused(world, arguments, path)
+    try:
+        return load_any(
+            world,
+            worlds_dir=_worlds_dir(worlds_dir),
+            overrides=tuple(overrides or ()),
+            arguments=xacro_arguments(arguments),
+            roots=model_folders("--path", path),
+        )
+    except WorldError as error:
+        if not _is_sdf(world):
+            raise
+        for problem in error.problems:
+            sys.stderr.write(f"error: {problem}\n")
+        raise typer.Exit(FOUND_SOMETHING) from error
 
 
-def _refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | None) -> None:
+def refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | None) -> None:
     """Raises ConfigError for options that say nothing about a recipe."""
     for option, given in (("--arg", arguments), ("--path", path)):
         if given and not _is_sdf(world):
@@ -315,9 +325,11 @@ def _refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | N
 
 
 def _read_sdf(file: Path, arguments: list[str] | None, path: list[Path] | None) -> SdfWorld:
+    from services.worldgen.files import check_there  # noqa: PLC0415
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
 
-    return read_sdf(file, model_folders("--path", path), _xacro_arguments(arguments))
+    check_there(file)
+    return read_sdf(file, model_folders("--path", path), xacro_arguments(arguments))
 
 
 def _worlds_dir(worlds_dir: Path | None) -> Path:
@@ -325,20 +337,16 @@ def _worlds_dir(worlds_dir: Path | None) -> Path:
 
 
 def _is_sdf(world: str) -> bool:
-    from services.worldgen.check import is_sdf  # noqa: PLC0415
+    from services.worldgen.files import is_sdf  # noqa: PLC0415
 
     return is_sdf(Path(world))
-
-
-def _is_file(world: str) -> bool:
-    return os.sep in world or Path(world).suffix.lower() in FILE_SUFFIXES
 
 
 def _refuse_no_recipe(file: Path) -> None:
     """Raises ConfigError where no world could be loaded from what is written to a file."""
     from pydantic import TypeAdapter, ValidationError  # noqa: PLC0415
 
-    from services.worldgen.recipe import Name  # noqa: PLC0415
+    from services.worldgen.recipe.recipe import Name  # noqa: PLC0415
 
     try:
         TypeAdapter(Name).validate_python(file.stem)
@@ -349,23 +357,6 @@ def _refuse_no_recipe(file: Path) -> None:
         must = "must be called NAME.yaml, NAME of letters, digits, _, - and points"
         raise ConfigError(f"--out: {file}: {must}")
     _writable("--out", file, new_folder=True)
-
-
-def _world_name(file: Path) -> str:
-    """`tb3 house` for `a/tb3 house.sdf.xacro`, as a recipe may be called."""
-    stem = file.name.split(".")[0]
-    name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in stem)
-    return name.lstrip("_-") or "world"
-
-
-def _xacro_arguments(arguments: list[str] | None) -> dict[str, str]:
-    pairs = {}
-    for argument in arguments or []:
-        name, given, value = argument.partition(":=")
-        if not given or not name:
-            raise ConfigError(f"--arg: {argument!r}: must be name:=value")
-        pairs[name] = value
-    return pairs
 
 
 def _tell_errors(report: ImportReport) -> None:
@@ -387,6 +378,10 @@ def _print_report(report: ImportReport) -> None:
         f"visuals:    {by_type(report.visuals)}",
         f"materials:  {', '.join(report.materials) or 'none'}",
         f"includes:   {', '.join(include.uri for include in report.includes) or 'none'}",
+        *(
+            f"renamed:    {one.kind} {one.name} to {one.new_name} ({one.where})"
+            for one in report.renamed
+        ),
         *(f"ignored:    {ignored.what} ({ignored.where})" for ignored in report.ignored),
     ]
     sys.stdout.write("\n".join(lines) + "\n")
@@ -464,10 +459,6 @@ def _print_table(rows: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
-def _print_json(value: object) -> None:
-    sys.stdout.write(json.dumps(value, indent=2, allow_nan=False) + "\n")
-
-
 @contextmanager
 def _new_folder(folder: Path) -> Iterator[Path]:
     """A folder that is there when all of it is.
@@ -493,10 +484,11 @@ def _new_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(making, ignore_errors=True)
 
 
-def _writable(option: str, file: Path, new_folder: bool = False) -> Path:
+def _writable(option: str, file: Path, new_folder: bool = False, suffix: str = "") -> Path:
     """Where a file will be written: what a link points to, so that the link stays.
 
-    Its folder must be there, unless a new one is made.
+    Its folder must be there, unless a new one is made, and its name end with the suffix of what it
+    will hold.
 
     Raises ConfigError where there is something that is no file, or no folder to write into.
     """
@@ -504,6 +496,9 @@ def _writable(option: str, file: Path, new_folder: bool = False) -> Path:
         target = file.resolve()
         if not target.name or (target.exists() and not target.is_file()):
             raise ConfigError(f"{option}: {file}: must be a file, or not there yet")
+        if suffix and file.suffix.lower() != suffix:
+            kind = suffix[1:].upper()
+            raise ConfigError(f"{option}: {file}: is written as {kind}, must end with {suffix}")
         if not (new_folder or target.parent.is_dir()):
             raise ConfigError(f"{option}: {file}: there is no folder {file.parent}")
     # Links that lead in a circle.

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from services.common.frames import LINK_FROM_OPTICAL, SE2
-from services.common.furnish import furnish
-from services.physics.camera import Intrinsics, make_renderer
-from services.physics.scene import build_scene
-from services.worldgen.loader import LoadedWorld, load_world
+from services.common.world.furnish import furnish
+from services.physics.camera.camera import Intrinsics
+from services.physics.camera.renderers import make_renderer
+from services.physics.camera.scene import build_scene
 from services.worldgen.preview import BOTTOM_PX, LEFT_PX, RIGHT_PX, TOP_PX, draw_plan
+from services.worldgen.recipe.loader import LoadedWorld, load_world
 
 WORLDS: dict[str, SE2] = {
     "sim_house": SE2(-0.3, 3.3, -2.0),

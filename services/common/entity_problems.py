@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from services.common.documents import BodyEntity, Entity
 from services.common.frames import Posed
+from services.common.node.documents import BodyEntity, Entity
 
 MAX_NAME = 100
 MAX_DISTANCE_M = 1_000.0

@@ -8,7 +8,7 @@ from enum import IntEnum
 class ErrorCode(IntEnum):
     """Nav2's error codes (nav2_msgs: FollowPath 100, ComputePathToPose 200, NavigateToPose 9000).
 
-    The two from 9010 on are our own: Nav2 has no number for them. Of a goal that ended with
+    Those from 9010 on are our own: Nav2 has no number for them. Of a goal that ended with
     WORLD_RESTARTED nothing can be said: the world in which it was driven to is no more.
     """
 
@@ -26,3 +26,4 @@ class ErrorCode(IntEnum):
     TF_ERROR = 9002
     PREEMPTED = 9010
     WORLD_RESTARTED = 9011
+    CANCELED = 9012

@@ -10,6 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable
+
 Array = NDArray[np.float64]
 
 
@@ -29,7 +31,7 @@ class SE2(NamedTuple):
 
     def __matmul__(self, other: SE2) -> SE2:
         """`a_from_b @ b_from_c` is `a_from_c`."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        c, s = portable.cos_sin(self.yaw_rad)
         return SE2(
             self.x_m + c * other.x_m - s * other.y_m,
             self.y_m + s * other.x_m + c * other.y_m,
@@ -38,14 +40,14 @@ class SE2(NamedTuple):
 
     def inverse(self) -> SE2:
         """`b_from_a`."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        c, s = portable.cos_sin(self.yaw_rad)
         return SE2(
             -c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, wrap_angle(-self.yaw_rad)
         )
 
     def matrix(self, z_m: float = 0.0) -> Array:
         """The (4, 4) homogeneous matrix of this transform at height z_m."""
-        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        c, s = portable.cos_sin(self.yaw_rad)
         return np.array(
             [[c, -s, 0, self.x_m], [s, c, 0, self.y_m], [0, 0, 1, z_m], [0, 0, 0, 1]], np.float64
         )
@@ -160,24 +162,44 @@ def _turned(
 
 def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:
     """Unit quaternion (x, y, z, w) of a turn about z."""
-    return 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
+    c, s = portable.cos_sin(yaw_rad / 2.0)
+    return 0.0, 0.0, s, c
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
     """Heading of a unit quaternion, as in REP 103 (x forward, z up)."""
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return portable.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
     """(3, 3) rotation of fixed-axis roll, pitch, yaw, as URDF and SDFormat define it."""
-    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
-    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
-    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    cr, sr = portable.cos_sin(roll_rad)
+    cp, sp = portable.cos_sin(pitch_rad)
+    cy, sy = portable.cos_sin(yaw_rad)
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
             [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
             [-sp, cp * sr, cp * cr],
+        ],
+        np.float64,
+    )
+
+
+def rotation_from_vector(x_rad: float, y_rad: float, z_rad: float) -> Array:
+    """(3, 3) rotation about a vector by its length, by Rodrigues's formula."""
+    angle_rad = math.sqrt(x_rad * x_rad + y_rad * y_rad + z_rad * z_rad)
+    c, s = portable.cos_sin(angle_rad)
+    # (1 - cos) / angle^2 by the half angle, which loses no digits where the angle is small.
+    half = portable.sin(angle_rad / 2.0)
+    sine = s / angle_rad if angle_rad > 0.0 else 1.0
+    versine = 2.0 * half * half / (angle_rad * angle_rad) if angle_rad > 1e-150 else 0.5
+    x, y, z = x_rad, y_rad, z_rad
+    return np.array(
+        [
+            [c + versine * x * x, versine * x * y - sine * z, versine * x * z + sine * y],
+            [versine * x * y + sine * z, c + versine * y * y, versine * y * z - sine * x],
+            [versine * x * z - sine * y, versine * y * z + sine * x, c + versine * z * z],
         ],
         np.float64,
     )
@@ -252,7 +274,7 @@ def inverse_matrix(a_from_b: Array) -> Array:
     """`b_from_a` of a rigid (4, 4) matrix."""
     b_from_a = np.eye(4)
     b_from_a[:3, :3] = a_from_b[:3, :3].T
-    b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
+    b_from_a[:3, 3] = portable.product(-a_from_b[:3, :3].T, a_from_b[:3, 3])
     return b_from_a
 
 

@@ -35,3 +35,17 @@ def shared_kernel(inline: bool = False) -> Callable[[F], F]:
     none, and divides by zero as IEEE 754 has it. `inline` puts it into those that call it.
     """
     return kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=inline)
+
+
+def elementwise(*signatures: str) -> Callable[[F], F]:
+    """Have a function of numbers compiled for each number of arrays, with its types in Numba's
+    words.
+    """
+    return cast("Callable[[F], F]", numba.vectorize(signatures, cache=True))  # type: ignore[no-untyped-call]
+
+
+def c_function(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Have a function compiled for callers in C, with its types in Numba's words; its address is
+    the attribute `address`. It may call kernels.
+    """
+    return cast("Callable[[Callable[..., Any]], Any]", numba.cfunc(signature, cache=True))

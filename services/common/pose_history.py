@@ -6,6 +6,7 @@ from bisect import bisect_left
 
 import numpy as np
 
+from services.common import portable
 from services.common.frames import (
     Array,
     quaternion_from_rotation,
@@ -72,10 +73,10 @@ def _between(first: Array, second: Array, fraction: float) -> Array:
     """The pose between two close ones, at a fraction of the way."""
     q0 = np.array(quaternion_from_rotation(first[:3, :3]))
     q1 = np.array(quaternion_from_rotation(second[:3, :3]))
-    if float(q0 @ q1) < 0.0:
+    if float(portable.product(q0, q1)) < 0.0:
         q1 = -q1
     q = (1.0 - fraction) * q0 + fraction * q1
-    q /= np.linalg.norm(q)
+    q /= portable.lengths(q)
     position = (1.0 - fraction) * first[:3, 3] + fraction * second[:3, 3]
     x, y, z = (float(v) for v in position)
     return transform_matrix(rotation_from_quaternion(*(float(v) for v in q)), (x, y, z))

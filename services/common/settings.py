@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import os
+import re
 from typing import Annotated, Any
 
 from pydantic_settings import (
@@ -14,6 +17,7 @@ from pydantic_settings import (
 )
 
 from services.common.config import ConfigError, PlainText, ServiceConfig
+from services.common.known_settings import unknown_name
 
 
 def settings(
@@ -67,4 +71,29 @@ def settings(
         # Only what somebody set: what is not set may follow from what is.
         return settings_type(**section).model_dump(exclude_unset=True)
     except SettingsError as error:
-        raise ConfigError(f"{service}: {' '.join(str(error).split())}") from error
+        flags = [f"--{name.replace('_', '-')}" for name in model.model_fields]
+        raise ConfigError(
+            f"{service}: {_plain(str(error), arguments, env_prefix, flags)}"
+        ) from error
+
+
+def _plain(said: str, arguments: list[str], env_prefix: str, flags: list[str]) -> str:
+    """What pydantic-settings says, with the flag or variable, the value and what would be right."""
+    unknown = re.search(r"unrecognized arguments: (.*)", said)
+    if unknown:
+        name, _, value = unknown[1].replace("=", " ", 1).partition(" ")
+        given = f"{value!r:.60}: " if value else ""
+        return f"{name}: {given}no such flag{unknown_name(name, flags)}"
+    alone = re.search(r"argument (--\S+): expected", said)
+    if alone:
+        return f"{alone[1]}: must be followed by a value"
+    field = re.search(r'field "(\w+)"|encountered for (\w+)', said)
+    if field is None:
+        return " ".join(said.split())
+    name = field[1] or field[2]
+    flag = f"--{name.replace('_', '-')}"
+    values = [value for word, value in itertools.pairwise(arguments) if word == flag]
+    values += [word.removeprefix(f"{flag}=") for word in arguments if word.startswith(f"{flag}=")]
+    origin = flag if values else f"{env_prefix}{name}".upper()
+    value = values[-1] if values else os.environ.get(origin, "")
+    return f"{name}: must be JSON (got {value!r:.80} from {origin})"

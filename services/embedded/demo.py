@@ -9,9 +9,10 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -19,11 +20,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from services.bringup.config import BringupConfig
 from services.bringup.node import EXIT_NOT_REACHED, BringupNode
 from services.bringup.tour import NoLocationsError, tour_goals
-from services.common import log
-from services.common.config import ConfigError, load
-from services.common.executive import Executive, MemoryTransport, StalledError
+from services.common.config import ConfigError, ServiceConfig
 from services.common.garbage import settled
-from services.common.node import Node
+from services.common.load import config_flag, load, world_hash_of_run
+from services.common.node import log
+from services.common.node.executive import Executive, MemoryTransport, StalledError
+from services.common.node.node import Node
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig
@@ -35,8 +37,11 @@ from services.recorder.node import RecorderNode
 from services.spawner.config import SpawnerConfig
 from services.spawner.node import SpawnerNode
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import LoadedWorld, load_world
+from services.worldgen.files import load_any
 from services.worldgen.node import Load, WorldgenNode
+from services.worldgen.recipe.loader import LoadedWorld
+
+C = TypeVar("C", bound=ServiceConfig)
 
 EXIT_INTERRUPTED = 130
 _LOG = logging.getLogger("demo")
@@ -49,23 +54,34 @@ COMPACT_TIMEOUT_S = 20.0
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What a run in one process is told."""
+    """What a run in one process is told. None: what environment, file of settings and defaults
+    say.
+    """
 
-    world_name: str = "sim_house_enhanced"
-    seed: int = 7
+    world_name: str | None = None
+    """Or the file of a recipe, or an SDF, URDF or xacro file."""
+    seed: int | None = None
     out_dir: Path | None = None
-    camera: bool = True
-    record: bool = True
-    use_aruco: bool = True
+    camera: bool | None = None
+    record: bool | None = None
+    use_aruco: bool | None = None
     texture_base: Path | None = None
-    renderer: str = "auto"
+    renderer: str | None = None
     goal: tuple[float, float, float] | None = None
     overrides: tuple[str, ...] = ()
     """`field=value`, put over the world's recipe."""
     worlds_dir: Path | None = None
+    settings: Path | None = None
+    """A file of settings, or a run's own config.yaml, whose run is repeated."""
+    as_json: bool = False
+    """Print the run's summary as JSON on standard output, and the log on standard error."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Of a xacro file."""
+    roots: tuple[Path, ...] = ()
+    """Folders of models that an SDF file may include."""
 
 
-def build_nodes(options: DemoOptions, load_world: Load = load_world) -> list[Node]:
+def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]:
     """Every node of a run, configured by the options over environment and defaults.
 
     Raises ConfigError where an option cannot be met.
@@ -79,15 +95,15 @@ def build_nodes(options: DemoOptions, load_world: Load = load_world) -> list[Nod
     # Each part is made in turn so that a mistake is told before anything is written.
     return [
         *robot_nodes(options, load_world=load_world),
-        BringupNode(_bringup_config(options)),
-        RecorderNode(load(RecorderConfig, "recorder", (), _set(recorder))),
+        BringupNode(bringup_config(options)),
+        RecorderNode(_configured(options, RecorderConfig, "recorder", recorder)),
     ]
 
 
 def robot_nodes(
     options: DemoOptions,
     physics: Mapping[str, object] = MappingProxyType({}),
-    load_world: Load = load_world,
+    load_world: Load = load_any,
 ) -> list[Node]:
     """The nodes of the world and of the robot in it, which wait to be told what to do.
 
@@ -97,24 +113,26 @@ def robot_nodes(
     """
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
+    told = {**seed, **camera, **physics}
     return [
         WorldgenNode(_worldgen_config(options), load_world),
-        PhysicsNode(load(PhysicsConfig, "physics", (), {**seed, **camera, **physics})),
-        SpawnerNode(load(SpawnerConfig, "spawner", (), seed)),
-        PerceptionNode(load(PerceptionConfig, "perception", (), seed)),
-        NavigationNode(load(NavigationConfig, "navigation", (), seed)),
+        PhysicsNode(_configured(options, PhysicsConfig, "physics", told)),
+        SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
+        PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
+        NavigationNode(_configured(options, NavigationConfig, "navigation", seed)),
     ]
 
 
-def _bringup_config(options: DemoOptions) -> BringupConfig:
+def bringup_config(options: DemoOptions) -> BringupConfig:
+    """Which world a run is in, and where it drives. Raises ConfigError."""
     told = {
         "seed": options.seed,
         "world_name": options.world_name,
         "use_aruco": options.use_aruco,
-        "world_overrides": options.overrides,
+        "world_overrides": options.overrides or None,
         "goal": options.goal,
     }
-    return load(BringupConfig, "bringup", (), _set(told))
+    return _configured(options, BringupConfig, "bringup", told)
 
 
 def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
@@ -123,32 +141,37 @@ def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
         "texture_base": options.texture_base,
         "worlds_dir": options.worlds_dir,
     }
-    return load(WorldgenConfig, "worldgen", (), _set(told))
+    return _configured(options, WorldgenConfig, "worldgen", told)
 
 
-def _set(told: Mapping[str, object]) -> dict[str, object]:
-    """Without what is left to the environment and the defaults."""
-    return {name: value for name, value in told.items() if value is not None}
+def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping[str, object]) -> C:
+    """A service's configuration: the options over environment, file and defaults."""
+    given = {name: value for name, value in told.items() if value is not None}
+    return load(kind, service, config_flag(options.settings), given)
 
 
 def check_world(options: DemoOptions) -> LoadedWorld:
     """The world, read before anything is started.
 
     Raises ConfigError where it cannot be had or lacks a place of the tour, NoLocationsError where
-    it has none at all.
+    there is nowhere to drive to.
     """
-    config = _worldgen_config(options)
-    loaded = load_world(
-        options.world_name,
-        options.use_aruco,
+    config, bringup = _worldgen_config(options), bringup_config(options)
+    loaded = load_any(
+        bringup.world_name,
+        bringup.use_aruco,
         config.worlds_dir,
         config.texture_base,
-        options.overrides,
+        bringup.world_overrides,
+        options.arguments,
+        options.roots,
     )
-    bringup = _bringup_config(options)
+    _check_repeats(options, bringup, loaded)
     if bringup.goal is None:
         try:
-            tour_goals(loaded.world, bringup.tour)
+            tour_goals(
+                loaded.world, bringup.tour, loaded.map_cells, loaded.map_origin, bringup.seed
+            )
         except NoLocationsError:
             raise
         except ValueError as error:
@@ -156,12 +179,31 @@ def check_world(options: DemoOptions) -> LoadedWorld:
     return loaded
 
 
+def _check_repeats(options: DemoOptions, bringup: BringupConfig, loaded: LoadedWorld) -> None:
+    """Raises ConfigError where the run of a config.yaml cannot be repeated."""
+    if options.settings is None:
+        return
+    if bringup.only_ask:
+        said = "only_ask: true: a program led this run (Session): there is no tour to repeat"
+        raise ConfigError(f"{options.settings}: bringup.{said}")
+    world = (
+        options.world_name, options.use_aruco, options.texture_base, options.worlds_dir,
+        options.overrides or None,
+    )  # fmt: skip
+    was = world_hash_of_run(options.settings)
+    if was and was != loaded.world.hash and all(told is None for told in world):
+        raise ConfigError(
+            f"{options.settings}: world_hash: {was}: must be that of {loaded.world.name}, "
+            f"{loaded.world.hash}: its recipe has changed since, or lies elsewhere (--worlds-dir)"
+        )
+
+
 def run(options: DemoOptions) -> int:
     """Drive the tour and return its exit code.
 
     Raises ConfigError where an option cannot be met.
     """
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, stderr=options.as_json)
     rosout = log.configure(_ConsoleHandler(console))
     try:
         loaded = check_world(options)
@@ -201,19 +243,28 @@ def run(options: DemoOptions) -> int:
         finally:
             executive.close()
     if bringup.recording:
-        _tell(console, Path(bringup.recording))
+        folder = Path(bringup.recording)
+        _tell_json(folder, code) if options.as_json else _tell(console, folder)
     if code is None:
         console.print("interrupted; the recording is closed")
         return EXIT_INTERRUPTED
     return code
 
 
+def _tell_json(folder: Path, code: int | None) -> None:
+    """Print the run's summary, with its folder and the exit code, as one JSON object."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    told = {"folder": str(folder), "exit_code": EXIT_INTERRUPTED if code is None else code}
+    sys.stdout.write(json.dumps(told | summary, indent=2, allow_nan=False) + "\n")
+
+
 def _tell(console: Console, folder: Path) -> None:
     """Say how fast it was, where the recording is and how to look at it."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    sim_s, factor = summary["sim_time_s"], summary["real_time_factor"]
+    sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
+    pace = "" if factor is None else f" at {factor:.1f}x real time"
     lines = [
-        f"{sim_s:.1f} s simulated at {factor:.1f}x real time, "
+        f"{sim_s:.1f} s simulated{pace}, "
         f"camera: {summary['renderer']}, state {summary['state_hash']}",
         f"summary:   {folder / 'summary.json'}",
     ]

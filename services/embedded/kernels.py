@@ -8,7 +8,7 @@ import logging
 import tempfile
 from pathlib import Path
 
-from services.common.executive import Executive, MemoryTransport
+from services.common.node.executive import Executive, MemoryTransport
 from services.embedded.demo import DemoOptions, build_nodes
 from services.worldgen.kernels import compile_kernels
 

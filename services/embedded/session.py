@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,13 @@ from pydantic import ValidationError
 
 from services.bringup.config import BringupConfig
 from services.bringup.node import BringupNode
-from services.common import messages as msg
-from services.common.config import ConfigError, ServiceConfig, load, one_line
-from services.common.documents import (
+from services.common.config import ConfigError, ServiceConfig, one_line
+from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
+from services.common.load import load
+from services.common.node import messages as msg
+from services.common.node.documents import (
+    CancelGoal,
+    CancelGoalReply,
     DeleteEntity,
     Entities,
     Entity,
@@ -28,11 +33,11 @@ from services.common.documents import (
     SpawnEntity,
     Vector,
 )
-from services.common.executive import Executive, MemoryTransport, StalledError
-from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
-from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import (
+from services.common.node.executive import Executive, MemoryTransport, StalledError
+from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.topics import (
     BY_NAME,
+    CANCEL_GOAL,
     CMD_VEL,
     DELETE_ENTITY,
     EDGE,
@@ -52,6 +57,7 @@ from services.common.topics import (
     Topic,
 )
 from services.embedded.demo import DemoOptions, robot_nodes
+from services.physics.config import STEPS_PER_SECOND
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
 
@@ -61,7 +67,7 @@ A = TypeVar("A")
 
 LOCALISATION_PATIENCE_S = 10.0
 """Simulation time for navigation to become active before it is sent a goal."""
-COMMAND_PERIOD_S = 0.05
+_STEPS_PER_COMMAND = STEPS_PER_SECOND // 20
 """Between two commands of a drive: the velocity watchdog stops a robot after 0.2 s without one."""
 _MAX_TURNS = 1000
 """Of the nodes while time stands still, to answer a request; two or three are enough."""
@@ -98,7 +104,7 @@ class _Person(Node):
     _config = ServiceConfig()
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Nothing: a person has no turn."""
+        """Nothing: the user has no turn."""
 
 
 class Session:
@@ -109,7 +115,7 @@ class Session:
     and topics that a running stack has.
 
         with Session("enhanced", seed=7) as session:
-            result = session.goal(1.0, 0.5)
+            result = session.goal(0.5, -0.9)
             print(result.error_code, session.ground_truth(), session.stats.state_hash)
     """
 
@@ -281,12 +287,23 @@ class Session:
                 raise TimeoutError(f"goal: not ended within {timeout_s:g} s of simulation")
         return mine[0]
 
+    def cancel(self) -> CancelGoalReply:
+        """Give up the goal that `goal` left after its time-out: the robot stops.
+
+        Raises RefusedError where none is being driven to.
+        """
+        reply = self._ask(CANCEL_GOAL, CancelGoal())
+        if reply.error:
+            raise RefusedError(reply.error)
+        return reply
+
     def command(self, linear_m_s: float, angular_rad_s: float, for_s: float | None = None) -> None:
-        """Command a velocity of base_footprint once; with `for_s`, again and again for that long.
+        """Command a velocity of base_footprint once; with `for_s`, again and again for that long,
+        rounded up to whole steps.
 
         A robot stops 0.2 s after the last command.
         """
-        end_s = self.now_s + (for_s or 0.0)
+        steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
         while True:
             self.put(
                 CMD_VEL,
@@ -298,10 +315,10 @@ class Session:
                     ),
                 ),
             )
-            left_s = end_s - self.now_s
-            if left_s <= 0.0:
+            if steps_left <= 0:
                 return
-            self.run_for(min(COMMAND_PERIOD_S, left_s))
+            self.step(min(_STEPS_PER_COMMAND, steps_left))
+            steps_left -= _STEPS_PER_COMMAND
 
     def ground_truth(self) -> SE2:
         """The robot's true pose in the map, as last told: at most 1/30 s ago."""
@@ -395,7 +412,7 @@ class Session:
 
 
 def _built(kind: type[Q], **fields: object) -> Q:
-    """A document of what a person gave.
+    """A document of what the user gave.
 
     Raises RefusedError, in one line, where it is none.
     """

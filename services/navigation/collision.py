@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from services.common import portable_kernels
 from services.common.frames import SE2, Array
 from services.common.kernels import kernel
-from services.navigation.costmap import Clearance, Costmap
+from services.common.world.costmap import Clearance
+from services.navigation.costmap import Costmap
 
 
 class Velocity(NamedTuple):
@@ -80,7 +82,8 @@ def first_contact_s(
 def _nearest_echo_m(echoes_m: Array, x_m: float, y_m: float) -> float:
     best = np.inf
     for i in range(len(echoes_m)):
-        square = (echoes_m[i, 0] - x_m) ** 2 + (echoes_m[i, 1] - y_m) ** 2
+        ahead, aside = echoes_m[i, 0] - x_m, echoes_m[i, 1] - y_m
+        square = ahead * ahead + aside * aside
         best = min(best, square)
     return math.sqrt(best)
 
@@ -105,15 +108,16 @@ def _first_contact_s(
         return 0.0
     here_map_m = clearance_m[int(row), int(column)]
     here_echo_m = _nearest_echo_m(echoes_m, 0.0, 0.0)
-    cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
+    cos_yaw, sin_yaw = portable_kernels.cos_sin(yaw_rad)
     for i in range(1, int(horizon_s / step_s + 0.5) + 1):
         t = i * step_s
         turn = angular_rad_s * t
         if abs(angular_rad_s) < 1e-6:
             x, y = linear_m_s * t, 0.0
         else:
-            x = linear_m_s / angular_rad_s * math.sin(turn)
-            y = linear_m_s / angular_rad_s * (1.0 - math.cos(turn))
+            c, s = portable_kernels.cos_sin(turn)
+            x = linear_m_s / angular_rad_s * s
+            y = linear_m_s / angular_rad_s * (1.0 - c)
         at_column = column + (cos_yaw * x - sin_yaw * y) / resolution_m
         at_row = row + (sin_yaw * x + cos_yaw * y) / resolution_m
         if not (0 <= at_row < rows and 0 <= at_column < columns):

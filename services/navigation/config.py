@@ -7,6 +7,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from services.common.config import ServiceConfig
+from services.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
 from services.navigation.behaviors import BehaviorParams
 from services.navigation.controller import ControllerParams
 from services.navigation.costmap import InflationParams, ObstacleParams
@@ -28,43 +29,73 @@ class NavigationConfig(ServiceConfig):
     min_scan_match: float = Field(
         0.6, ge=0, le=1, description="below this share of fitting beams the pose is not trusted"
     )
-    initial_pose_std_m: float = Field(0.05, gt=0, description="of the start pose, along x and y")
-    initial_pose_std_rad: float = Field(0.05, gt=0, description="of the start pose's heading")
+    initial_pose_std_m: float = Field(
+        0.05, gt=0, description="standard deviation of the initial pose along x and along y"
+    )
+    initial_pose_std_rad: float = Field(
+        0.05, gt=0, description="standard deviation of the initial pose's yaw"
+    )
     odometry_drift_ratio: float = Field(
         0.03,
         ge=0,
-        description="of odometry over the distance from its start, in m per m and rad per m",
+        description="standard deviation of odometry's error for each metre driven, in m and in rad",
     )
 
     robot_radius: float = Field(
-        0.24, gt=0, description="m; of the circle round base_footprint that holds the whole robot"
+        ROBOT_RADIUS_M,
+        gt=0,
+        description="m; radius of the circle around base_footprint that contains the whole robot",
     )
-    inflation_radius: float = Field(0.7, gt=0, description="m; cost reaches this far from a wall")
+    inflation_radius: float = Field(
+        0.7, gt=0, description="m; cells nearer than this to an obstacle have a cost"
+    )
     cost_scaling_factor: float = Field(
-        10.0, gt=0, description="1/m; how fast the cost falls with distance"
+        10.0, gt=0, description="1/m; how fast the cost decays with the distance from an obstacle"
     )
-    obstacle_max_range: float = Field(2.5, gt=0, description="m; echoes nearer than this mark")
-    raytrace_max_range: float = Field(3.0, gt=0, description="m; rays clear up to here")
+    obstacle_max_range: float = Field(
+        2.5, gt=0, description="m; returns nearer than this mark obstacles"
+    )
+    raytrace_max_range: float = Field(
+        3.0, gt=0, description="m; rays clear obstacles up to this range"
+    )
     obstacle_static_margin: float = Field(
-        0.2, ge=0, description="m; an echo this near a wall of the map marks nothing"
+        0.2, ge=0, description="m; a return this near to a wall of the map marks no obstacle"
     )
 
     cost_travel_multiplier: float = Field(
-        1.0, ge=0, description="extra metres for a metre of the dearest free cells"
+        1.0,
+        ge=0,
+        description="extra path length that one metre through the costliest free cells "
+        "counts for, in metres",
     )
-    max_planning_iterations: int = Field(1_000_000, ge=1, description="cells to expand at most")
+    max_planning_iterations: int = Field(
+        1_000_000, ge=1, description="the planner gives up after expanding this many cells"
+    )
     start_tolerance: float = Field(
-        0.5, ge=0, description="m; a start inside inflated cells moves to a free one this near"
+        START_TOLERANCE_M,
+        ge=0,
+        description="m; planning from a start inside an obstacle begins at the nearest "
+        "free cell within this distance",
     )
-    smoothing_iterations: int = Field(100, ge=0, description="passes of the path smoother")
+    smoothing_iterations: int = Field(100, ge=0, description="most passes of the path smoother")
 
-    desired_linear_vel: float = Field(0.46, gt=0, description="m/s; the robot's own limit is 0.46")
-    max_angular_vel: float = Field(1.9, gt=0, description="rad/s; the robot's own limit is 1.9")
-    max_linear_accel: float = Field(1.0, gt=0, description="m/s2; the robot's own limit is 1")
-    max_angular_accel: float = Field(2.0, gt=0, description="rad/s2; the robot's own limit is 2")
-    lookahead_time: float = Field(0.8, gt=0, description="s; lookahead distance over speed")
-    min_lookahead_dist: float = Field(0.25, gt=0, description="m")
-    max_lookahead_dist: float = Field(0.4, gt=0, description="m")
+    desired_linear_vel: float = Field(
+        0.46, gt=0, description="m/s; speed on a straight path; the robot's own limit is 0.46"
+    )
+    max_angular_vel: float = Field(
+        1.9, gt=0, description="rad/s; highest turning speed; the robot's own limit is 1.9"
+    )
+    max_linear_accel: float = Field(
+        1.0, gt=0, description="m/s2; highest acceleration; the robot's own limit is 1"
+    )
+    max_angular_accel: float = Field(
+        2.0, gt=0, description="rad/s2; highest angular acceleration; the robot's own limit is 2"
+    )
+    lookahead_time: float = Field(
+        0.8, gt=0, description="s; the lookahead distance is this times the speed"
+    )
+    min_lookahead_dist: float = Field(0.25, gt=0, description="m; least lookahead distance")
+    max_lookahead_dist: float = Field(0.4, gt=0, description="m; greatest lookahead distance")
     regulated_linear_scaling_min_radius: float = Field(
         0.4, gt=0, description="m; slower in bends tighter than this"
     )
@@ -72,45 +103,89 @@ class NavigationConfig(ServiceConfig):
         0.1, gt=0, description="m/s; bends and walls slow down to no less than this"
     )
     cost_scaling_dist: float = Field(0.3, gt=0, description="m; slower nearer than this to a wall")
-    min_approach_linear_velocity: float = Field(0.05, gt=0, description="m/s; at the goal")
-    approach_decel: float = Field(0.5, gt=0, description="m/s2; of the approach to the goal")
-    rotate_to_heading_angular_vel: float = Field(1.5, gt=0, description="rad/s; on the spot")
-    rotate_to_heading_min_angle: float = Field(
-        0.785, gt=0, description="rad; a path that begins further aside is turned to on the spot"
+    min_approach_linear_velocity: float = Field(
+        0.05, gt=0, description="m/s; lowest speed on the approach to the goal"
     )
-    rotate_to_heading_decel: float = Field(1.3, gt=0, description="rad/s2; at the end of a turn")
-    xy_goal_tolerance: float = Field(0.06, gt=0, description="m; half of it is usual at the end")
-    yaw_goal_tolerance: float = Field(0.06, gt=0, description="rad")
+    approach_decel: float = Field(
+        0.5, gt=0, description="m/s2; deceleration on the approach to the goal"
+    )
+    rotate_to_heading_angular_vel: float = Field(
+        1.5, gt=0, description="rad/s; highest speed of a turn on the spot"
+    )
+    rotate_to_heading_min_angle: float = Field(
+        0.785,
+        gt=0,
+        description="rad; where the path's direction differs by more than this, the robot "
+        "turns on the spot first",
+    )
+    rotate_to_heading_decel: float = Field(
+        1.3, gt=0, description="rad/s2; deceleration at the end of a turn on the spot"
+    )
+    xy_goal_tolerance: float = Field(
+        0.06, gt=0, description="m; a goal is reached within this distance; half of it is usual"
+    )
+    yaw_goal_tolerance: float = Field(
+        0.06, gt=0, description="rad; a goal is reached within this angle"
+    )
     max_allowed_time_to_collision_up_to_carrot: float = Field(
-        1.0, gt=0, description="s; a motion must be free this far ahead"
+        1.0, gt=0, description="s; a motion must be free of collisions for this long ahead"
     )
     echo_margin: float = Field(
-        0.01, ge=0, description="m; the circle no echo may enter is smaller by this: lidar noise"
+        0.01,
+        ge=0,
+        description="m; the circle that no lidar return may enter is smaller than "
+        "robot_radius by this, for lidar noise",
     )
-    failure_tolerance: float = Field(0.3, ge=0, description="s; without a valid command")
+    failure_tolerance: float = Field(
+        0.3,
+        ge=0,
+        description="s; how long the controller may find no valid command before a recovery begins",
+    )
 
-    required_movement_radius: float = Field(0.1, gt=0, description="m; that is progress")
-    required_movement_angle: float = Field(0.2, gt=0, description="rad; that is progress")
-    movement_time_allowance: float = Field(2.5, gt=0, description="s; without progress")
+    required_movement_radius: float = Field(
+        0.1, gt=0, description="m; a move of this length counts as progress"
+    )
+    required_movement_angle: float = Field(
+        0.2, gt=0, description="rad; a turn of this angle counts as progress"
+    )
+    movement_time_allowance: float = Field(
+        2.5, gt=0, description="s; without progress for this long a recovery begins"
+    )
 
-    replanning_period: float = Field(1.0, gt=0, description="s")
+    replanning_period: float = Field(
+        1.0, gt=0, description="s; time between two plans on the way to a goal"
+    )
     path_improvement: float = Field(
-        0.05, ge=0, lt=1, description="a new path must be shorter by this share to be taken up"
+        0.05,
+        ge=0,
+        lt=1,
+        description="a new path replaces a valid one only where it is shorter by this share",
     )
-    number_of_retries: int = Field(6, ge=0, description="recoveries before a goal is given up")
+    number_of_retries: int = Field(6, ge=0, description="recoveries before a goal is aborted")
     localization_tolerance: float = Field(
-        1.0, ge=0, description="s; to stand and wait for a localisation that is lost"
+        1.0,
+        ge=0,
+        description="s; how long the robot stands and waits for a lost localisation before "
+        "the goal is aborted",
     )
-    spin_dist: float = Field(1.57, gt=0, description="rad")
-    max_rotational_vel: float = Field(1.0, gt=0, description="rad/s; of the spin")
-    spin_time_allowance: float = Field(3.0, gt=0, description="s")
-    backup_dist: float = Field(0.3, gt=0, description="m")
-    backup_speed: float = Field(0.15, gt=0, description="m/s")
-    backup_time_allowance: float = Field(3.0, gt=0, description="s")
-    wait_duration: float = Field(2.0, ge=0, description="s")
-    simulate_ahead_time: float = Field(1.0, gt=0, description="s; behaviours must be free this far")
+    spin_dist: float = Field(1.57, gt=0, description="rad; angle of the spin recovery")
+    max_rotational_vel: float = Field(
+        1.0, gt=0, description="rad/s; highest speed of the spin recovery"
+    )
+    spin_time_allowance: float = Field(
+        3.0, gt=0, description="s; the spin recovery fails after this long"
+    )
+    backup_dist: float = Field(0.3, gt=0, description="m; distance of the back-up recovery")
+    backup_speed: float = Field(0.15, gt=0, description="m/s; speed of the back-up recovery")
+    backup_time_allowance: float = Field(
+        3.0, gt=0, description="s; the back-up recovery fails after this long"
+    )
+    wait_duration: float = Field(2.0, ge=0, description="s; length of the wait recovery")
+    simulate_ahead_time: float = Field(
+        1.0, gt=0, description="s; recoveries must be free of collisions for this long ahead"
+    )
     sensor_timeout: float = Field(
-        0.5, gt=0, description="s; the robot stands where odometry or the scan is older"
+        0.5, gt=0, description="s; the robot stops where odometry or the scan is older than this"
     )
 
     def inflation(self) -> InflationParams:

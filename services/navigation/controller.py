@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from services.common import portable_kernels
 from services.common.frames import SE2, wrap_angle
 from services.navigation.collision import STOP, Surroundings, Velocity, first_contact_s
 from services.navigation.path import PlannedPath
@@ -128,7 +129,7 @@ class Controller:
         )
         carrot_m = path.point_at(float(path.along_m[self._index]) + lookahead_m)
         base_from_carrot = pose.inverse() @ SE2(*carrot_m, 0.0)
-        bearing_rad = math.atan2(base_from_carrot.y_m, base_from_carrot.x_m)
+        bearing_rad = portable_kernels.atan2(base_from_carrot.y_m, base_from_carrot.x_m)
         away = abs(bearing_rad)
         self._turning = away > (
             _ALIGNED_RAD if self._turning else p.rotate_to_heading_min_angle_rad
@@ -139,7 +140,8 @@ class Controller:
             free = self._time_to_contact_s(around, velocity) > p.control_period_s * 2.0
             return self._put(velocity if free else STOP, not free, distance_remaining_m)
 
-        square_m2 = base_from_carrot.x_m**2 + base_from_carrot.y_m**2
+        ahead_m, aside_m, _ = base_from_carrot
+        square_m2 = ahead_m * ahead_m + aside_m * aside_m
         curvature = 2.0 * base_from_carrot.y_m / max(square_m2, 1e-6)
         wanted_m_s = self._regulated_speed(around, curvature, to_goal_m, remaining_m)
         for fraction in _SPEEDS:

@@ -11,14 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable_kernels
 from services.common.frames import SE2, Array
-from services.common.grids import distance_cells
 from services.common.kernels import kernel
+from services.common.world.costmap import OCCUPIED, Cells, Clearance, Mask, clearance_m, inscribed
 
-Cells = NDArray[np.int8]
 Costs = NDArray[np.uint8]
-Clearance = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 FREE_SPACE: Final = 0
 INSCRIBED_INFLATED_OBSTACLE: Final = 253
@@ -123,17 +121,17 @@ def inflate(frame: GridFrame, lethal: Mask, unknown: Mask, params: InflationPara
     Nav2's inflation: 253 where the robot's circle would touch a lethal cell, then
     252 exp(-cost_scaling_factor (d - robot_radius)) out to the inflation radius.
     """
-    far_m = math.hypot(frame.rows, frame.columns) * frame.resolution_m
-    cells = np.asarray(distance_cells(lethal), np.float32)
-    clearance_m = np.minimum(cells * frame.resolution_m, far_m)
-    beyond_m = clearance_m.astype(np.float64) - params.robot_radius_m
-    fall = np.exp(-params.cost_scaling_factor * beyond_m) * (INSCRIBED_INFLATED_OBSTACLE - 1)
-    costs = np.where(clearance_m <= params.inflation_radius_m, np.minimum(fall, 252.0), 0.0)
+    clearance = clearance_m(lethal, frame.resolution_m)
+    beyond_m = clearance.astype(np.float64) - params.robot_radius_m
+    fall = portable_kernels.exp_each(-params.cost_scaling_factor * beyond_m) * (
+        INSCRIBED_INFLATED_OBSTACLE - 1
+    )
+    costs = np.where(clearance <= params.inflation_radius_m, np.minimum(fall, 252.0), 0.0)
     costs = costs.astype(np.uint8)
-    costs[beyond_m <= 0.0] = INSCRIBED_INFLATED_OBSTACLE
+    costs[inscribed(clearance, params.robot_radius_m)] = INSCRIBED_INFLATED_OBSTACLE
     costs[unknown] = NO_INFORMATION
     costs[lethal] = LETHAL_OBSTACLE
-    return Costmap(frame, params.robot_radius_m, costs, clearance_m.astype(np.float32))
+    return Costmap(frame, params.robot_radius_m, costs, clearance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +163,7 @@ class LayeredCostmap:
         self.frame = frame
         self._inflation = inflation
         self._obstacle = obstacle
-        self._lethal: Mask = cells >= 100
+        self._lethal: Mask = cells >= OCCUPIED
         self._unknown: Mask = cells < 0
         self.static = inflate(frame, self._lethal, self._unknown, inflation)
         """The costmap of the map alone."""
@@ -234,40 +232,6 @@ def frame_of(resolution_m: float, origin: SE2, cells: Cells) -> GridFrame:
     return GridFrame(resolution_m, origin.x_m, origin.y_m, rows, columns)
 
 
-def straightened(resolution_m: float, origin: SE2, cells: Cells) -> tuple[SE2, Cells]:
-    """A map with its rows along the map's x axis: origin and (rows, columns) cells of one that may
-    be turned.
-
-    Each new cell has the value at its centre, but none of what is occupied gets lost between
-    centres; beyond the map is unknown.
-    """
-    if abs(origin.yaw_rad) <= _STRAIGHT_RAD or cells.size == 0 or not resolution_m > 0.0:
-        return origin, cells
-    rows, columns = cells.shape
-    c, s = math.cos(origin.yaw_rad), math.sin(origin.yaw_rad)
-    corners = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) @ [[c, s], [-s, c]]
-    # In cells from the old origin, along the map's axes.
-    low, high = np.floor(corners.min(0) + 1e-6), np.ceil(corners.max(0) - 1e-6)
-    x, y = (np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True))
-
-    def at(dx: float, dy: float) -> Cells:
-        along, up = x[None, :] + dx, y[:, None] + dy
-        column = np.floor(c * along + s * up).astype(np.int64)
-        row = np.floor(c * up - s * along).astype(np.int64)
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        found = cells[row.clip(0, rows - 1), column.clip(0, columns - 1)]
-        return np.where(inside, found, np.int8(-1))
-
-    turned = at(0.0, 0.0)
-    # However it is turned, the middle of some new cell's quarter lies in every old cell.
-    for dx, dy in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
-        turned = np.where((near := at(dx, dy)) >= 100, near, turned)
-    moved = SE2(
-        origin.x_m + float(low[0]) * resolution_m, origin.y_m + float(low[1]) * resolution_m, 0.0
-    )
-    return moved, turned.astype(np.int8)
-
-
 def scan_points(
     base_from_scan: SE2,
     ranges_m: NDArray[np.float32],
@@ -281,13 +245,8 @@ def scan_points(
     angles = base_from_scan.yaw_rad + angle_min_rad + angle_increment_rad * np.arange(ranges.size)
     keep = np.isfinite(ranges) & (ranges >= range_min_m) & (ranges <= max_range_m)
     ranges, angles = ranges[keep], angles[keep]
-    return np.stack(
-        [
-            base_from_scan.x_m + ranges * np.cos(angles),
-            base_from_scan.y_m + ranges * np.sin(angles),
-        ],
-        axis=1,
-    )
+    cos, sin = portable_kernels.cos_sin_each(angles)
+    return np.stack([base_from_scan.x_m + ranges * cos, base_from_scan.y_m + ranges * sin], axis=1)
 
 
 @kernel()
@@ -312,8 +271,8 @@ def _mark_and_clear(
         if not np.isfinite(reach_m) or reach_m < range_min_m or reach_m > obstacle_max_range_m:
             continue
         angle = first_angle_rad + increment_rad * i
-        column = math.floor(sensor_column + math.cos(angle) * reach_m / resolution_m)
-        row = math.floor(sensor_row + math.sin(angle) * reach_m / resolution_m)
+        column = math.floor(sensor_column + portable_kernels.cos(angle) * reach_m / resolution_m)
+        row = math.floor(sensor_row + portable_kernels.sin(angle) * reach_m / resolution_m)
         if 0 <= row < rows and 0 <= column < columns and markable[row, column]:
             seen[row, column] = True
     changed = False
@@ -324,7 +283,7 @@ def _mark_and_clear(
         # One cell short of the echo: what it hit is not free.
         length = min(reach_m - resolution_m, raytrace_max_range_m) / resolution_m
         angle = first_angle_rad + increment_rad * i
-        dx, dy = math.cos(angle), math.sin(angle)
+        dx, dy = portable_kernels.cos_sin(angle)
         for step in range(int(length) + 1):
             column = math.floor(sensor_column + dx * step)
             row = math.floor(sensor_row + dy * step)

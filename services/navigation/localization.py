@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from services.common import portable, portable_kernels
 from services.common.frames import SE2, Array, PlanarCovariance, wrap_angle
 from services.navigation import particle_filter as pf
 from services.navigation.likelihood_field import likelihood_field
@@ -70,9 +71,11 @@ class LocalizationParams(BaseModel):
         "its cell a wall's face lies (0.05 / sqrt 12), twice over for what else there is",
     )
     laser_max_range: float = Field(
-        3.5, gt=0, description="m; over which returns from anything else are spread"
+        3.5, gt=0, description="m; returns from unmapped things are spread evenly up to this range"
     )
-    laser_likelihood_max_dist: float = Field(2.0, gt=0, description="m; limit of the field")
+    laser_likelihood_max_dist: float = Field(
+        2.0, gt=0, description="m; distances to the nearest obstacle are not told apart beyond this"
+    )
     wall_inset_cells: float = Field(
         0.5,
         ge=0,
@@ -87,40 +90,56 @@ class LocalizationParams(BaseModel):
         description="information of one beam: neighbours share the raster's error on their wall",
     )
     min_returns: int = Field(10, ge=1, description="a scan with fewer returns is not used")
-    update_min_d: float = Field(0.05, ge=0, description="m; move between updates")
-    update_min_a: float = Field(0.05, ge=0, description="rad; turn between updates")
-    still_update_period_s: float = Field(1.0, gt=0, description="between updates at rest")
+    update_min_d: float = Field(0.05, ge=0, description="m; least move between two updates")
+    update_min_a: float = Field(0.05, ge=0, description="rad; least turn between two updates")
+    still_update_period_s: float = Field(
+        1.0, gt=0, description="time between two updates while the robot stands"
+    )
     resample_share: float = Field(
         0.5, gt=0, le=1, description="resample below this share of effective particles"
     )
     tempering_share: float = Field(
         0.1, ge=0, le=1, description="one measurement leaves this share of effective particles"
     )
-    roughening_m: float = Field(0.004, ge=0, description="spread added by resampling, at least")
-    roughening_rad: float = Field(0.004, ge=0, description="spread added by resampling, at least")
-    roughening_ratio: float = Field(
-        0.3, ge=0, description="spread added as a share of the particles', as a regularised filter"
+    roughening_m: float = Field(
+        0.004, ge=0, description="least spread added to the particles by resampling"
     )
-    scan_match_tolerance_m: float = Field(0.1, gt=0, description="a beam this near a wall fits")
+    roughening_rad: float = Field(
+        0.004, ge=0, description="least spread added to the particles by resampling"
+    )
+    roughening_ratio: float = Field(
+        0.3, ge=0, description="spread added by resampling, as a share of the particles' own"
+    )
+    scan_match_tolerance_m: float = Field(
+        0.1, gt=0, description="a beam that ends this near to a wall fits the map"
+    )
     recovery_alpha_slow: float = Field(
         0.001, gt=0, le=1, description="gain of the long mean of the scan match"
     )
     recovery_alpha_fast: float = Field(
         0.2, gt=0, le=1, description="gain of the short mean of the scan match"
     )
-    converged_std_m: float = Field(0.15, gt=0, description="spread of particles that agree")
-    converged_std_rad: float = Field(0.1, gt=0, description="spread of particles that agree")
+    converged_std_m: float = Field(
+        0.15, gt=0, description="the pose is certain below this spread of the particles"
+    )
+    converged_std_rad: float = Field(
+        0.1, gt=0, description="the pose is certain below this spread of the particles"
+    )
     settled_ratio: float = Field(
-        0.2, gt=0, le=1, description="above this share of that spread every measurement is used"
+        0.2, gt=0, le=1, description="above this share of the converged spread every scan is used"
     )
-    marker_std_m: float = Field(0.02, gt=0, description="of a marker's place, at any range")
+    marker_std_m: float = Field(
+        0.02, gt=0, description="standard deviation of a marker's position at any range"
+    )
     marker_range_ratio_per_m: float = Field(
-        0.02, ge=0, description="of a marker's range, as a ratio of it, for each metre of it"
+        0.02, ge=0, description="standard deviation of a marker's range, as a share of it per metre"
     )
-    marker_bearing_std_rad: float = Field(0.015, ge=0, description="of a marker's bearing")
-    marker_yaw_std_rad: float = Field(0.1, gt=0, description="of a marker's heading")
+    marker_bearing_std_rad: float = Field(
+        0.015, ge=0, description="standard deviation of a marker's bearing"
+    )
+    marker_yaw_std_rad: float = Field(0.1, gt=0, description="standard deviation of a marker's yaw")
     marker_outlier: float = Field(
-        1e-3, gt=0, lt=1, description="likelihood of a sighting that is wrong altogether"
+        1e-3, gt=0, lt=1, description="probability that a marker's detection is an outlier"
     )
 
     @model_validator(mode="after")
@@ -175,7 +194,7 @@ class Localization:
         )
         # What no number of scans averages out: about two faces fix each coordinate, and each lies
         # anywhere in its cell.
-        self._raster_covariance = np.diag([1.0, 1.0, 0.0]) * resolution_m**2 / 24.0
+        self._raster_covariance = np.diag([1.0, 1.0, 0.0]) * (resolution_m * resolution_m) / 24.0
         self._history: deque[tuple[int, SE2]] = deque(maxlen=_HISTORY)
         self._particles = np.empty((0, 3))
         self._log_weights = np.empty(0)
@@ -220,12 +239,13 @@ class Localization:
             raise ValueError(f"covariance: must be 3 x 3 and finite, got {covariance.tolist()}")
         if not all(math.isfinite(value) for value in map_from_base):
             raise ValueError(f"initial pose: must be finite, got {tuple(map_from_base)}")
-        values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
+        values, vectors = portable.eigh((covariance + covariance.T) / 2.0)
         if values[0] < -1e-9:
             raise ValueError(f"covariance: has a negative variance, {float(values[0]):.3g}")
-        draws = self._rng.standard_normal((self._params.max_particles, 3))
+        draws = portable_kernels.standard_normal(self._rng, (self._params.max_particles, 3))
         self._particles = np.ascontiguousarray(
-            np.array(map_from_base) + (draws * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+            np.array(map_from_base)
+            + portable.product(draws * np.sqrt(np.maximum(values, 0.0)), vectors.T)
         )
         self._particles[:, 2] = _wrapped(self._particles[:, 2])
         self._log_weights = np.zeros(len(self._particles))
@@ -275,12 +295,13 @@ class Localization:
         points_m = _beam_ends(
             ranges_m, angle_min_rad, angle_increment_rad, range_min_m, range_max_m, base_from_scan
         )
-        if len(points_m) < self._params.min_returns:
-            return False
         used = self._is_due(self._last_scan, stamp_ns, odom_from_base)
         if used:
             self._last_scan = (stamp_ns, odom_from_base)
             self._predict(stamp_ns, odom_from_base)
+        if len(points_m) < self._params.min_returns:
+            # On open floor odometry alone tells the way, and the spread grows with it step by step.
+            return False
         # The scan may be older than the last update, or newer.
         points_m = _transformed(self._odom_from_base.inverse() @ odom_from_base, points_m)
         if used:
@@ -330,7 +351,7 @@ class Localization:
         if lost > _INJECT_ABOVE and expected < p.marker_outlier:
             self._inject(seen, now_from_then, min(lost, _INJECT_AT_MOST))
             return True
-        self._weigh(np.log(likelihood + p.marker_outlier))
+        self._weigh(portable_kernels.log_each(likelihood + p.marker_outlier))
         return True
 
     def pose(self) -> tuple[SE2, Array]:
@@ -406,7 +427,11 @@ class Localization:
             return
         before_from_now = self._odom_from_base.inverse() @ odom_from_base
         motion = pf.odometry_motion(before_from_now, self._noise)
-        pf.move_particles(self._particles, motion, self._rng.standard_normal(self._particles.shape))
+        pf.move_particles(
+            self._particles,
+            motion,
+            portable_kernels.standard_normal(self._rng, self._particles.shape),
+        )
         self._covariance = self._moved_covariance(before_from_now)
         self._map_from_base = self._map_from_base @ before_from_now
         self._stamp_ns, self._odom_from_base = stamp_ns, odom_from_base
@@ -416,14 +441,14 @@ class Localization:
         assert self._map_from_base is not None
         motion = pf.odometry_motion(before_from_now, self._noise)
         heading = self._map_from_base.yaw_rad + motion.rotation1_rad
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = portable_kernels.cos_sin(heading)
         x_by_yaw, y_by_yaw = -s * motion.translation_m, c * motion.translation_m
         moved = (
             PlanarCovariance.from_matrix(self._covariance)
             .moved(x_by_yaw, y_by_yaw)
-            .spread(motion.rotation1_std_rad**2, x_by_yaw, y_by_yaw, 1.0)
-            .spread(motion.translation_std_m**2, c, s, 0.0)
-            .spread(motion.rotation2_std_rad**2, 0.0, 0.0, 1.0)
+            .spread(portable.square(motion.rotation1_std_rad), x_by_yaw, y_by_yaw, 1.0)
+            .spread(portable.square(motion.translation_std_m), c, s, 0.0)
+            .spread(portable.square(motion.rotation2_std_rad), 0.0, 0.0, 1.0)
         )
         return moved.matrix()
 
@@ -449,13 +474,15 @@ class Localization:
             mean, covariance = pf.mean_and_covariance(
                 self._particles[cluster], weights[cluster] / share
             )
-        self._settled = self._converged and self._is_narrow(covariance / p.settled_ratio**2)
+        self._settled = self._converged and self._is_narrow(
+            covariance / portable.square(p.settled_ratio)
+        )
         self._covariance = covariance
         self._map_from_base = mean
         if pf.effective_sample_size(weights) < p.resample_share * len(weights):
             self._resample(weights)
         else:
-            self._log_weights = np.log(np.maximum(weights, 1e-300))
+            self._log_weights = portable_kernels.log_each(np.maximum(weights, 1e-300))
 
     def _resample(self, weights: Array) -> None:
         p = self._params
@@ -466,8 +493,11 @@ class Localization:
         kept = self._particles[pf.low_variance_resample(weights, offset, count)]
         # Copies would stay copies while the robot rests, and few of them might be near the truth.
         spread = np.array([p.roughening_m, p.roughening_m, p.roughening_rad])
-        spread = np.sqrt(spread**2 + p.roughening_ratio**2 * np.diag(self._covariance))
-        kept += self._rng.standard_normal(kept.shape) * spread
+        spread = np.sqrt(
+            portable.square(spread)
+            + portable.square(p.roughening_ratio) * np.diag(self._covariance)
+        )
+        kept += portable_kernels.standard_normal(self._rng, kept.shape) * spread
         kept[:, 2] = _wrapped(kept[:, 2])
         self._particles = kept
         self._log_weights = np.zeros(count)
@@ -475,10 +505,9 @@ class Localization:
     def _is_narrow(self, covariance: Array) -> bool:
         x_x, x_y, _, y_y, _, yaw_yaw = PlanarCovariance.from_matrix(covariance)
         largest_m2 = (x_x + y_y) / 2.0 + math.hypot((x_x - y_y) / 2.0, x_y)
-        return (
-            largest_m2 <= self._params.converged_std_m**2
-            and yaw_yaw <= self._params.converged_std_rad**2
-        )
+        return largest_m2 <= portable.square(
+            self._params.converged_std_m
+        ) and yaw_yaw <= portable.square(self._params.converged_std_rad)
 
     def _judge(self, points_m: Array) -> None:
         # Keeps the long and the short mean of augmented MCL (Probabilistic Robotics, table 8.3).
@@ -501,7 +530,10 @@ class Localization:
         for i, sighting in enumerate(seen):
             part = injected * (i + 1) // len(seen) - injected * i // len(seen)
             here = np.array(sighting.map_from_base @ then_from_now)
-            groups.append(here + self._rng.standard_normal((part, 3)) * np.array(_INJECT_STD))
+            groups.append(
+                here
+                + portable_kernels.standard_normal(self._rng, (part, 3)) * np.array(_INJECT_STD)
+            )
         self._particles = np.ascontiguousarray(np.concatenate(groups))
         self._particles[:, 2] = _wrapped(self._particles[:, 2])
         self._log_weights = np.zeros(len(self._particles))
@@ -513,7 +545,7 @@ def _wrapped(angles_rad: Array) -> Array:
 
 
 def _transformed(a_from_b: SE2, b_points_m: Array) -> Array:
-    c, s = math.cos(a_from_b.yaw_rad), math.sin(a_from_b.yaw_rad)
+    c, s = portable_kernels.cos_sin(a_from_b.yaw_rad)
     x_m = a_from_b.x_m + c * b_points_m[:, 0] - s * b_points_m[:, 1]
     y_m = a_from_b.y_m + s * b_points_m[:, 0] + c * b_points_m[:, 1]
     return np.ascontiguousarray(np.stack([x_m, y_m], axis=1))
@@ -532,6 +564,5 @@ def _beam_ends(
     valid = (distances_m >= range_min_m) & (distances_m < min(range_max_m, _FAR_M))
     angles = angle_min_rad + angle_increment_rad * np.flatnonzero(valid)
     hits_m = distances_m[valid]
-    return _transformed(
-        base_from_scan, np.stack([hits_m * np.cos(angles), hits_m * np.sin(angles)], axis=1)
-    )
+    cos, sin = portable_kernels.cos_sin_each(angles)
+    return _transformed(base_from_scan, np.stack([hits_m * cos, hits_m * sin], axis=1))

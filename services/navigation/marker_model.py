@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from services.common import portable, portable_kernels
 from services.common.frames import SE2, Array, inverse_matrix
 
 MarkerCandidate = tuple[Array, Array, float]
@@ -63,7 +64,7 @@ def sightings(
             found.append(sighting)
     scores = sum(sighting.weight for sighting in found)
     volumes = [
-        sighting.heading_std_rad / math.sqrt(float(np.linalg.det(sighting.information)))
+        sighting.heading_std_rad / math.sqrt(_determinant(sighting.information))
         for sighting in found
     ]
     return [
@@ -84,12 +85,14 @@ def mixture_likelihood(
 
     `pose_from_base`: where the base was, at the sighting, relative to the poses.
     """
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    c, s = portable_kernels.cos_sin_each(poses[:, 2])
     east = map_from_marker[0, 3] - poses[:, 0] - c * pose_from_base.x_m + s * pose_from_base.y_m
     north = map_from_marker[1, 3] - poses[:, 1] - s * pose_from_base.x_m - c * pose_from_base.y_m
     yaw_rad = poses[:, 2] + pose_from_base.yaw_rad
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    heading = math.atan2(float(map_from_marker[1, 2]), float(map_from_marker[0, 2])) - yaw_rad
+    c, s = portable_kernels.cos_sin_each(yaw_rad)
+    heading = (
+        portable_kernels.atan2(float(map_from_marker[1, 2]), float(map_from_marker[0, 2])) - yaw_rad
+    )
     likelihood = np.zeros(len(poses))
     for sighting in seen:
         x = c * east + s * north - sighting.x_m
@@ -97,9 +100,14 @@ def mixture_likelihood(
         turn = (heading - sighting.heading_rad + math.pi) % (2.0 * math.pi) - math.pi
         info = sighting.information
         squared = info[0, 0] * x * x + 2.0 * info[0, 1] * x * y + info[1, 1] * y * y
-        squared += (turn / sighting.heading_std_rad) ** 2
-        likelihood += sighting.weight * np.exp(-0.5 * squared)
+        squared += portable.square(turn / sighting.heading_std_rad)
+        likelihood += sighting.weight * portable_kernels.exp_each(-0.5 * squared)
     return likelihood
+
+
+def _determinant(matrix: Array) -> float:
+    """Of (2, 2)."""
+    return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
 
 
 def _sighting(
@@ -113,36 +121,37 @@ def _sighting(
         return None
     if not (math.isfinite(score) and score >= 0.0):
         return None
-    base_from_marker = base_from_camera @ camera_from_marker
+    base_from_marker = portable.product(base_from_camera, camera_from_marker)
     base_from_optical = base_from_camera[:3, :3]
     x_m, y_m = float(base_from_marker[0, 3]), float(base_from_marker[1, 3])
     range_m = max(math.hypot(x_m, y_m), 1e-3)
     towards = np.array([x_m, y_m]) / range_m
     across = np.array([-towards[1], towards[0]])
-    own = (base_from_optical @ covariance[:3, :3] @ base_from_optical.T)[:2, :2]
-    place = own + noise.position_std_m**2 * np.eye(2)
-    place += (noise.range_ratio_per_m * range_m**2) ** 2 * np.outer(towards, towards)
-    place += (noise.bearing_std_rad * range_m) ** 2 * np.outer(across, across)
-    determinant = float(place[0, 0] * place[1, 1] - place[0, 1] * place[1, 0])
+    own = portable.product(base_from_optical, covariance[:3, :3], base_from_optical.T)[:2, :2]
+    range_std_m = noise.range_ratio_per_m * range_m * range_m
+    place = own + portable.square(noise.position_std_m) * np.eye(2)
+    place += portable.square(range_std_m) * np.outer(towards, towards)
+    place += portable.square(noise.bearing_std_rad * range_m) * np.outer(across, across)
+    determinant = _determinant(place)
     if not (0.0 < determinant < 1e12 and place[0, 0] > 0.0):
         return None
-    own_turn = (base_from_optical @ covariance[3:, 3:] @ base_from_optical.T)[2, 2]
-    heading_std_rad = math.sqrt(max(float(own_turn), 0.0) + noise.yaw_std_rad**2)
+    own_turn = portable.product(base_from_optical, covariance[3:, 3:], base_from_optical.T)[2, 2]
+    heading_std_rad = math.sqrt(max(float(own_turn), 0.0) + portable.square(noise.yaw_std_rad))
     normal_x, normal_y = float(base_from_marker[0, 2]), float(base_from_marker[1, 2])
     if math.hypot(normal_x, normal_y) < 0.5:
         # It lies flat, so that its normal has no heading.
         heading_std_rad = 1e3
-    map_from_base = map_from_marker @ inverse_matrix(base_from_marker)
+    map_from_base = portable.product(map_from_marker, inverse_matrix(base_from_marker))
     return Sighting(
         x_m,
         y_m,
-        math.atan2(normal_y, normal_x),
-        np.asarray(np.linalg.inv(place), np.float64),
+        portable_kernels.atan2(normal_y, normal_x),
+        np.asarray(portable.inverse(place), np.float64),
         heading_std_rad,
         score,
         SE2(
             float(map_from_base[0, 3]),
             float(map_from_base[1, 3]),
-            math.atan2(float(map_from_base[1, 0]), float(map_from_base[0, 0])),
+            portable_kernels.atan2(float(map_from_base[1, 0]), float(map_from_base[0, 0])),
         ),
     )

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
 from services.navigation.behaviors import (
@@ -200,7 +201,7 @@ class Navigator:
         if self._state == "controlling" and old is not None and not blocked:
             index = self._controller.index
             left_m = old.length_m - float(old.along_m[index])
-            off_m = np.hypot(*(old.points_m[index] - around.map_from_base[:2]))
+            off_m = portable.hypot_each(*(old.points_m[index] - around.map_from_base[:2]))
             shorter = path.length_m < left_m * (1.0 - self._params.path_improvement)
             if not shorter and off_m < around.costmap.frame.resolution_m * 3.0:
                 return None
@@ -325,6 +326,8 @@ class Navigator:
             _LOG.info("Goal succeeded")
         elif code is ErrorCode.PREEMPTED:
             _LOG.info("Goal preempted")
+        elif code is ErrorCode.CANCELED:
+            _LOG.info("Goal was canceled. Stopping the robot.")
         else:
             _LOG.error("Goal failed with error %d: %s", code, message)
         return result

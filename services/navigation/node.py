@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import logging
-import math
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from services.common import messages as msg
-from services.common.documents import (
-    Entities,
-    NavigationResult,
-    NavigationStatus,
-    Planar,
-    World,
-)
+from services.common import portable, portable_kernels
 from services.common.error_codes import ErrorCode
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
@@ -27,9 +19,18 @@ from services.common.frames import (
     Array,
     pose_matrix,
 )
-from services.common.node import Inbox, Node, Outbox, random_generator
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import (
+    CancelGoalReply,
+    Entities,
+    NavigationStatus,
+    World,
+)
+from services.common.node.frame_tree import FrameTree
+from services.common.node.node import Inbox, Node, Outbox, random_generator
+from services.common.node.topics import (
     AMCL_POSE,
+    CANCEL_GOAL,
     CMD_VEL,
     DETECTIONS,
     ENTITIES,
@@ -48,13 +49,22 @@ from services.common.topics import (
     TF_STATIC,
     WORLD,
 )
+from services.common.world.costmap import straightened
 from services.navigation.collision import STOP, Surroundings, Velocity
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.costmap import LayeredCostmap, frame_of, scan_points, straightened
+from services.navigation.costmap import LayeredCostmap, frame_of, scan_points
 from services.navigation.errors import NavigationError
+from services.navigation.kernels import compile_kernels
 from services.navigation.localization import Localization
+from services.navigation.messages import (
+    cloud_message,
+    costmap_message,
+    path_message,
+    planar_document,
+    result_message,
+    twist_message,
+)
 from services.navigation.navigator import Goal, GoalResult, Navigator
-from services.navigation.path import PlannedPath
 
 _LOG = logging.getLogger("navigation")
 
@@ -62,7 +72,12 @@ _AMCL_POSE_PERIOD_NS = 100_000_000
 _STATUS_PERIOD_NS = 500_000_000
 _PARTICLES_PERIOD_NS = 500_000_000
 _COSTMAP_PERIOD_NS = 1_000_000_000
-_MAX_PARTICLES_SHOWN = 500
+MAX_CELLS = 4_000_000
+"""Of a map to drive in, e.g. 100 m by 100 m in cells of 5 cm: costmap and localisation take some
+100 bytes for each.
+"""
+_MOST_GOALS_TRIED = 4
+"""Of goals that come at once: to look for a way to each takes milliseconds."""
 _ECHOES_WITHIN_M = 1.5
 """Echoes further away cannot be reached within the controller's horizon."""
 
@@ -88,7 +103,7 @@ class NavigationNode(Node):
         self._map: msg.OccupancyGrid | None = None
         self._entities: Entities | None = None
         self._markers: dict[tuple[str, int], Array] = {}
-        self._static_transforms: dict[str, msg.TransformStamped] = {}
+        self._static_frames = FrameTree()
         self._base_from: dict[str, Array] = {}
         self._costmap: LayeredCostmap | None = None
         self._navigator: Navigator | None = None
@@ -111,7 +126,7 @@ class NavigationNode(Node):
         """When the epoch began: what was measured before is of another."""
         self._seed = config.seed
         """The simulation's, as soon as that is known."""
-        _compile_kernels(config)
+        compile_kernels(config)
 
     def waiting_for(self) -> str | None:
         """The one thing that keeps the robot from driving, in words."""
@@ -140,11 +155,14 @@ class NavigationNode(Node):
         if self._simulation_began_anew(now_ns, inbox):
             _LOG.info("the simulation began anew: so does navigation")
             self._begin_anew(now_ns, ErrorCode.WORLD_RESTARTED, "the simulation began anew")
+        # A query wakes the node also while time stands still: that is no control period.
+        passes = now_ns != self._now_ns
         self._now_ns = now_ns
         self._learn_world(now_ns, inbox)
         self._localize(now_ns, inbox)
         self._take_goals(now_ns, inbox)
-        self._drive(now_ns, outbox)
+        self._cancel_goals(now_ns, inbox)
+        self._drive(now_ns, outbox, passes)
         self._tell(now_ns, outbox)
 
     def _simulation_began_anew(self, now_ns: int, inbox: Inbox) -> bool:
@@ -178,20 +196,22 @@ class NavigationNode(Node):
             self._entities = entities
             self._register_markers()
         for tree in inbox.new(TF_STATIC):
-            for entry in tree.transforms:
-                self._static_transforms[entry.child_frame_id] = entry
+            problem = self._static_frames.add(tree)
+            if problem:
+                inbox.reject(TF_STATIC, problem)
+                continue
             self._base_from = {}
             for frame in (SCAN_FRAME, CAMERA_OPTICAL_FRAME):
-                matrix = msg.chain_transforms(
-                    self._static_transforms.values(), BASE_FOOTPRINT_FRAME, frame
-                )
+                matrix = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
                 if matrix is not None:
                     self._base_from[frame] = matrix
 
     def _take_map(self, now_ns: int, grid: msg.OccupancyGrid, inbox: Inbox) -> None:
         origin = msg.se2_from_pose(grid.info.origin)
-        cells = np.array(msg.cells_from_grid(grid), np.int8)
         try:
+            if len(grid.data) > MAX_CELLS:
+                raise ValueError(f"{len(grid.data)} cells: must be at most {MAX_CELLS}")
+            cells = np.array(msg.cells_from_grid(grid), np.int8)
             # Localisation takes a map as it lies; what plans has its rows along the map's axes.
             origin, cells = straightened(grid.info.resolution, origin, cells)
             frame = frame_of(grid.info.resolution, origin, cells)
@@ -314,9 +334,9 @@ class NavigationNode(Node):
         pose = self._world.start.se2() @ odom_from_base
         drift = config.odometry_drift_ratio * odom_from_base.distance_m(origin)
         variances = [
-            (config.initial_pose_std_m + drift) ** 2,
-            (config.initial_pose_std_m + drift) ** 2,
-            (config.initial_pose_std_rad + drift) ** 2,
+            portable.square(config.initial_pose_std_m + drift),
+            portable.square(config.initial_pose_std_m + drift),
+            portable.square(config.initial_pose_std_rad + drift),
         ]
         localization.initialize(pose, np.diag(variances))
         _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
@@ -335,9 +355,9 @@ class NavigationNode(Node):
             covariance = np.array(initial.pose.covariance, np.float64).reshape(6, 6)[index]
             floor = np.diag(
                 [
-                    self._config.initial_pose_std_m**2,
-                    self._config.initial_pose_std_m**2,
-                    self._config.initial_pose_std_rad**2,
+                    portable.square(self._config.initial_pose_std_m),
+                    portable.square(self._config.initial_pose_std_m),
+                    portable.square(self._config.initial_pose_std_rad),
                 ]
             )
             try:
@@ -409,16 +429,27 @@ class NavigationNode(Node):
         )
 
     def _take_goals(self, now_ns: int, inbox: Inbox) -> None:
-        for message in inbox.new(GOAL_POSE):
+        """Take up the newest goal that can be; those before it would be given up at once."""
+        tries, taken = _MOST_GOALS_TRIED, False
+        results: list[GoalResult] = []
+        for message in reversed(inbox.new(GOAL_POSE)):
             pose = msg.se2_from_pose(message.pose)
             goal = Goal(pose, msg.ns_from_time(message.header.stamp))
+            if taken or not tries:
+                code, why = ErrorCode.PREEMPTED, "preempted by a new goal"
+                results.append(GoalResult(goal, code, why, now_ns, now_ns, 0))
+                continue
+            tries -= 1
             try:
                 ended = self._accept(now_ns, goal, message.header.frame_id)
             except NavigationError as error:
                 _LOG.error("Goal rejected with error %d: %s", error.code, error.message)
                 ended = GoalResult(goal, error.code, error.message, now_ns, now_ns, 0)
+            else:
+                taken = True
             if ended is not None:
-                self._results.append(ended)
+                results.append(ended)
+        self._results += reversed(results)
 
     def _accept(self, now_ns: int, goal: Goal, frame_id: str) -> GoalResult | None:
         if frame_id not in ("", MAP_FRAME):
@@ -433,11 +464,29 @@ class NavigationNode(Node):
         pose = self._localization.map_from_base()
         return self._navigator.accept(now_ns, goal, pose)
 
-    def _drive(self, now_ns: int, outbox: Outbox) -> None:
+    def _cancel_goals(self, now_ns: int, inbox: Inbox) -> None:
+        for request in inbox.requests(CANCEL_GOAL):
+            request.respond(self._cancel(now_ns, request.message.goal_stamp_ns))
+
+    def _cancel(self, now_ns: int, stamp_ns: int | None) -> CancelGoalReply:
+        """Give up the goal with a stamp, or with None any."""
+        navigator = self._navigator
+        goal = navigator.goal if navigator is not None else None
+        if navigator is None or goal is None or stamp_ns not in (None, goal.stamp_ns):
+            said = "no goal" if stamp_ns is None else f"goal_stamp_ns: {stamp_ns}: no such goal"
+            return CancelGoalReply(error=f"{said} is being driven to", return_code=2)
+        ended = navigator.abort(now_ns, ErrorCode.CANCELED, "canceled")
+        if ended is not None:
+            self._results.append(ended)
+        return CancelGoalReply(goal=planar_document(goal.pose), goal_stamp_ns=goal.stamp_ns)
+
+    def _drive(self, now_ns: int, outbox: Outbox, passes: bool) -> None:
+        """One control period; where no time passes, only what has ended is told."""
         navigator, localization, costmap = self._navigator, self._localization, self._costmap
         command: Velocity | None = None
         if (
-            navigator is not None
+            passes
+            and navigator is not None
             and navigator.goal is not None
             and localization is not None
             and costmap is not None
@@ -453,24 +502,25 @@ class NavigationNode(Node):
                 outcome = navigator.step(now_ns, around, self._localized())
                 command = outcome.command
                 if outcome.new_path is not None:
-                    outbox.put(PLAN, _path_message(now_ns, outcome.new_path))
+                    outbox.put(PLAN, path_message(now_ns, outcome.new_path))
                 if outcome.result is not None:
                     self._results.append(outcome.result)
-        if command is None and self._moving:
+        stands = navigator is None or navigator.goal is None or passes
+        if command is None and self._moving and stands:
             command = STOP
         if command is not None:
             self._moving = command != STOP
-            outbox.put(CMD_VEL, _twist(now_ns, command))
+            outbox.put(CMD_VEL, twist_message(now_ns, command))
         for result in self._results:
-            outbox.put(NAVIGATION_RESULT, _result_message(result))
+            outbox.put(NAVIGATION_RESULT, result_message(result))
         self._results.clear()
 
     def _echoes_now(self, echoes: _Echoes) -> Array:
         """(n, 2) the newest echoes in the base's frame as it is now."""
         assert self._odom is not None
         now_from_then = self._odom[1].inverse() @ echoes.odom_from_base
-        c, s = math.cos(now_from_then.yaw_rad), math.sin(now_from_then.yaw_rad)
-        turned = echoes.base_points_m @ np.array([[c, s], [-s, c]])
+        c, s = portable_kernels.cos_sin(now_from_then.yaw_rad)
+        turned = portable.product(echoes.base_points_m, np.array([[c, s], [-s, c]]))
         return np.ascontiguousarray(turned + np.array([now_from_then.x_m, now_from_then.y_m]))
 
     def _tell(self, now_ns: int, outbox: Outbox) -> None:
@@ -490,11 +540,11 @@ class NavigationNode(Node):
             if self._is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
                 outbox.put(AMCL_POSE, self._pose_message(localization))
             if self._is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
-                outbox.put(PARTICLE_CLOUD, _cloud(now_ns, localization.particles()))
+                outbox.put(PARTICLE_CLOUD, cloud_message(now_ns, localization.particles()))
         if self._costmap is not None and self._costmap.revision != self._costmap_shown:
             if self._is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
                 self._costmap_shown = self._costmap.revision
-                outbox.put(GLOBAL_COSTMAP, _costmap_message(now_ns, self._costmap))
+                outbox.put(GLOBAL_COSTMAP, costmap_message(now_ns, self._costmap))
         self._tell_status(now_ns, outbox)
 
     def _tell_status(self, now_ns: int, outbox: Outbox) -> None:
@@ -512,7 +562,7 @@ class NavigationNode(Node):
                 localization_active=localized,
                 navigation_active=active,
                 state=state,
-                goal=None if goal is None else _planar_document(goal.pose),
+                goal=None if goal is None else planar_document(goal.pose),
                 distance_remaining_m=0.0 if navigator is None else navigator.distance_remaining_m,
                 number_of_recoveries=recoveries,
             )
@@ -539,43 +589,6 @@ class NavigationNode(Node):
         )
 
 
-def _compile_kernels(config: NavigationConfig) -> None:
-    """Drive a metre in a small room, so that nothing is left to compile while the robot moves."""
-    cells = np.zeros((60, 60), np.int8)
-    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
-    costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle())
-    localization = Localization(
-        config.localization, cells, 0.05, SE2(0.0, 0.0, 0.0), random_generator(0, "navigation/warm")
-    )
-    start = SE2(1.0, 1.5, 0.0)
-    ranges = np.full(360, 1.0, np.float32)
-    step = math.tau / 360
-    localization.odometry(0, start)
-    localization.initialize(start, np.eye(3) * 0.01)
-    marker = msg.matrix_from_pose(msg.pose_from_se2(SE2(2.0, 1.5, math.pi), 0.3))
-    for i in range(4):
-        stamp_ns = (i + 1) * 100_000_000
-        localization.odometry(stamp_ns, SE2(1.0 + 0.1 * i, 1.5, 0.0))
-        localization.scan(stamp_ns, ranges, 0.0, step, 0.1, 3.5, SE2(0.0, 0.0, 0.0))
-        camera_from_marker = np.linalg.inv(start.matrix(0.2)) @ marker
-        localization.marker(stamp_ns, marker, [(camera_from_marker, np.eye(6), 1.0)], np.eye(4))
-        costmap.update(start, ranges, 0.0, step, 0.1)
-    costmap.clear()
-    planner_and_controller = Navigator(config.navigator(0.05), costmap)
-    points_m = scan_points(SE2(0.0, 0.0, 0.0), ranges, 0.0, step, 0.1, 3.5)
-    level = _LOG.level
-    _LOG.setLevel(logging.CRITICAL)
-    try:
-        planner_and_controller.accept(0, Goal(SE2(2.0, 1.5, 0.0), 0), start)
-        planner_and_controller.step(0, Surroundings(start, costmap.master, points_m), True)
-    except NavigationError:
-        # A robot too large for the room has compiled as much as it can.
-        pass
-    finally:
-        _LOG.setLevel(level)
-
-
 def _same_map(one: msg.OccupancyGrid, other: msg.OccupancyGrid | None) -> bool:
     return (
         other is not None
@@ -591,63 +604,5 @@ def _planar(matrix: Array) -> SE2:
     return SE2(
         float(matrix[0, 3]),
         float(matrix[1, 3]),
-        math.atan2(float(matrix[1, 0]), float(matrix[0, 0])),
-    )
-
-
-def _planar_document(pose: SE2) -> Planar:
-    return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
-
-
-def _twist(now_ns: int, velocity: Velocity) -> msg.TwistStamped:
-    return msg.TwistStamped(
-        header=msg.header(now_ns, BASE_FOOTPRINT_FRAME),
-        twist=msg.Twist(
-            linear=msg.Vector3(velocity.linear_m_s, 0.0, 0.0),
-            angular=msg.Vector3(0.0, 0.0, velocity.angular_rad_s),
-        ),
-    )
-
-
-def _path_message(now_ns: int, path: PlannedPath) -> msg.Path:
-    header = msg.header(now_ns, MAP_FRAME)
-    poses = [
-        msg.PoseStamped(header=header, pose=msg.pose_from_se2(SE2(float(x), float(y), float(yaw))))
-        for (x, y), yaw in zip(path.points_m, path.yaws_rad, strict=True)
-    ]
-    return msg.Path(header=header, poses=poses)
-
-
-def _cloud(now_ns: int, particles: Array) -> msg.PoseArray:
-    shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
-    half_yaws = shown[:, 2] / 2.0
-    zeros = [0.0] * len(shown)
-    points = map(msg.Point, shown[:, 0].tolist(), shown[:, 1].tolist(), zeros)
-    turns = map(
-        msg.Quaternion, zeros, zeros, np.sin(half_yaws).tolist(), np.cos(half_yaws).tolist()
-    )
-    return msg.PoseArray(
-        header=msg.header(now_ns, MAP_FRAME), poses=list(map(msg.Pose, points, turns))
-    )
-
-
-def _costmap_message(now_ns: int, costmap: LayeredCostmap) -> msg.OccupancyGrid:
-    frame = costmap.frame
-    return msg.occupancy_grid(
-        now_ns,
-        frame.resolution_m,
-        SE2(frame.origin_x_m, frame.origin_y_m, 0.0),
-        costmap.master.occupancy(),
-    )
-
-
-def _result_message(result: GoalResult) -> NavigationResult:
-    return NavigationResult(
-        goal=_planar_document(result.goal.pose),
-        goal_stamp_ns=result.goal.stamp_ns,
-        error_code=int(result.error_code),
-        error_msg=result.error_msg,
-        start_time_s=result.start_ns * 1e-9,
-        end_time_s=result.end_ns * 1e-9,
-        number_of_recoveries=result.number_of_recoveries,
+        portable_kernels.atan2(float(matrix[1, 0]), float(matrix[0, 0])),
     )

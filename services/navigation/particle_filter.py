@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable, portable_kernels
 from services.common.frames import SE2, Array, wrap_angle
 from services.common.kernels import kernel
 from services.navigation.likelihood_field import LikelihoodField
@@ -50,7 +51,7 @@ def odometry_motion(before_from_after: SE2, noise: OdometryNoise) -> OdometryMot
     """The motion that odometry reports, with its noise (table 5.6)."""
     moved = math.hypot(before_from_after.x_m, before_from_after.y_m)
     turn1 = (
-        math.atan2(before_from_after.y_m, before_from_after.x_m)
+        portable_kernels.atan2(before_from_after.y_m, before_from_after.x_m)
         if moved >= _NO_TURN_BELOW_M
         else 0.0
     )
@@ -58,13 +59,14 @@ def odometry_motion(before_from_after: SE2, noise: OdometryNoise) -> OdometryMot
     # Driving backwards is no half turn: its noise is that of the smaller angle, as in AMCL.
     small1 = min(abs(turn1), abs(wrap_angle(turn1 - math.pi)))
     small2 = min(abs(turn2), abs(wrap_angle(turn2 - math.pi)))
+    moved_2, turn1_2, turn2_2 = moved * moved, small1 * small1, small2 * small2
     return OdometryMotion(
         turn1,
         moved,
         turn2,
-        math.sqrt(noise.alpha1 * small1**2 + noise.alpha2 * moved**2),
-        math.sqrt(noise.alpha3 * moved**2 + noise.alpha4 * (small1**2 + small2**2)),
-        math.sqrt(noise.alpha1 * small2**2 + noise.alpha2 * moved**2),
+        math.sqrt(noise.alpha1 * turn1_2 + noise.alpha2 * moved_2),
+        math.sqrt(noise.alpha3 * moved_2 + noise.alpha4 * (turn1_2 + turn2_2)),
+        math.sqrt(noise.alpha1 * turn2_2 + noise.alpha2 * moved_2),
     )
 
 
@@ -101,9 +103,11 @@ def fraction_near_walls(
 ) -> float:
     """Fraction of (n, 2) ends of beams, in the base's frame, that lie near a wall's face."""
     pose = field.map_from_field.inverse() @ map_from_base
-    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    columns = np.floor((pose.x_m + points_m @ (c, -s)) / field.cell_m).astype(np.int64)
-    rows = np.floor((pose.y_m + points_m @ (s, c)) / field.cell_m).astype(np.int64)
+    c, s = portable_kernels.cos_sin(pose.yaw_rad)
+    columns = np.floor((pose.x_m + portable.product(points_m, (c, -s))) / field.cell_m).astype(
+        np.int64
+    )
+    rows = np.floor((pose.y_m + portable.product(points_m, (s, c))) / field.cell_m).astype(np.int64)
     height, width = field.distance_m.shape
     inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     near = np.abs(field.distance_m[rows[inside], columns[inside]]) <= tolerance_m
@@ -112,7 +116,7 @@ def fraction_near_walls(
 
 def normalised(log_weights: Array) -> Array:
     """(n,) weights that sum to one, of logarithms of any scale."""
-    weights = np.exp(log_weights - log_weights.max())
+    weights = portable_kernels.exp_each(log_weights - log_weights.max())
     return np.asarray(weights / weights.sum(), np.float64)
 
 
@@ -141,7 +145,8 @@ def kld_sample_size(
     if k <= 1:
         return 1
     b = 2.0 / (9.0 * (k - 1))
-    return math.ceil((k - 1) / (2.0 * error) * (1.0 - b + math.sqrt(b) * quantile) ** 3)
+    root = 1.0 - b + math.sqrt(b) * quantile
+    return math.ceil((k - 1) / (2.0 * error) * (root * root * root))
 
 
 def mean_and_covariance(particles: Array, weights: Array) -> tuple[SE2, Array]:
@@ -165,7 +170,7 @@ def heaviest_cluster(
     total = weights[inside].sum()
     centre, _ = mean_and_covariance(particles[inside], weights[inside] / total)
     turned = (particles[:, 2] - centre.yaw_rad + math.pi) % (2.0 * math.pi) - math.pi
-    near = np.hypot(particles[:, 0] - centre.x_m, particles[:, 1] - centre.y_m) <= bin_m
+    near = portable.hypot_each(particles[:, 0] - centre.x_m, particles[:, 1] - centre.y_m) <= bin_m
     return np.asarray(near & (np.abs(turned) <= bin_rad))
 
 
@@ -185,8 +190,9 @@ def _move(
     for i in range(particles.shape[0]):
         heading = particles[i, 2] + turn1 + turn1_std * draws[i, 0]
         distance = moved + moved_std * draws[i, 1]
-        particles[i, 0] += distance * math.cos(heading)
-        particles[i, 1] += distance * math.sin(heading)
+        c, s = portable_kernels.cos_sin(heading)
+        particles[i, 0] += distance * c
+        particles[i, 1] += distance * s
         yaw = heading + turn2 + turn2_std * draws[i, 2]
         particles[i, 2] = (yaw + math.pi) % (2.0 * math.pi) - math.pi
 
@@ -207,14 +213,15 @@ def _score(
     weights: Array,
 ) -> None:
     rows, columns = log_likelihood.shape
-    cf, sf = math.cos(field_yaw_rad), math.sin(field_yaw_rad)
+    cf, sf = portable_kernels.cos_sin(field_yaw_rad)
     for i in range(particles.shape[0]):
         mx = particles[i, 0] - field_x_m
         my = particles[i, 1] - field_y_m
         x = (cf * mx + sf * my) * cells_per_m
         y = (cf * my - sf * mx) * cells_per_m
-        c = math.cos(particles[i, 2] - field_yaw_rad) * cells_per_m
-        s = math.sin(particles[i, 2] - field_yaw_rad) * cells_per_m
+        c, s = portable_kernels.cos_sin(particles[i, 2] - field_yaw_rad)
+        c *= cells_per_m
+        s *= cells_per_m
         total = 0.0
         for j in range(points_m.shape[0]):
             u = x + c * points_m[j, 0] - s * points_m[j, 1]
@@ -234,9 +241,10 @@ def _moments(particles: Array, weights: Array) -> tuple[Array, Array]:
     for i in range(particles.shape[0]):
         mean[0] += weights[i] * particles[i, 0]
         mean[1] += weights[i] * particles[i, 1]
-        cosine += weights[i] * math.cos(particles[i, 2])
-        sine += weights[i] * math.sin(particles[i, 2])
-    mean[2] = math.atan2(sine, cosine)
+        c, s = portable_kernels.cos_sin(particles[i, 2])
+        cosine += weights[i] * c
+        sine += weights[i] * s
+    mean[2] = portable_kernels.atan2(sine, cosine)
     covariance = np.zeros((3, 3))
     offset = np.zeros(3)
     for i in range(particles.shape[0]):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from services.common import portable
 from services.common.frames import SE2, Array
 
 
@@ -38,7 +39,7 @@ class PlannedPath:
         """
         last = int(np.searchsorted(self.along_m, self.along_m[first] + window_m, side="right"))
         part = self.points_m[first:last]
-        squares = (part[:, 0] - x_m) ** 2 + (part[:, 1] - y_m) ** 2
+        squares = portable.square(part[:, 0] - x_m) + portable.square(part[:, 1] - y_m)
         return first + int(np.argmin(squares))
 
     def point_at(self, along_m: float) -> tuple[float, float]:
@@ -51,7 +52,7 @@ class PlannedPath:
 
 def resample(points_m: Array, spacing_m: float) -> Array:
     """(m, 2) points of a polyline at even steps of about `spacing_m`, with both its ends."""
-    steps_m = np.hypot(*np.diff(points_m, axis=0).T)
+    steps_m = portable.hypot_each(*np.diff(points_m, axis=0).T)
     keep = np.concatenate([[True], steps_m > 1e-9])
     points_m = points_m[keep]
     if len(points_m) == 1:
@@ -67,6 +68,6 @@ def resample(points_m: Array, spacing_m: float) -> Array:
 def path_through(points_m: Array, goal_yaw_rad: float) -> PlannedPath:
     """Path of (n, 2) points that ends with the goal's heading."""
     steps = np.diff(points_m, axis=0)
-    lengths_m = np.hypot(steps[:, 0], steps[:, 1])
-    yaws_rad = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw_rad]])
+    lengths_m = portable.hypot_each(steps[:, 0], steps[:, 1])
+    yaws_rad = np.concatenate([portable.atan2_each(steps[:, 1], steps[:, 0]), [goal_yaw_rad]])
     return PlannedPath(points_m, yaws_rad, np.concatenate([[0.0], np.cumsum(lengths_m)]))

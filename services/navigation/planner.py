@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.common.kernels import kernel
+from services.common.world.costmap import Clearance
 from services.navigation.costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
-    Clearance,
     Costmap,
     Costs,
 )
@@ -184,7 +184,8 @@ def _nearest_free(
     rows, columns = np.nonzero(window < INSCRIBED_INFLATED_OBSTACLE)
     if rows.size == 0:
         return None
-    squares = (rows + top - cell[0]) ** 2 + (columns + left - cell[1]) ** 2
+    up, along = rows + top - cell[0], columns + left - cell[1]
+    squares = up * up + along * along
     best = int(np.argmin(squares))
     if squares[best] > reach * reach:
         return None
@@ -319,7 +320,7 @@ def _line_cost(
     """Cost of a straight line, sampled every half cell; inf where it is blocked or dearer than
     `limit`.
     """
-    length = math.hypot(x1 - x0, y1 - y0)
+    length = math.sqrt((x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
     samples = int(length * 2.0) + 1
     step = length / samples
     rows, columns = costs.shape
@@ -352,10 +353,8 @@ def _cheapest_polyline(points: Array, costs: Costs, weight: float) -> Indices:
         # From near to far: the nearest ones give a limit that ends most of the far ones early.
         for i in range(j - 1, -1, -1):
             limit = best[j] - best[i]
-            if (
-                limit <= 0.0
-                or math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]) >= limit
-            ):
+            along, across = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            if limit <= 0.0 or math.sqrt(along * along + across * across) >= limit:
                 continue
             cost = best[i] + _line_cost(
                 costs, points[i, 0], points[i, 1], points[j, 0], points[j, 1], weight, limit

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable
+
 Corners = NDArray[np.float64]
 
 MODULES = 6
@@ -18,8 +20,15 @@ _MAX_HALF_WIDTH_PX = 3.0
 _MIN_HALF_WIDTH_PX = 1.25
 _MAX_MOVE_PX = 3.0
 _ALONG = np.linspace(0.12, 0.88, _SAMPLES)
+
+
 # A line of offsets a + b u across the side, from the samples' offsets, by least squares.
-_LINE_FROM_OFFSETS = np.linalg.pinv(np.stack([np.ones(_SAMPLES), _ALONG], axis=1))
+def _least_squares(design: Corners) -> Corners:
+    """(k, n) what makes the coefficients of n values at (n, k)."""
+    return portable.product(portable.inverse(portable.product(design.T, design)), design.T)
+
+
+_LINE_FROM_OFFSETS = _least_squares(np.stack([np.ones(_SAMPLES), _ALONG], axis=1))
 
 
 def refine_corners(grey: NDArray[np.uint8], corners: Corners, modules: int = MODULES) -> Corners:
@@ -56,7 +65,7 @@ def _edge_lines(
     """(4, 2, 2) two points on the edge of each side; None where an edge has no contrast."""
     starts, ends = corners, np.roll(corners, -1, axis=0)
     along = ends - starts
-    lengths_px = np.hypot(along[:, 0], along[:, 1])
+    lengths_px = portable.hypot_each(along[:, 0], along[:, 1])
     if lengths_px.min() < 1.0:
         return None
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / lengths_px[:, None]
@@ -85,7 +94,7 @@ def _edge_lines(
         return None
     middle = (across[1:] + across[:-1]) / 2
     offsets = (rise * middle).sum(axis=2) / contrast
-    line = offsets @ _LINE_FROM_OFFSETS.T
+    line = portable.product(offsets, _LINE_FROM_OFFSETS.T)
     first = starts + line[:, :1] * outward
     last = ends + line.sum(axis=1, keepdims=True) * outward
     return np.stack([first, last], axis=1)

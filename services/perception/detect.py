@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common import portable
+from services.common.opencv import without_ipp
 from services.perception.corners import Corners, refine_corners
 
 _MIN_SIDE_PX = 12.0
@@ -37,7 +38,7 @@ def smallest_perimeter_px(
 ) -> float:
     """Perimeter in pixels of a marker at the end of its range, seen at an angle to its normal."""
     side_px = max(side_m * focal_px / range_m, _MIN_SIDE_PX)
-    return 2.0 * side_px * (1.0 + math.cos(angle_rad))
+    return 2.0 * side_px * (1.0 + portable.cos(angle_rad))
 
 
 class Detector:
@@ -73,6 +74,7 @@ class Detector:
         if rate != self._perimeter_rate:
             self._perimeter_rate = self._parameters.minMarkerPerimeterRate = rate
             self._detector.setDetectorParameters(self._parameters)
+        without_ipp()
         corners, ids, _ = self._detector.detectMarkers(grey)
         if ids is None:
             return []

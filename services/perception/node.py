@@ -6,12 +6,13 @@ import logging
 
 import numpy as np
 
-from services.common import messages as msg
-from services.common.documents import Entities, MarkerEntity
+from services.common import portable
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, ODOM_FRAME, Array
-from services.common.node import Inbox, Node, Outbox
-from services.common.pose_history import PoseHistory
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, MarkerEntity
+from services.common.node.frame_tree import FrameTree
+from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
     DETECTIONS,
@@ -22,6 +23,7 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
+from services.common.pose_history import PoseHistory
 from services.perception.config import PerceptionConfig
 from services.perception.detect import (
     Detector,
@@ -61,7 +63,7 @@ class PerceptionNode(Node):
         self._infos: dict[int, msg.CameraInfo] = {}
         self._image: msg.Image | None = None
         self._published = False
-        self._static: dict[str, msg.TransformStamped] = {}
+        self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
         self._map_from_odom: Array | None = None
         self._now_ns = 0
@@ -141,7 +143,9 @@ class PerceptionNode(Node):
 
     def _take_transforms(self, inbox: Inbox) -> None:
         for transforms in inbox.new(TF_STATIC):
-            self._static.update({entry.child_frame_id: entry for entry in transforms.transforms})
+            problem = self._static_frames.add(transforms)
+            if problem:
+                inbox.reject(TF_STATIC, problem)
         # The clock comes after what was measured at its time.
         latest_ns = self._now_ns + _CLOCK_LAG_NS
         for transforms in inbox.new(TF):
@@ -228,12 +232,12 @@ class PerceptionNode(Node):
     def _map_from_camera(self, stamp_ns: int, camera_frame: str) -> Array | None:
         tolerance_ns = round(self._config.transform_tolerance_s * 1e9)
         odom_from_base = self._odom_from_base.at(stamp_ns, tolerance_ns)
-        base_from_camera = msg.chain_transforms(
-            self._static.values(), BASE_FOOTPRINT_FRAME, camera_frame
-        )
+        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, camera_frame)
         if self._map_from_odom is None or odom_from_base is None or base_from_camera is None:
             return None
-        return self._map_from_odom @ odom_from_base @ base_from_camera
+        return portable.product(
+            portable.product(self._map_from_odom, odom_from_base), base_from_camera
+        )
 
 
 class _Found:
@@ -267,8 +271,12 @@ def _detection(
         msg.ObjectHypothesisWithPose(
             hypothesis=msg.ObjectHypothesis(class_id=str(found.marker_id), score=solution.score),
             pose=msg.PoseWithCovariance(
-                pose=msg.pose_from_matrix(frame_from_camera @ solution.camera_from_marker),
-                covariance=np.ascontiguousarray((turn @ solution.covariance @ turn.T).reshape(36)),
+                pose=msg.pose_from_matrix(
+                    portable.product(frame_from_camera, solution.camera_from_marker)
+                ),
+                covariance=np.ascontiguousarray(
+                    portable.product(turn, solution.covariance, turn.T).reshape(36)
+                ),
             ),
         )
         for solution in found.solutions

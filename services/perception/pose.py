@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from services.common.frames import Array
+from services.common import portable
+from services.common.frames import Array, rotation_from_vector
 from services.perception.corners import Corners
 
 SAME_ROTATION_RAD = 0.03
@@ -104,8 +105,10 @@ def solve(
         return []
     best_px2 = fits[0].squared_error_px2
     # Eight coordinates less six of the pose leave two degrees of freedom.
-    variance_px2 = max(corner_sigma_px**2, best_px2 / 2)
-    likelihoods = [math.exp(-(f.squared_error_px2 - best_px2) / (2 * variance_px2)) for f in fits]
+    variance_px2 = max(portable.square(corner_sigma_px), best_px2 / 2)
+    likelihoods = [
+        portable.exp(-(f.squared_error_px2 - best_px2) / (2 * variance_px2)) for f in fits
+    ]
     total = sum(likelihoods)
     return [
         Solution(
@@ -132,35 +135,37 @@ class _Fit:
 
     @property
     def squared_error_px2(self) -> float:
-        return float(self.errors_px @ self.errors_px)
+        return float(portable.product(self.errors_px, self.errors_px))
 
     @property
     def faces_camera(self) -> bool:
         """Whether the marker is in front of the camera, with its face towards it."""
         normal, place = self.camera_from_marker[:3, 2], self.camera_from_marker[:3, 3]
         return bool(
-            math.isfinite(self.squared_error_px2) and place[2] > 0.0 and normal @ place < 0.0
+            math.isfinite(self.squared_error_px2)
+            and place[2] > 0.0
+            and portable.product(normal, place) < 0.0
         )
 
 
 def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
     # Turned, but not displaced: the arms about which a turn moves the corners.
-    arms = square @ pose[:3, :3].T
+    arms = portable.product(square, pose[:3, :3].T)
     points = arms + pose[:3, 3]
     depth_m = np.maximum(points[:, 2], _MIN_DEPTH_M)
     rays = points[:, :2] / depth_m[:, None]
-    errors_px = rays @ matrix[:2, :2].T + matrix[:2, 2] - pixels
+    errors_px = portable.product(rays, matrix[:2, :2].T) + matrix[:2, 2] - pixels
     by_point = np.zeros((4, 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0
     by_point[:, :, 2] = -rays
-    by_point = matrix[:2, :2] @ by_point / depth_m[:, None, None]
+    by_point = portable.product(matrix[:2, :2], by_point) / depth_m[:, None, None]
     x, y, z = arms.T
     # A small turn w moves a corner by w x arm.
     by_turn = np.zeros((4, 3, 3))
     by_turn[:, 0, 1], by_turn[:, 0, 2] = z, -y
     by_turn[:, 1, 0], by_turn[:, 1, 2] = -z, x
     by_turn[:, 2, 0], by_turn[:, 2, 1] = y, -x
-    jacobian = np.concatenate([by_point, by_point @ by_turn], axis=2).reshape(8, 6)
+    jacobian = np.concatenate([by_point, portable.product(by_point, by_turn)], axis=2).reshape(8, 6)
     return _Fit(pose, errors_px.reshape(8), jacobian)
 
 
@@ -169,14 +174,14 @@ def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
     fit = _fit(square, pixels, matrix, pose)
     damping = 1e-3
     for _ in range(_MAX_STEPS):
-        information = fit.jacobian.T @ fit.jacobian
+        information = portable.product(fit.jacobian.T, fit.jacobian)
         information[_DIAGONAL] *= 1.0 + damping
         try:
-            step = -np.linalg.solve(information, fit.jacobian.T @ fit.errors_px)
+            step = -portable.solve(information, portable.product(fit.jacobian.T, fit.errors_px))
         except np.linalg.LinAlgError:
             return fit
         moved = fit.camera_from_marker.copy()
-        moved[:3, :3] = np.asarray(cv2.Rodrigues(step[3:])[0], np.float64) @ moved[:3, :3]
+        moved[:3, :3] = portable.product(rotation_from_vector(*step[3:].tolist()), moved[:3, :3])
         moved[:3, 3] += step[:3]
         there = _fit(square, pixels, matrix, moved)
         gain_px2 = fit.squared_error_px2 - there.squared_error_px2
@@ -202,37 +207,37 @@ def _pose_from_homography(square: Array, pixels: Array, matrix: Array) -> Array 
         ]
     )
     try:
-        entries = np.linalg.solve(equations, np.concatenate([u, v]))
-        homography = np.linalg.solve(matrix, np.append(entries, 1.0).reshape(3, 3))
-        right, up, place = homography.T * 2.0 / np.linalg.norm(homography[:, :2], axis=0).sum()
+        entries = portable.solve(equations, np.concatenate([u, v]))
+        homography = portable.solve(matrix, np.append(entries, 1.0).reshape(3, 3))
+        right, up, place = homography.T * 2.0 / portable.lengths(homography[:, :2].T).sum()
         rotation = np.stack([right, up, np.cross(right, up)], axis=1)
-        left, _, right_ = np.linalg.svd(rotation)
+        turn = portable.nearest_rotation(rotation)
     except np.linalg.LinAlgError:
         return None
     pose = np.eye(4)
-    pose[:3, :3] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right_)]) @ right_
+    pose[:3, :3] = turn
     pose[:3, 3] = place
     return pose if place[2] > 0.0 else None
 
 
 def _depths_reversed(pose: Array) -> Array:
     """The pose whose points lie as far before the marker's centre as they lay behind it."""
-    sight = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
+    sight = pose[:3, 3] / portable.lengths(pose[:3, 3])
     reversed_ = pose.copy()
     mirror = np.eye(3) - 2.0 * np.outer(sight, sight)
     # Mirrored once more along the marker's own normal, it is a rotation again.
-    reversed_[:3, :3] = mirror @ pose[:3, :3] @ np.diag([1.0, 1.0, -1.0])
+    reversed_[:3, :3] = portable.product(mirror, pose[:3, :3]) * (1.0, 1.0, -1.0)
     return reversed_
 
 
 def _covariance(jacobian: Array, variance_px2: float) -> Array:
     """(6, 6) covariance of a least-squares pose from the noise of its corners."""
-    information = jacobian.T @ jacobian / variance_px2
-    information[3:, 3:] += np.eye(3) / _ROTATION_PRIOR_RAD**2
-    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    information = portable.product(jacobian.T, jacobian) / variance_px2
+    information[3:, 3:] += np.eye(3) / portable.square(_ROTATION_PRIOR_RAD)
+    covariance = np.asarray(portable.inverse(information), np.float64)
     return (covariance + covariance.T) / 2
 
 
 def _same(first: _Fit, second: _Fit) -> bool:
-    turn = first.camera_from_marker[:3, :3].T @ second.camera_from_marker[:3, :3]
-    return math.acos(min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0)) < SAME_ROTATION_RAD
+    turn = portable.product(first.camera_from_marker[:3, :3].T, second.camera_from_marker[:3, :3])
+    return portable.acos(min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0)) < SAME_ROTATION_RAD

@@ -9,11 +9,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common import messages as msg
 from services.common import png
-from services.common.assets import mesh_sha256s
-from services.common.documents import Thing
-from services.common.geometry import TriangleMesh, mesh_from_bytes
+from services.common.node import messages as msg
+from services.common.node.documents import Thing
+from services.common.world.assets import mesh_sha256s
+from services.common.world.geometry import TriangleMesh, mesh_from_bytes
 
 MAX_ASSETS = 512
 MAX_BYTES = 256_000_000

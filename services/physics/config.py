@@ -9,8 +9,8 @@ from pydantic import Field, field_validator, model_validator
 
 from services.common.config import ConfigError, ServiceConfig
 from services.common.root import ROOT
-from services.physics.camera import FAR_M
-from services.physics.sensor_profiles import (
+from services.physics.camera.camera import FAR_M
+from services.physics.sensors.sensor_profiles import (
     CAMERA_PROFILES,
     SCAN_PROFILES,
     CameraProfile,
@@ -50,25 +50,28 @@ class PhysicsConfig(ServiceConfig):
         0.46, gt=0.0, le=5.0, description="commands beyond it are clamped, in both directions"
     )
     max_linear_acceleration_m_s2: float = Field(
-        1.0, gt=0.0, le=10.0, description="of speeding up and of slowing down"
+        1.0, gt=0.0, le=10.0, description="when speeding up and when slowing down"
     )
     max_angular_speed_rad_s: float = Field(
         1.9, gt=0.0, le=20.0, description="commands beyond it are clamped, in both directions"
     )
     max_angular_acceleration_rad_s2: float = Field(
-        2.0, gt=0.0, le=50.0, description="of speeding up and of slowing down"
+        2.0, gt=0.0, le=50.0, description="when speeding up and when slowing down"
     )
     cmd_vel_timeout_s: float = Field(
-        0.2, gt=0.0, le=10.0, description="without a velocity command for this long the robot stops"
+        0.2,
+        gt=0.0,
+        le=10.0,
+        description="the robot stops after this long without a velocity command",
     )
     watchdog_linear_deceleration_m_s2: float = Field(
-        4.0, gt=0.0, le=10.0, description="of a stop for want of commands"
+        4.0, gt=0.0, le=10.0, description="deceleration of the stop after no command"
     )
     watchdog_angular_deceleration_rad_s2: float = Field(
-        14.0, gt=0.0, le=50.0, description="of a stop for want of commands"
+        14.0, gt=0.0, le=50.0, description="deceleration of the stop after no command"
     )
     wheel_torque_n_m: float = Field(
-        1.0, gt=0.0, le=20.0, description="the most a wheel's motor can give"
+        1.0, gt=0.0, le=20.0, description="highest torque of a wheel's motor"
     )
     wheel_slip: float = Field(
         0.0,
@@ -93,14 +96,14 @@ class PhysicsConfig(ServiceConfig):
         "lds01", description="lidar whose figures the scan_ fields have where they are not set"
     )
     scan_rate_hz: float = Field(
-        _LDS01.scan_rate_hz, gt=0.0, description="turns of the lidar a second; divides 240"
+        _LDS01.scan_rate_hz, gt=0.0, description="scans a second; must divide 240"
     )
-    scan_samples: int = Field(_LDS01.scan_samples, ge=4, le=10_000, description="rays a turn")
+    scan_samples: int = Field(_LDS01.scan_samples, ge=4, le=10_000, description="rays of a scan")
     scan_range_min_m: float = Field(
-        _LDS01.scan_range_min_m, ge=0.0, le=1.0, description="nearer echoes are -inf"
+        _LDS01.scan_range_min_m, ge=0.0, le=1.0, description="nearer returns are told as -inf"
     )
     scan_range_max_m: float = Field(
-        _LDS01.scan_range_max_m, gt=1.0, le=100.0, description="farther echoes are inf"
+        _LDS01.scan_range_max_m, gt=1.0, le=100.0, description="farther returns are told as inf"
     )
     scan_noise_m: float = Field(
         _LDS01.scan_noise_m, ge=0.0, le=1.0, description="standard deviation of a range, at least"
@@ -129,7 +132,7 @@ class PhysicsConfig(ServiceConfig):
         "d435i", description="camera whose figures the camera_ fields have where they are not set"
     )
     camera_rate_hz: float = Field(
-        _D435I.camera_rate_hz, gt=0.0, description="pictures a second; divides 240"
+        _D435I.camera_rate_hz, gt=0.0, description="pictures a second; must divide 240"
     )
     camera_width_px: int = Field(
         _D435I.camera_width_px, ge=16, le=4096, description="width of a picture"
@@ -148,13 +151,15 @@ class PhysicsConfig(ServiceConfig):
     )
     camera_depth_enabled: bool = Field(True, description="send depth images too")
     camera_depth_min_m: float = Field(
-        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are 0"
+        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are told as 0"
     )
     camera_depth_max_m: float = Field(
-        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are 0"
+        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are told as 0"
     )
     camera_compressed_enabled: bool = Field(False, description="send pictures as JPEG too")
-    camera_jpeg_quality: int = Field(80, ge=1, le=100, description="of the pictures sent as JPEG")
+    camera_jpeg_quality: int = Field(
+        80, ge=1, le=100, description="quality of the pictures sent as JPEG"
+    )
 
     @model_validator(mode="before")
     @classmethod

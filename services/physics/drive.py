@@ -43,6 +43,22 @@ class Drive:
         self.watchdog_stops = 0
         """Times the watchdog stopped a robot that had been told to move."""
 
+    @property
+    def is_commanded(self) -> bool:
+        """Whether the last command still holds: it has not gone stale."""
+        return self._commanded_ns is not None
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a command that still holds is to move."""
+        moves = self._target_linear != 0.0 or self._target_angular != 0.0
+        return self.is_commanded and moves
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the wheels are told to stand, and nobody is about to tell them otherwise."""
+        return not self.is_commanded and self._linear == self._angular == 0.0
+
     def command(self, linear_m_s: float, angular_rad_s: float, now_ns: int) -> None:
         """Take in a velocity of base_footprint; what is beyond the limits is clamped.
 

@@ -7,23 +7,20 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from services.common import messages as msg
-from services.common.assets import asset_message, assets_of
+from services.common import portable
 from services.common.config import ConfigError
-from services.common.documents import (
+from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
+from services.common.node import messages as msg
+from services.common.node.documents import (
     Entities,
     SimulationControl,
     SimulationControlReply,
     SimulationStats,
     World,
 )
-from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
-from services.common.geometry import TriangleMesh
-from services.common.messages import ns_from_time
-from services.common.node import ClockNode, Inbox, Outbox
-from services.common.placement import Placement
-from services.common.surfaces import Surface, surfaces
-from services.common.topics import (
+from services.common.node.messages import ns_from_time
+from services.common.node.node import ClockNode, Inbox, Outbox
+from services.common.node.topics import (
     ASSETS,
     CAMERA_COMPRESSED,
     CAMERA_IMAGE,
@@ -47,20 +44,25 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
+from services.common.world.assets import asset_message, assets_of
+from services.common.world.geometry import TriangleMesh
+from services.common.world.placement import Placement
+from services.common.world.surfaces import Surface, surfaces
 from services.physics.assets import Assets, meshes_of
-from services.physics.camera import Intrinsics, make_renderer
-from services.physics.camera_messages import (
+from services.physics.bodies.entities import establish, told_changes
+from services.physics.bodies.robot_model import ModelError, robot_model_from_urdf
+from services.physics.camera.camera import Intrinsics
+from services.physics.camera.camera_messages import (
     camera_info,
     compressed_message,
     depth_message,
     image_message,
 )
+from services.physics.camera.renderers import make_renderer
+from services.physics.camera.scene import build_scene
 from services.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
-from services.physics.entities import establish
-from services.physics.ground_truth import ground_truth, joint_states, mover_frames
-from services.physics.robot_model import ModelError, robot_model_from_urdf
 from services.physics.run_control import ControlRequest, RunControl
-from services.physics.scene import build_scene
+from services.physics.sensors.ground_truth import ground_truth, joint_states, mover_frames
 from services.physics.simulation import STEP_S, Simulation
 
 _Report = Callable[[Simulation, int, Outbox], None]
@@ -81,6 +83,8 @@ class PhysicsNode(ClockNode):
     name = "physics"
     _config: PhysicsConfig
     wakes = (WORLD, ASSETS, DESIRED_ENTITIES)
+    depth = 32
+    """Of velocity commands: those of one source do not push out another's."""
 
     def __init__(self, config: PhysicsConfig) -> None:
         """Raises ConfigError where the robot's model or the renderer asked for cannot be had."""
@@ -158,6 +162,16 @@ class PhysicsNode(ClockNode):
         """See ClockNode."""
         return self._control.interventions
 
+    @property
+    def resting(self) -> bool:
+        """See ClockNode."""
+        simulation = self._simulation
+        return (
+            simulation is not None
+            and simulation.drive.is_at_rest
+            and not simulation.bodies.follows_paths
+        )
+
     def waiting_for(self) -> str | None:
         """What keeps time from starting."""
         if self._simulation is not None:
@@ -174,6 +188,8 @@ class PhysicsNode(ClockNode):
         if not due:
             # Where a request has held the step back, or begun anew.
             now_ns = outbox.now_ns = self.now_ns
+        if inbox.pending(SIMULATION_STATS):
+            self._take_in_past(inbox, outbox)
         if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
             self._take_in_world(now_ns, inbox, outbox)
         if inbox.pending(CMD_VEL):
@@ -187,6 +203,15 @@ class PhysicsNode(ClockNode):
         ended = self._control.ended(self._steps)
         if ended is not None:
             self._answer(ended, "")
+            self._tell_stats(outbox)
+
+    def _take_in_past(self, inbox: Inbox, outbox: Outbox) -> None:
+        """Go on counting epochs where the process before this one ended."""
+        past = max((stats.epoch for stats in inbox.new(SIMULATION_STATS)), default=0)
+        if self._simulation is None:
+            self._epoch = max(self._epoch, past)
+        elif past >= self._epoch:
+            self._epoch = past + 1
             self._tell_stats(outbox)
 
     def close(self) -> None:
@@ -297,18 +322,30 @@ class PhysicsNode(ClockNode):
             outbox.put(SIMULATION_STATS, self._stats(self._simulation))
 
     def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
+        """Follow one source of commands until it stops the robot or is silent; those of any other
+        are refused.
+        """
         arrivals = inbox.arrivals(CMD_VEL)
-        if not arrivals or self._simulation is None:
+        if self._simulation is None:
             return
-        command, envelope = arrivals[-1]
-        stamp_ns = ns_from_time(command.header.stamp)
-        # A stamp of zero is that of a sender without a clock: as good as now.
-        if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
-            inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "from the future")
-            return
-        twist = command.twist
-        self._simulation.drive.command(twist.linear.x, twist.angular.z, now_ns)
-        self._commander = envelope.source
+        drive = self._simulation.drive
+        for command, envelope in arrivals:
+            stamp_ns = ns_from_time(command.header.stamp)
+            # A stamp of zero is that of a sender without a clock: as good as now.
+            if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
+                inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "from the future")
+            elif self._is_held_against(envelope.source, inbox):
+                inbox.reject(CMD_VEL, "another source commands")
+            else:
+                self._commander = envelope.source
+                drive.command(command.twist.linear.x, command.twist.angular.z, now_ns)
+
+    def _is_held_against(self, source: str, inbox: Inbox) -> bool:
+        """Whether another source drives the robot: it is there, and not silent yet."""
+        holder = self._commander
+        if holder is None or holder == source or self._simulation is None:
+            return False
+        return self._simulation.drive.is_driven and not inbox.is_gone(holder)
 
     def _take_in_world(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         for asset in inbox.new(ASSETS):
@@ -427,7 +464,9 @@ class PhysicsNode(ClockNode):
                 for problem in scene.problems:
                     _log.warning("%s", problem)
                 self._renderer.set_scene(scene)
-            _log.info("%d entities stand in world '%s'", len(entities.entities), world.name)
+            told = told_changes(before, entities)
+            if told:
+                _log.info("world '%s': %s", world.name, told)
         for refusal in entities.refused:
             if before is None or refusal not in before.refused:
                 _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
@@ -473,7 +512,9 @@ class PhysicsNode(ClockNode):
     def _put_picture(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         if self._renderer is None:
             return
-        map_from_optical = simulation.bodies.map_from_footprint() @ self._footprint_from_optical
+        map_from_optical = portable.product(
+            simulation.bodies.map_from_footprint(), self._footprint_from_optical
+        )
         picture = self._renderer.render(map_from_optical, simulation.bodies.map_from_movers())
         simulation.camera_noise.add_to(picture.rgb)
         simulation.image_hash.add(picture.rgb)

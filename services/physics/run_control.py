@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from services.common.documents import SimulationControl, SimulationControlReply
-from services.common.node import Request
+from services.common.node.documents import SimulationControl, SimulationControlReply
+from services.common.node.node import Request
 from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
 
 ControlRequest = Request[SimulationControl, SimulationControlReply]

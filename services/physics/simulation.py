@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.common.documents import Contact, World
 from services.common.frames import BASE_FOOTPRINT_FRAME, IMU_FRAME, SCAN_FRAME
-from services.common.geometry import TriangleMesh
-from services.common.node import random_generator
-from services.physics.bodies import Bodies
-from services.physics.camera_noise import CameraNoise
+from services.common.node.documents import Contact, World
+from services.common.node.node import random_generator
+from services.common.world.geometry import TriangleMesh
+from services.physics.bodies.bodies import Bodies
+from services.physics.bodies.robot_model import RobotModel
+from services.physics.camera.camera_noise import CameraNoise
+from services.physics.camera.image_hash import ImageHash
 from services.physics.config import STEPS_PER_SECOND, PhysicsConfig
-from services.physics.contacts import ContactEvents
 from services.physics.drive import Drive, DriveLimits
-from services.physics.image_hash import ImageHash
-from services.physics.imu import Imu
-from services.physics.lidar import Lidar, lidar_figures
-from services.physics.odometry import WheelOdometry
-from services.physics.robot_model import RobotModel
+from services.physics.sensors.contacts import ContactEvents
+from services.physics.sensors.imu import Imu
+from services.physics.sensors.lidar import Lidar, lidar_figures
+from services.physics.sensors.odometry import WheelOdometry
 from services.physics.state_hash import StateHash
 
 STEP_S = 1.0 / STEPS_PER_SECOND

@@ -6,7 +6,7 @@ import hashlib
 import struct
 from collections.abc import Iterable
 
-from services.physics.body_state import BodyState, MoverState
+from services.physics.bodies.body_state import BodyState, MoverState
 
 _PACK = struct.Struct("<17d").pack
 _PACK_MOVER = struct.Struct("<13d").pack

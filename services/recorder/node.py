@@ -9,41 +9,62 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from services.common import documents as doc
-from services.common.assets import assets_of
-from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import (
+from services.common.node import documents as doc
+from services.common.node.frame_tree import FrameNames, FrameTree
+from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.topics import (
     ASSETS,
+    CONTACTS,
     DESIRED_ENTITIES,
     DIAGNOSTICS,
     ENTITIES,
     EVALUATION,
+    GOAL_POSE,
     MAP,
     NAVIGATION_RESULT,
     PARAMETERS,
     ROSOUT,
     SIMULATION_STATS,
+    TF,
     TF_STATIC,
     WORLD,
     WORLD_REQUEST,
     WORLD_STATUS,
+    Delivery,
     Topic,
     read_by,
 )
-from services.recorder.beginnings import Beginnings
+from services.common.world.assets import assets_of
 from services.recorder.config import RecorderConfig
-from services.recorder.repair import Repair
-from services.recorder.run import Run, Setting
-from services.recorder.run_folder import RunFolder, check_unused, check_writable
-from services.recorder.versions import versions
+from services.recorder.keeping.beginnings import Beginnings
+from services.recorder.keeping.progress import Progress
+from services.recorder.keeping.repair import Repair, interrupted
+from services.recorder.keeping.run import Run, Setting
+from services.recorder.keeping.run_folder import RunFolder, check_free, check_writable
+from services.recorder.keeping.versions import versions
 
 if TYPE_CHECKING:
-    from services.recorder.live import LiveView
+    from services.recorder.keeping.live import LiveView
 
 _LOG = logging.getLogger("recorder")
 
 EVALUATION_PERIOD_NS = 1_000_000_000
-_EARLY: tuple[Topic[Any], ...] = (WORLD_REQUEST, WORLD_STATUS, PARAMETERS, DIAGNOSTICS, ROSOUT)
+OVERLAP_S = 10.0
+"""By which what is heard again begins before what the dead recorder kept: what both heard counts
+once, what one missed is lost.
+"""
+SIMULATION_PATIENCE_S = 5.0
+"""Wall time within which the simulation must tell how it is, for an interrupted run to go on."""
+_EARLY: tuple[Topic[Any], ...] = (
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    PARAMETERS,
+    DIAGNOSTICS,
+    ROSOUT,
+    GOAL_POSE,
+    NAVIGATION_RESULT,
+    CONTACTS,
+)
 """What is kept for the run until there is one."""
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
 """What is said once and holds until it is said anew, in the next run as well."""
@@ -55,13 +76,24 @@ _Arrival = tuple[Any, Envelope]
 # As Inbox.arrivals() has it.
 
 
+def _no_frames() -> dict[Topic[Any], FrameNames | FrameTree]:
+    """What tells of each message with transforms whether it may be taken in. A ring of frames that
+    move mends itself with their next message, one of fixed frames never.
+    """
+    return {TF: FrameNames(), TF_STATIC: FrameTree()}
+
+
 class RecorderNode(Node):
     """Keeps one folder a run. A run is one world, from one start of its simulation to its end."""
 
     name = "recorder"
     _config: RecorderConfig
     period_ns = 100_000_000
-    wakes = tuple(topic for topic in read_by("recorder") if topic.rate_hz is None)
+    # The simulation tells of a pause while no time passes.
+    wakes = (
+        SIMULATION_STATS,
+        *(topic for topic in read_by("recorder") if topic.rate_hz is None),
+    )
     depth = 64
 
     def __init__(
@@ -74,30 +106,45 @@ class RecorderNode(Node):
         self._config = config
         self._local_time = local_time
         self._parameters: dict[str, Any] = {}
+        self._seed = config.seed
+        """The simulation's, as soon as that is known: a reset may bring another."""
         if config.out_dir is None:
             check_writable(config.recordings_dir)
         else:
-            check_unused(config.out_dir)
-            check_writable(config.out_dir.parent)
+            check_free("out_dir", config.out_dir)
         self._live: LiveView | None = None
         if config.live:
-            from services.recorder.live import LiveView  # noqa: PLC0415 - loads Rerun
+            from services.recorder.keeping.live import LiveView  # noqa: PLC0415 - loads Rerun
 
             self._live = LiveView(
                 config.bind, config.web_port, config.grpc_port, config.live_memory_mib
             )
             _LOG.info("live view on http://localhost:%d", config.web_port)
         self._setting = Setting(
-            config, wall_clock_s, versions(), self._live.url if self._live else None
+            config,
+            wall_clock_s,
+            versions(),
+            live=self._live.feed if self._live else None,
+            resumable=config.out_dir is None,
         )
+        self._interrupted = interrupted(config.recordings_dir) if config.out_dir is None else None
+        """The folder of a run, and its progress, whose recorder died and that may still go on."""
+        if self._interrupted is not None:
+            # What it took in last it may have died with.
+            self.hears_from_s = self._interrupted[1].written_s - OVERLAP_S
+        self._offered: tuple[doc.World, float] | None = None
+        """A world whose run that may be, and the wall time at which it came."""
+        self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
             self._repair = Repair(config.recordings_dir)
+            self._repair.spared = self._interrupted[0] if self._interrupted else None
             self._repair.start()
         self._request: doc.WorldRequest | None = None
         self._early: deque[tuple[Topic[Any], _Arrival]] = deque(maxlen=1000)
         self._run: Run | None = None
         self._beginnings = Beginnings()
+        self._frames = _no_frames()
         self._evaluated_ns: int | None = None
 
     def waiting_for(self) -> str | None:
@@ -114,12 +161,17 @@ class RecorderNode(Node):
         later: list[tuple[Topic[Any], _Arrival]] = []
         for topic in read_by(self.name):
             for arrival in stats if topic is SIMULATION_STATS else inbox.arrivals(topic):
-                if not begins:
+                problem = self._problem_with(topic, arrival)
+                if problem:
+                    inbox.reject(topic, problem)
+                elif not begins:
                     self._take(topic, arrival, now_ns)
                 elif self._beginnings.is_before(arrival[1].sent_ns):
                     self._take(topic, arrival, self._beginnings.ended_ns)
                 else:
                     later.append((topic, arrival))
+        if self._offered is not None:
+            self._choose_run(*self._offered, now_ns)
         if begins and self._run is not None:
             _LOG.info("the simulation began anew")
             self._begin(self._run.world, now_ns)
@@ -129,9 +181,18 @@ class RecorderNode(Node):
             return
         self._run.tick(now_ns, inbox.counts)
         last_ns = self._evaluated_ns
+        if ended:
+            self._run.keep_progress()
         if ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
             self._evaluated_ns = now_ns
-            outbox.put(EVALUATION, self._run.evaluation())
+            evaluation = self._run.evaluation()
+            self._run.show(evaluation)
+            outbox.put(EVALUATION, evaluation)
+
+    def _problem_with(self, topic: Topic[Any], arrival: _Arrival) -> str:
+        """What is wrong with a message beside those that came before it; empty: nothing."""
+        frames = self._frames.get(topic)
+        return "" if frames is None else frames.add(arrival[0])
 
     def close(self) -> None:
         """End the run: its summary is written and its recording closed."""
@@ -147,8 +208,7 @@ class RecorderNode(Node):
     def _take(self, topic: Topic[Any], arrival: _Arrival, now_ns: int) -> None:
         message = arrival[0]
         if topic is WORLD:
-            if self._run is None or message.hash != self._run.world.hash:
-                self._begin(message, now_ns)
+            self._take_world(message, now_ns)
             return
         if topic is ASSETS:
             self._setting.assets[message.header.frame_id] = message.data.tobytes()
@@ -161,10 +221,49 @@ class RecorderNode(Node):
         elif topic is PARAMETERS and self._parameters.get(message.service) != message.values:
             self._parameters[message.service] = message.values
             self._write_config()
+        elif topic is SIMULATION_STATS:
+            self._simulation = arrival
+            if message.seed != self._seed:
+                self._seed = message.seed
+                self._write_config()
         if self._run is not None:
             self._run.take(topic, arrival, now_ns)
         elif topic in _EARLY:
             self._early.append((topic, arrival))
+
+    def _take_world(self, world: doc.World, now_ns: int) -> None:
+        if self._run is not None and world.hash == self._run.world.hash:
+            return
+        interrupted, self._offered = self._interrupted, None
+        if interrupted is not None and interrupted[1].world_hash == world.hash:
+            # Only the simulation can tell whether it is the same one.
+            self._offered = world, self._setting.wall_clock_s()
+        else:
+            self._begin(world, now_ns)
+
+    def _choose_run(self, world: doc.World, offered_s: float, now_ns: int) -> None:
+        """Go on with the run whose recorder died, or begin one, as soon as it is known which."""
+        told = self._simulation
+        if told is None or told[0].world_hash != world.hash:
+            if self._setting.wall_clock_s() - offered_s >= SIMULATION_PATIENCE_S:
+                self._begin(world, now_ns)
+            return
+        stats, envelope = told
+        time_ns = round(stats.sim_time_s * 1e9)
+        assert self._interrupted is not None
+        folder, progress = self._interrupted
+        if not progress.is_before(world.hash, envelope.source, stats.epoch, time_ns):
+            self._begin(world, now_ns)
+            return
+        taken: RunFolder | None = None
+        try:
+            taken = RunFolder.take_over(folder)
+            self._begin(world, now_ns, taken, progress)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if taken is not None:
+                taken.let_go()
+            _LOG.warning("%s cannot be gone on with: %s", folder, error)
+            self._begin(world, now_ns)
 
     def _let_go_of_assets(self) -> None:
         """Forget the oldest textures and meshes that nothing has, where there are too many."""
@@ -183,20 +282,50 @@ class RecorderNode(Node):
             if sha256 not in used:
                 size_bytes -= len(assets.pop(sha256))
 
-    def _begin(self, world: doc.World, now_ns: int) -> None:
-        """Begin a new run in a folder of its own, with what is known already."""
+    def _make_folder(self, world: doc.World) -> RunFolder:
+        """Raises OSError where none can be made."""
+        if self._config.out_dir is not None:
+            return RunFolder.exactly(self._config.out_dir)
+        return RunFolder.in_folder(self._config.recordings_dir, self._local_time(), world.name)
+
+    def _begin(
+        self,
+        world: doc.World,
+        now_ns: int,
+        interrupted: RunFolder | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Begin a new run in a folder of its own, with what is known already; or go on with one."""
         if self._run is not None:
             self._run.close()
-        if self._config.out_dir is not None:
-            folder = RunFolder.exactly(self._config.out_dir)
-        else:
-            recordings_dir = self._config.recordings_dir
-            folder = RunFolder.in_folder(recordings_dir, self._local_time(), world.name)
+            self._run = None
+        folders = [interrupted] if interrupted is not None else []
+
+        def make_folder() -> RunFolder:
+            return folders.pop() if folders else self._make_folder(world)
+
         self.world_hash = world.hash
+        self._frames = _no_frames()
         self._evaluated_ns = None
-        self._run = Run(self._setting, folder, world, now_ns)
+        self._run = Run(self._setting, make_folder, world, now_ns, progress)
+        if progress is None and self.hears_from_s is not None:
+            # Of a simulation that has ended.
+            self.hears_from_s = None
+            self._early = deque(
+                (entry for entry in self._early if entry[0].delivery is not Delivery.EVERY),
+                self._early.maxlen,
+            )
+        self._interrupted = self._offered = None
+        if self._repair is not None:
+            self._repair.spared = None
         self._write_config()
-        _LOG.info("recording to %s", folder.path)
+        if progress is not None:
+            what = "going on with"
+        elif self._config.record:
+            what = "recording to"
+        else:
+            what = "no recording; the run's verdict goes to"
+        _LOG.info("%s %s", what, self._run.folder.path)
         while self._early:
             topic, arrival = self._early.popleft()
             self._run.take(topic, arrival, now_ns)
@@ -210,7 +339,7 @@ class RecorderNode(Node):
             "world_request": self._request.model_dump(mode="json") if self._request else None,
             "world": world.name,
             "world_hash": world.hash,
-            "seed": self._config.seed,
+            "seed": self._seed,
             "services": dict(sorted(self._parameters.items())),
         }
         self._run.write_config(content)

@@ -11,8 +11,8 @@ import itertools
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from services.common.assets import assets_of
-from services.common.documents import (
+from services.common.entity_problems import entity_problems, name_problems, pose_problems
+from services.common.node.documents import (
     BodyEntity,
     DeleteEntity,
     Entities,
@@ -24,10 +24,10 @@ from services.common.documents import (
     SpawnEntity,
     World,
 )
-from services.common.entity_problems import entity_problems, name_problems, pose_problems
-from services.common.furnish import MAX_MARKERS
-from services.common.marker_picture import identity_problem
-from services.common.placement import Placement, panel_of
+from services.common.world.assets import assets_of
+from services.common.world.furnish import MAX_MARKERS
+from services.common.world.marker_picture import identity_problem
+from services.common.world.placement import Placement, panel_of
 from services.spawner.entity_assets import decoded
 
 MAX_ASKED_FOR = 200

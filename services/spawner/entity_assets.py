@@ -8,9 +8,9 @@ import hashlib
 from collections.abc import Container, Mapping
 
 from services.common import png
-from services.common.assets import assets_of
-from services.common.documents import Entity
-from services.common.geometry import mesh_from_bytes
+from services.common.node.documents import Entity
+from services.common.world.assets import assets_of
+from services.common.world.geometry import mesh_from_bytes
 
 
 def decoded(assets: Mapping[str, str], entity: Entity, known: Container[str]) -> dict[str, bytes]:

@@ -9,8 +9,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from services.common.assets import asset_message, mesh_sha256s
-from services.common.documents import (
+from services.common.frames import MAP_FRAME
+from services.common.node.documents import (
     Entities,
     EntityReply,
     GetEntities,
@@ -19,13 +19,9 @@ from services.common.documents import (
     Vector,
     World,
 )
-from services.common.frames import MAP_FRAME
-from services.common.furnish import PanelStyle, furnish
-from services.common.geometry import mesh_from_bytes
-from services.common.messages import TFMessage
-from services.common.node import Inbox, Node, Outbox, Request
-from services.common.placement import Placement
-from services.common.topics import (
+from services.common.node.messages import TFMessage
+from services.common.node.node import Inbox, Node, Outbox, Request
+from services.common.node.topics import (
     ASSETS,
     DELETE_ENTITY,
     DESIRED_ENTITIES,
@@ -36,6 +32,10 @@ from services.common.topics import (
     TF,
     WORLD,
 )
+from services.common.world.assets import asset_message, mesh_sha256s
+from services.common.world.furnish import PanelStyle, furnish
+from services.common.world.geometry import mesh_from_bytes
+from services.common.world.placement import Placement
 from services.spawner.config import SpawnerConfig
 from services.spawner.desired_set import DesiredSet, Later, Waits
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from services.common.furnish import furnish
+from services.common.world.furnish import furnish
 from services.worldgen.difficulty import difficulty
-from services.worldgen.loader import LoadedWorld
-from services.worldgen.map_files import write_map
-from services.worldgen.preview import plan_png, world_glb
+from services.worldgen.map.clearance import reach
+from services.worldgen.map.map_files import write_map
+from services.worldgen.preview import plan_png
+from services.worldgen.recipe.loader import LoadedWorld
 from services.worldgen.sdf.export import export_world
+from services.worldgen.world_model import world_glb
 
 
 def build_world(loaded: LoadedWorld, folder: Path) -> None:
@@ -29,10 +31,13 @@ def build_world(loaded: LoadedWorld, folder: Path) -> None:
 
 
 def figures(loaded: LoadedWorld) -> dict[str, object]:
-    """How hard a world is, and what hangs in it."""
+    """How hard a world is, how much of its floor can be reached, and what hangs in it."""
     entities, _ = furnish(loaded.world, meshes=loaded.meshes)
+    floor = reach(loaded.world, loaded.meshes)
     return {
         **difficulty(loaded).model_dump(),
+        "reachable_m2": round(floor.reachable_m2, 4),
+        "reachable_share": round(floor.share, 4),
         "markers_hanging": len(entities.entities),
         "markers_refused": len(entities.refused),
     }

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from services.common.config import ConfigError
-from services.common.documents import Entities, Marker
-from services.common.footprint import footprints
 from services.common.frames import rotation_from_quaternion, transform_matrix
-from services.common.furnish import furnish
-from services.common.placement import Panel
-from services.worldgen.clearance import ROBOT_RADIUS_M, cannot_be_reached, clear_m
-from services.worldgen.loader import (
+from services.common.node.documents import Entities, Marker
+from services.common.world.costmap import ROBOT_RADIUS_M
+from services.common.world.furnish import furnish
+from services.common.world.placement import Panel
+from services.worldgen.files import imported_recipe, is_sdf
+from services.worldgen.map.clearance import CORRIDOR_M, Reach, reach, rooms_to_stand
+from services.worldgen.recipe.loader import (
     DEFAULT_WORLDS_DIR,
     Draft,
     Loading,
@@ -23,10 +23,17 @@ from services.worldgen.loader import (
     shown_path,
     sources_of,
 )
-from services.worldgen.problems import Mistake, Problem, WorldError
-from services.worldgen.yaml_source import Source
+from services.worldgen.recipe.problems import Mistake, Problem, WorldError
+from services.worldgen.recipe.yaml_source import Source
 
-SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
+
+class Findings(NamedTuple):
+    """What is to be said of a world."""
+
+    problems: tuple[Problem, ...]
+    """Empty where all is well."""
+    reach: Reach | None
+    """How much of its floor can be reached; None where the world cannot be made."""
 
 
 def problems_of(
@@ -38,31 +45,40 @@ def problems_of(
     arguments: Mapping[str, str] | None = None,
     roots: Sequence[Path] = (),
 ) -> tuple[Problem, ...]:
-    """Everything wrong with a world, by the name of its recipe or by a file.
+    """Everything wrong with a world: see `findings_of`."""
+    return findings_of(
+        name_or_path, use_aruco, worlds_dir, texture_base, overrides, arguments, roots
+    ).problems
+
+
+def findings_of(
+    name_or_path: str | Path,
+    use_aruco: bool = True,
+    worlds_dir: Path = DEFAULT_WORLDS_DIR,
+    texture_base: Path | None = None,
+    overrides: Sequence[str] = (),
+    arguments: Mapping[str, str] | None = None,
+    roots: Sequence[Path] = (),
+) -> Findings:
+    """Everything wrong with a world, by the name of its recipe or by a file, and its floor.
 
     A text is a name in `worlds_dir`, a path a file: a recipe with what it needs beside it, an SDF,
     URDF or xacro file, or a model's folder. `arguments` are xacro's, `roots` folders of models.
-    Empty where all is well. Never raises.
+    Never raises.
     """
     try:
         if isinstance(name_or_path, str):
             sources = named_sources(name_or_path, worlds_dir)
             return _judged(sources, use_aruco, worlds_dir, texture_base, overrides)
         if is_sdf(name_or_path):
-            return tuple(_of_sdf(name_or_path, use_aruco, overrides, arguments or {}, roots))
+            with imported_recipe(name_or_path, arguments or {}, roots, "world") as recipe:
+                # The recipe is nobody's: its problems are told as the file's.
+                sources = [Source(shown_path(name_or_path), sources_of(recipe)[0].content)]
+                return _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)
         sources, folder = sources_of(name_or_path), name_or_path.parent
         return _judged(sources, use_aruco, folder, texture_base, overrides)
     except WorldError as error:
-        return error.problems or (Problem(must=str(error)),)
-
-
-def is_sdf(path: Path) -> bool:
-    """Whether a path is one of Gazebo's files, by its name, or a folder of a model."""
-    try:
-        return path.suffix.lower() in SDF_SUFFIXES or (path / "model.config").is_file()
-    except OSError:
-        # A name that is too long, which reading will tell.
-        return False
+        return Findings(error.problems or (Problem(must=str(error)),), None)
 
 
 def _judged(
@@ -72,47 +88,74 @@ def _judged(
     texture_base: Path | None,
     overrides: Sequence[str],
     name: str | None = None,
-) -> tuple[Problem, ...]:
-    """The problems of a recipe, those of its geometry among them."""
+) -> Findings:
+    """The problems of a recipe, those of its geometry among them, and its floor."""
     loading = Loading(
         sources, use_aruco, worlds_dir, texture_base, overrides, thorough=True, name=name
     )
-    if loading.draft is not None:
-        for mistake in _geometry(loading.draft):
+    draft, found = loading.draft, None
+    if draft is not None:
+        if draft.is_free(draft.world.start):
+            found = reach(draft.world, draft.meshes)
+        for mistake in _geometry(draft, found):
             loading.add(mistake)
-        _unused_textures(loading, loading.draft)
-    return tuple(dict.fromkeys(loading.problems))
+        _unused_textures(loading, draft)
+    return Findings(tuple(dict.fromkeys(loading.problems)), found)
 
 
-def _geometry(draft: Draft) -> Iterator[Mistake]:
+def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
+    yield from _narrow_maze(draft)
     yield from _room_to_stand(draft)
-    if draft.is_free(draft.world.start):
+    if found is not None:
+        yield from _pocket(draft, found)
         # Whether one can see them is asked from there.
         yield from _markers(draft)
 
 
+def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
+    """A maze's corridors must be such that the robot is sure to get through."""
+    recipe = draft.recipe
+    if recipe.maze is None or recipe.maze.cell_m - recipe.wall_thickness_m >= CORRIDOR_M - 1e-9:
+        return
+    must = f"must be at least {recipe.wall_thickness_m + CORRIDOR_M:g}: in corridors narrower than "
+    must += f"{CORRIDOR_M:g} m the robot gets stuck"
+    yield Mistake(("maze", "cell_m"), recipe.maze.cell_m, must, fatal=False)
+
+
 def _room_to_stand(draft: Draft) -> Iterator[Mistake]:
-    """Start and locations need room for the robot, and a way."""
+    """Start and locations need room for the robot, and a way, as navigation's costmap sees them."""
     world = draft.world
     places = [world.start, *(place for place in world.locations)]
     fields = [("start",), *(("locations", place.name) for place in world.locations)]
     on_floor = [draft.is_free(place) for place in places]
     if not on_floor[0]:
         return
-    distances_m = clear_m(footprints(world, draft.meshes), places)
-    unreachable = cannot_be_reached(world, draft.meshes, places)
-    for place, field, free, distance_m, apart in zip(
-        places, fields, on_floor, distances_m, unreachable, strict=True
+    found = rooms_to_stand(
+        draft.map_cells, draft.map_resolution_m, draft.map_origin, world.start, places
+    )
+    for place, field, free, (too_near_m, reached) in zip(
+        places, fields, on_floor, found, strict=True
     ):
         if not free:
             continue
         xy = (place.x_m, place.y_m)
-        if distance_m < ROBOT_RADIUS_M:
-            must = f"must have {ROBOT_RADIUS_M:g} m clear around it, not {distance_m:.3f}"
+        if too_near_m is not None:
+            must = f"must have {ROBOT_RADIUS_M:g} m clear around it, not {too_near_m:.3f}"
             yield Mistake(field, xy, must, fatal=False)
-        elif apart and distances_m[0] >= ROBOT_RADIUS_M:
+        elif not reached:
             must = f"must be reached from the start by a way {2 * ROBOT_RADIUS_M:g} m wide"
             yield Mistake(field, xy, must, fatal=False)
+
+
+def _pocket(draft: Draft, found: Reach) -> Iterator[Mistake]:
+    """The start must not be cut off from most of the floor."""
+    start, better = draft.world.start, found.largest
+    if found.reachable_m2 > 0.0 and found.is_pocket:
+        must = (
+            f"must not stand in a pocket of {found.reachable_m2:.1f} m2: "
+            f"{found.largest_m2:.1f} m2 of floor lie around ({better.x_m:g}, {better.y_m:g})"
+        )
+        yield Mistake(("start",), (start.x_m, start.y_m), must, fatal=False)
 
 
 def _markers(draft: Draft) -> Iterator[Mistake]:
@@ -146,7 +189,7 @@ def _unseen(draft: Draft, entities: Entities) -> Iterator[Mistake]:
     """Markers that hang well, and that the robot can read from nowhere."""
     if not entities.entities:
         return
-    from services.worldgen.visibility import Sight  # noqa: PLC0415
+    from services.worldgen.markers.visibility import Sight  # noqa: PLC0415
 
     sight = Sight(draft.world, draft.cells, draft.grid.origin, draft.meshes)
     index_of = {marker.id: index for index, marker in reversed([*enumerate(draft.world.markers)])}
@@ -177,42 +220,3 @@ def _unused_textures(loading: Loading, draft: Draft) -> None:
         if material.texture and material.texture not in seen:
             seen.add(material.texture)
             loading.read_texture(material.texture, ("materials", name, "texture"), fatal=False)
-
-
-def _of_sdf(
-    path: Path,
-    use_aruco: bool,
-    overrides: Sequence[str],
-    arguments: Mapping[str, str],
-    roots: Sequence[Path],
-) -> Iterator[Problem]:
-    """What reading says, then what is wrong with the recipe that it makes."""
-    from services.worldgen.sdf.convert import to_recipe, write_recipe  # noqa: PLC0415
-    from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
-
-    sdf = read_sdf(path, roots, arguments)
-    report = sdf.report
-    if not report.errors:
-        imported = to_recipe(sdf, "world")
-        report = imported.report
-    for error in report.errors:
-        place = re.match(r"(?s)(.*?):(\d+)(?::\s*|\s+|$)(.*)", error.where)
-        yield Problem(
-            file=place[1] if place else error.where or shown_path(path),
-            line=int(place[2]) if place else 0,
-            field=place[3] if place else "",
-            must=f"{error.kind}: {error.message}",
-        )
-    if report.errors:
-        # What is left of the world would only give rise to more.
-        return
-    with tempfile.TemporaryDirectory(prefix="mazebot-check-") as folder:
-        recipe = Path(folder) / "world.yaml"
-        try:
-            write_recipe(imported, recipe)
-        except ConfigError as error:
-            yield Problem(file=shown_path(path), must=str(error))
-            return
-        # The recipe is nobody's: its problems are told as the file's.
-        sources = [Source(shown_path(path), sources_of(recipe)[0].content)]
-        yield from _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)

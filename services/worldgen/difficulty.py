@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import ndimage
 
-from services.common.documents import Document, Planar
+from services.common import portable
 from services.common.frames import SE2, Array, wrap_angle
-from services.common.grids import connected_regions
 from services.common.kernels import kernel
-from services.worldgen import maze as mazes
-from services.worldgen.loader import LoadedWorld
-from services.worldgen.occupancy import FREE
-from services.worldgen.visibility import Bits, reachable
+from services.common.node.documents import Document, Planar
+from services.common.world.grids import connected_regions
+from services.worldgen.map.occupancy import FREE
+from services.worldgen.markers.visibility import Bits, reachable
+from services.worldgen.maze import maze as mazes
+from services.worldgen.recipe.loader import LoadedWorld
 
 _NEIGHBOURS = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
 _LOOK_BACK = 400
@@ -50,7 +51,7 @@ def difficulty(loaded: LoadedWorld) -> Difficulty:
     """
     world, resolution_m = loaded.world, loaded.world.map_resolution_m
     free = loaded.map_cells == FREE
-    area_m2 = round(float(free.sum()) * resolution_m**2, 4)
+    area_m2 = round(float(free.sum()) * portable.square(resolution_m), 4)
     fits = reachable(loaded.map_cells, resolution_m, loaded.map_origin, world.start)
     recipe = loaded.recipe
     maze = mazes.generate(recipe.maze, recipe.wall_thickness_m) if recipe and recipe.maze else None
@@ -70,11 +71,13 @@ def difficulty(loaded: LoadedWorld) -> Difficulty:
         cells.append(int(before[cells[-1]]))
     way = np.stack(np.divmod(np.array(cells[::-1], np.int64), fits.shape[1]), 1)
     steps = np.diff(_pulled(fits, way), axis=0)
-    headings = np.arctan2(steps[:, 0], steps[:, 1]).tolist()
+    headings = portable.atan2_each(steps[:, 0], steps[:, 1]).tolist()
     bends = sum(abs(wrap_angle(b - a)) for a, b in itertools.pairwise(headings))
     return Difficulty(
         goal=name,
-        path_length_m=round(float(np.hypot(steps[:, 0], steps[:, 1]).sum()) * resolution_m, 4),
+        path_length_m=round(
+            float(portable.hypot_each(steps[:, 0], steps[:, 1]).sum()) * resolution_m, 4
+        ),
         turns=maze.turns if maze and name == "goal" else round(bends / (math.pi / 2.0)),
         dead_ends=dead_ends,
         narrowest_gap_m=round(_narrowest(free, start, goals[name]) * resolution_m, 4),
@@ -92,7 +95,7 @@ def _cell(fits: Bits, origin: SE2, resolution_m: float, place: Planar) -> tuple[
     if not len(near):
         return None
     near += low
-    best = near[((near - (row, column)) ** 2).sum(1).argmin()]
+    best = near[portable.square(near - (row, column)).sum(1).argmin()]
     return int(best[0]), int(best[1])
 
 
@@ -110,7 +113,7 @@ def _narrowest(free: Bits, start: tuple[int, int], goal: tuple[int, int]) -> flo
     if not taken.any():
         return math.inf
     distance = ndimage.distance_transform_edt(~taken)
-    square: NDArray[np.int64] = np.rint(distance**2).astype(np.int64)
+    square: NDArray[np.int64] = np.rint(portable.square(distance)).astype(np.int64)
     ends = [_middle(square, (2 * row + 1, 2 * column + 1)) for row, column in (start, goal)]
     low, high = 1, int(min(square[end] for end in ends))
     while low < high:
@@ -187,7 +190,8 @@ def _pulled(fits: Bits, way: NDArray[np.int64]) -> NDArray[np.int64]:
     length[0] = 0.0
     for j in range(1, count):
         for i in range(max(0, j - _LOOK_BACK), j):
-            step = math.hypot(way[j, 0] - way[i, 0], way[j, 1] - way[i, 1])
+            down, along = way[j, 0] - way[i, 0], way[j, 1] - way[i, 1]
+            step = math.sqrt(down * down + along * along)
             if length[i] + step < length[j] - 1e-9 and _straight(fits, way[i], way[j]):
                 length[j] = length[i] + step
                 before[j] = i

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from services.worldgen.check import problems_of
 from services.worldgen.difficulty import difficulty
-from services.worldgen.loader import load_world
+from services.worldgen.recipe.loader import load_world
 
 
 def compile_kernels() -> None:

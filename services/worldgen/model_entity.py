@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from services.common import png
+from services.common import portable
 from services.common.config import ConfigError, one_line
-from services.common.documents import Material, Mesh, Quaternion, Shape
 from services.common.frames import inverse_matrix, pose_matrix, rotation_from_quaternion
-from services.common.geometry import TriangleMesh, mesh_to_bytes, triangles_of
-from services.worldgen.mistakes import mistakes
-from services.worldgen.problems import field_name, shown_value, words
-from services.worldgen.recipe import Recipe
-from services.worldgen.resolve import MeshAsset, MeshKey, mesh_keys, resolve, with_textures
+from services.common.node.documents import Material, Mesh, Quaternion, Shape
+from services.common.world.geometry import TriangleMesh, mesh_to_bytes, triangles_of
+from services.worldgen.recipe.mistakes import mistakes
+from services.worldgen.recipe.problems import field_name, shown_value, words
+from services.worldgen.recipe.recipe import Recipe
+from services.worldgen.recipe.resolve import MeshAsset, MeshKey, mesh_keys, resolve, with_textures
+from services.worldgen.recipe.texture_file import read_texture_file
 from services.worldgen.sdf.convert import to_recipe
 from services.worldgen.sdf.locate import SHIPPED
 from services.worldgen.sdf.model import SdfLink, SdfModel, SdfWorld
@@ -99,7 +100,7 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Model:
     Raises ConfigError.
     """
     # What reads meshes takes long to import.
-    from services.worldgen.meshes import load_mesh  # noqa: PLC0415
+    from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
     parts = load_mesh(path)
     geometry = {"kind": "mesh", "file": "mesh", "scale": list(scale)}
@@ -124,7 +125,7 @@ def lowest_m(
     for shape in shapes:
         surface = triangles_of(shape.geometry, meshes).moved(pose_matrix(shape))
         if len(surface.vertices_m):
-            lows.append(float((surface.vertices_m @ map_from_thing[2]).min()))
+            lows.append(float((portable.product(surface.vertices_m, map_from_thing[2])).min()))
     return min(lows, default=0.0)
 
 
@@ -166,9 +167,9 @@ def _merged(sdf: SdfWorld, model: SdfModel, links: Sequence[SdfLink]) -> SdfWorl
     model_from_world = inverse_matrix(model.world_from_model)
     shapes = []
     for link in links:
-        model_from_link = model_from_world @ link.world_from_link
+        model_from_link = portable.product(model_from_world, link.world_from_link)
         for shape in link.shapes:
-            placed = model_from_link @ shape.link_from_shape
+            placed = portable.product(model_from_link, shape.link_from_shape)
             shapes.append(dataclasses.replace(shape, link_from_shape=placed))
     one = dataclasses.replace(
         links[0],
@@ -242,7 +243,7 @@ def _made(
 
 
 def _parts(files: Mapping[str, bytes], key: MeshKey) -> Sequence[Any]:
-    from services.worldgen.meshes import load_mesh  # noqa: PLC0415
+    from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
     file, submesh, center = key
     return load_mesh(Path(file), submesh, center, files[f"meshes/{file}"])
@@ -251,12 +252,6 @@ def _parts(files: Mapping[str, bytes], key: MeshKey) -> Sequence[Any]:
 def texture_asset(path: Path) -> bytes:
     """The bytes of a PNG file. Raises ConfigError."""
     try:
-        size = path.stat().st_size
-        data = path.read_bytes() if size <= png.MAX_BYTES else b""
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "cannot be read"
-        raise ConfigError(words(f"{path}: {reason}")) from error
-    problem = png.problem(data) if data or not size else f"must have at most {png.MAX_BYTES} bytes"
-    if problem:
-        raise ConfigError(words(f"{path}: {problem}"))
-    return data
+        return read_texture_file(path)
+    except ValueError as error:
+        raise ConfigError(words(f"{path}: {error}")) from error

@@ -6,14 +6,14 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from services.common.assets import asset_message
-from services.common.documents import WorldRequest, WorldStatus
-from services.common.messages import occupancy_grid
-from services.common.node import Inbox, Node, Outbox
-from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from services.common.node.documents import WorldRequest, WorldStatus
+from services.common.node.messages import occupancy_grid
+from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from services.common.world.assets import asset_message
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import LoadedWorld, load_world
-from services.worldgen.problems import WorldError
+from services.worldgen.recipe.loader import LoadedWorld, load_world
+from services.worldgen.recipe.problems import WorldError
 
 Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 

@@ -1,45 +1,34 @@
-"""Pictures of a world for people: a plan seen from above, and a model for any viewer of glTF."""
+"""A plan of a world for people: seen from above."""
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
 import shapely
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from services.common.documents import MarkerEntity, Material, Planar, Rgba, Wall, World
-from services.common.footprint import Footprint, footprint, wall_corners
-from services.common.frames import SE2, Array, pose_matrix, rotation_from_quaternion
-from services.common.furnish import furnish
-from services.common.geometry import TriangleMesh, triangles_of
-from services.common.placement import panel_of
-from services.common.surfaces import PLAIN, Surface, surfaces
-from services.worldgen.loader import LoadedWorld
-from services.worldgen.occupancy import FREE, UNKNOWN
-from services.worldgen.visibility import reachable, seen_from
+from services.common.frames import SE2, Array, rotation_from_quaternion
+from services.common.node.documents import MarkerEntity, Material, Planar, Wall, World
+from services.common.world.footprint import Footprint, wall_corners
+from services.common.world.furnish import furnish
+from services.common.world.placement import panel_of
+from services.worldgen.map.occupancy import FREE, UNKNOWN, Grid, occupied_cells
+from services.worldgen.markers.visibility import reachable, seen_from
+from services.worldgen.plan_bodies import BodyPlan, body_plans
+from services.worldgen.recipe.loader import LoadedWorld
 
 MAX_SIDE_PX = 1800
 """Of the plan alone; its margins come to it."""
 LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX = 72, 90, 24, 92
 """The plan's margins."""
 ROBOT_RADIUS_M = 0.22
-
-_MAP_FROM_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""glTF has y up, and z towards who looks (glTF 2.0 specification, section 3.4)."""
-
-# Their types say nothing.
-_PBR: Any = trimesh.visual.material.PBRMaterial
-_TextureVisuals: Any = trimesh.visual.TextureVisuals
 
 Rgb = tuple[int, int, int]
 Picture = NDArray[np.uint8]
@@ -59,8 +48,8 @@ _TINTS: tuple[Rgb, ...] = (
     (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
 )  # fmt: skip
 """Of markers, in turn."""
-_MAX_POLYGONS = 20_000
-"""A mesh of more is drawn as what is around it, as drawing would take seconds."""
+_SHIFT = 4
+"""Bits of a pixel's fraction, as OpenCV counts."""
 _MAX_OUTLINED = 40
 """Areas of more markers than these are tinted only."""
 
@@ -95,7 +84,7 @@ class View:
 
 def view_of(loaded: LoadedWorld) -> View:
     """Where things are in a plan: `LEFT_PX` and `TOP_PX` come to its pixels."""
-    return _view(loaded.world, _outlines(loaded.world, loaded.meshes))
+    return _view(loaded.world, body_plans(loaded.world, loaded.meshes))
 
 
 def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
@@ -110,12 +99,12 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     if seen is None:
         panels = [panel_of(entity) for entity in entities]
         seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)
-    outlines = _outlines(world, meshes)
-    view = _view(world, outlines)
+    bodies = body_plans(world, meshes)
+    view = _view(world, bodies)
     colours = material_colours(world, loaded.assets)
     scale = _OVERSAMPLING
     fine = View(view.low_m, view.high_m, view.px_m * scale)
-    picture = _floor(loaded, fine, colours)
+    picture = _on_the_level(_floor(loaded, fine, colours), view, bodies, colours)
     if len(seen):
         picture = _tinted(picture, loaded, fine, seen)
     canvas = Image.fromarray(picture)
@@ -126,8 +115,8 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
         _dashed(draw, ring, (120, 124, 130), scale)
     for wall in world.walls:
         _wall(draw, fine, wall, colours)
-    for outline in outlines:
-        _body(draw, fine, outline, colours)
+    canvas = Image.fromarray(_bodies(np.asarray(canvas).copy(), fine, bodies, colours))
+    draw = ImageDraw.Draw(canvas)
     for index, entity in enumerate(entities):
         _marker(draw, fine, entity, _TINTS[index % len(_TINTS)])
     _robot(draw, fine, world.start)
@@ -163,46 +152,11 @@ def _mean_colour(material: Material, assets: Mapping[str, bytes]) -> Rgb:
     return r, g, b
 
 
-@dataclass(frozen=True, eq=False)
-class _Outline:
-    """A shape of a body from above."""
-
-    corners_m: Array
-    """(n, 2), of its convex hull."""
-    floor: Footprint
-    """What it takes of the robot's level."""
-    top_m: float
-    material: str
-    solid: bool
-    moves: bool
-
-
-def _outlines(world: World, meshes: Mapping[str, TriangleMesh]) -> list[_Outline]:
-    """Of every shape, lower ones first."""
-    found = []
-    for body in world.bodies:
-        for shape in body.shapes:
-            map_from_shape = pose_matrix(body) @ pose_matrix(shape)
-            points = triangles_of(shape.geometry, meshes).moved(map_from_shape).vertices_m
-            hull = _hull(points[:, :2])
-            floor = Footprint()
-            if shape.solid:
-                floor = footprint(shape.geometry, map_from_shape, meshes)
-            top_m, moves = float(points[:, 2].max()), body.mass_kg > 0.0
-            found.append(_Outline(hull, floor, top_m, shape.material, shape.solid, moves))
-    return sorted(found, key=lambda outline: outline.top_m)
-
-
-def _hull(points_m: Array) -> Array:
-    """(n, 2) corners of the convex hull of points."""
-    return np.asarray(cv2.convexHull(points_m.astype(np.float32))[:, 0], np.float64)
-
-
-def _view(world: World, outlines: Sequence[_Outline]) -> View:
+def _view(world: World, bodies: Sequence[BodyPlan]) -> View:
     points = [np.array([[world.start.x_m, world.start.y_m]])]
     points += [np.array(wall_corners(wall)) for wall in world.walls]
     # Wide planes lie under the world rather than in it.
-    points += [outline.corners_m for outline in outlines if outline.solid or not world.walls]
+    points += [body.corners_m for body in bodies if body.solid or not world.walls]
     points += [np.array([[place.x_m, place.y_m]]) for place in world.locations]
     every = np.concatenate(points)
     low, high = every.min(0) - _MARGIN_M, every.max(0) + _MARGIN_M
@@ -351,23 +305,70 @@ def _dark(colour: Rgb) -> Rgb:
     return r, g, b
 
 
-def _body(
-    draw: ImageDraw.ImageDraw, view: View, outline: _Outline, colours: Mapping[str, Rgb]
-) -> None:
-    """Filled where it stands in the robot's way, and an outline: a thick one where it moves."""
-    fill = colours.get(outline.material, _CORE)
-    floor = outline.floor.polygons_m
-    if sum(len(polygons) for polygons in floor) > _MAX_POLYGONS:
-        points = np.concatenate([polygons.reshape(-1, 2) for polygons in floor])
-        floor = (_hull(points)[None],)
-    for polygons in floor:
-        for polygon in polygons:
-            draw.polygon(view.at(polygon), fill=fill, outline=fill)
-    for segment in () if outline.floor.outline_m is None else outline.floor.outline_m:
-        draw.line(view.at(segment), fill=fill, width=2 * _OVERSAMPLING)
-    width = (3 if outline.moves else 1) * _OVERSAMPLING
-    corners = np.vstack([outline.corners_m, outline.corners_m[:1]])
-    draw.line(view.at(corners), fill=_INK, width=width, joint="curve")
+def _on_the_level(
+    picture: Picture, view: View, bodies: Sequence[BodyPlan], colours: Mapping[str, Rgb]
+) -> Picture:
+    """What of the bodies stands in the robot's way, at whatever height, in pale colours.
+
+    `view` is the plan's, of which each pixel is `_OVERSAMPLING` of the picture's a side.
+    """
+    width, height = view.size_px
+    low_y_m = float(view.high_m[1]) - height / view.px_m
+    grid = Grid(height, width, 1.0 / view.px_m, SE2(float(view.low_m[0]), low_y_m, 0.0))
+    by_colour: dict[Rgb, list[Footprint]] = {}
+    for body in bodies:
+        if body.floor.polygons_m:
+            by_colour.setdefault(colours.get(body.material, _CORE), []).append(body.floor)
+    rows, columns = picture.shape[:2]
+    for colour, taken in by_colour.items():
+        cells = occupied_cells(taken, grid)[::-1]
+        for axis in (0, 1):
+            cells = np.repeat(cells, _OVERSAMPLING, axis)
+        picture[: height * _OVERSAMPLING, : width * _OVERSAMPLING][cells[:rows, :columns]] = _pale(
+            colour
+        )
+    return picture
+
+
+def _pale(colour: Rgb) -> Rgb:
+    """Of what the lidar looks over or under."""
+    r, g, b = (round(0.6 * value + 0.4 * 255) for value in colour)
+    return r, g, b
+
+
+def _bodies(
+    picture: Picture, view: View, bodies: Sequence[BodyPlan], colours: Mapping[str, Rgb]
+) -> Picture:
+    """Filled where the lidar meets them, and an outline: a thick one where they move."""
+    for body in bodies:
+        fill = colours.get(body.material, _CORE)
+        for part in shapely.get_parts(body.cut):
+            if part.geom_type == "Polygon":
+                cv2.fillPoly(picture, _rings(part, view), fill, shift=_SHIFT)
+            else:
+                line = _pixels(shapely.get_coordinates(part), view)
+                cv2.polylines(picture, [line], False, fill, 2 * _OVERSAMPLING, shift=_SHIFT)
+        width = (3 if body.moves else 1) * _OVERSAMPLING
+        for part in shapely.get_parts(body.outline):
+            if part.geom_type == "Polygon":
+                rings = _rings(part, view)
+                cv2.polylines(picture, rings, True, _INK, width, cv2.LINE_AA, _SHIFT)
+            elif body.cut.is_empty:
+                line = _pixels(shapely.get_coordinates(part), view)
+                cv2.polylines(picture, [line], False, _INK, width, cv2.LINE_AA, _SHIFT)
+    return picture
+
+
+def _rings(polygon: shapely.Geometry, view: View) -> list[NDArray[np.int32]]:
+    """Border and holes of a polygon."""
+    rings = shapely.get_rings(polygon)
+    return [_pixels(shapely.get_coordinates(ring)[:-1], view) for ring in rings]
+
+
+def _pixels(points_m: Array, view: View) -> NDArray[np.int32]:
+    """(n, 2) points as OpenCV takes them: in 2**-_SHIFT of a pixel, from the first one's middle."""
+    pixels = np.array(view.at(points_m)) - 0.5
+    return np.asarray(np.rint(pixels * 2**_SHIFT), np.int32)
 
 
 def _marker(draw: ImageDraw.ImageDraw, view: View, entity: MarkerEntity, colour: Rgb) -> None:
@@ -584,112 +585,3 @@ def _scale_bar(
     draw.rectangle([x, y, x + length, y + 8], fill=_PAPER, outline=_INK)
     draw.rectangle([x, y, x + length / 2.0, y + 8], fill=_INK)
     draw.text((x + length + 10, y + 4), f"{step_m:g} m", fill=_INK, font=font, anchor="lm")
-
-
-def world_glb(loaded: LoadedWorld) -> bytes:
-    """The world, markers and all, as binary glTF: y up, metres, textures inside.
-
-    Bodies that move stand where they stand at the start. The same bytes for the same world.
-    """
-    world = loaded.world
-    entities, pictures = furnish(world, meshes=loaded.meshes)
-    bodies = {body.name: body for body in world.bodies}
-    looks = {m.name: _look(m, loaded.assets) for m in (PLAIN, *world.materials)}
-    scene: Any = trimesh.Scene()
-    # One mesh for each kind and material: a maze has thousands of faces.
-    groups: dict[tuple[str, str, bool], list[TriangleMesh]] = {}
-    for surface in surfaces(world, loaded.meshes):
-        mesh = surface.mesh
-        if surface.moves:
-            mesh = mesh.moved(pose_matrix(bodies[surface.name]))
-        groups.setdefault(_group(surface), []).append(mesh)
-    for (kind, material, textured), meshes in groups.items():
-        name = f"{kind}_{material}" + ("" if textured else "_plain")
-        look = looks[material] if textured else _plain(material, world)
-        _add(scene, name, _joined(meshes), look)
-    for entity in entities.markers:
-        picture = _picture(pictures[entity.texture_sha256])
-        _add(scene, entity.name, _panel_mesh(entity), _material(entity.name, (1, 1, 1, 1), picture))
-    return bytes(scene.export(file_type="glb"))
-
-
-def _group(surface: Surface) -> tuple[str, str, bool]:
-    return surface.kind, surface.material, surface.textured
-
-
-def _joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
-    firsts = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
-    return TriangleMesh(
-        np.concatenate([mesh.vertices_m for mesh in meshes]),
-        np.concatenate([mesh.normals for mesh in meshes]),
-        np.concatenate([mesh.uvs for mesh in meshes]),
-        np.concatenate(
-            [m.triangles + first for m, first in zip(meshes, firsts, strict=False)]
-        ).astype(np.int32),
-    )
-
-
-def _panel_mesh(entity: MarkerEntity) -> TriangleMesh:
-    half = entity.panel_side_m / 2.0
-    rotation = rotation_from_quaternion(*entity.orientation_xyzw)
-    corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-    return TriangleMesh(
-        corners @ rotation.T + np.array(entity.position_m),
-        np.tile(rotation[:, 2], (4, 1)),
-        np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
-        np.array([[0, 2, 1], [0, 3, 2]], np.int32),
-    )
-
-
-def _look(material: Material, assets: Mapping[str, bytes]) -> Any:
-    data = assets.get(material.texture_sha256)
-    if data is None:
-        return _material(material.name, material.diffuse, None)
-    return _material(material.name, (1.0, 1.0, 1.0, 1.0), _picture(data))
-
-
-def _picture(data: bytes) -> Image.Image:
-    """A picture that trimesh writes as the file that it is, where glTF may hold such: to encode
-    those of the house anew takes a second, and a JPEG would lose by it.
-    """
-    picture = Image.open(io.BytesIO(data))
-    if picture.format in ("PNG", "JPEG"):
-        vars(picture)["save"] = lambda file, **_: file.write(data)
-    return picture
-
-
-def _plain(name: str, world: World) -> Any:
-    material = next(material for material in world.materials if material.name == name)
-    return _material(f"{name}_plain", material.diffuse, None)
-
-
-def _material(name: str, colour: Rgba, picture: Image.Image | None) -> Any:
-    return _PBR(
-        name=name,
-        baseColorFactor=[round(255 * value) for value in colour],
-        baseColorTexture=picture,
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-    )
-
-
-def _add(
-    scene: Any,
-    name: str,
-    mesh: TriangleMesh,
-    material: Any,
-) -> None:
-    # trimesh has v upwards, and turns it over for glTF.
-    uvs = np.stack([mesh.uvs[:, 0], 1.0 - mesh.uvs[:, 1]], axis=1)
-    scene.add_geometry(
-        trimesh.Trimesh(
-            vertices=mesh.vertices_m @ _MAP_FROM_GLTF,
-            faces=mesh.triangles,
-            vertex_normals=mesh.normals @ _MAP_FROM_GLTF,
-            visual=_TextureVisuals(uv=uvs, material=material),
-            process=False,
-            validate=False,
-        ),
-        node_name=name,
-        geom_name=name,
-    )

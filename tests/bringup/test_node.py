@@ -3,7 +3,9 @@
 import logging
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from services.bringup.config import BringupConfig
 from services.bringup.node import (
@@ -12,17 +14,24 @@ from services.bringup.node import (
     EXIT_REFUSED,
     BringupNode,
 )
-from services.bringup.tour import tour_goals
-from services.common import documents as doc
-from services.common import topics as table
-from services.common.config import ConfigError, load
-from services.common.messages import ns_from_time
-from services.common.node import Envelope, Inbox, Outbox
-from services.common.topics import Topic
+from services.bringup.tour import APART_M, PLACES, default_tour, tour_goals
+from services.common.config import ConfigError
+from services.common.frames import SE2
+from services.common.load import load
+from services.common.node import documents as doc
+from services.common.node import topics as table
+from services.common.node.messages import ns_from_time, occupancy_grid
+from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.topics import Topic
 from tests.common.samples import WORLD
 
 STEP_NS = 100_000_000
 HASH = WORLD.hash
+ORIGIN = SE2(-5.0, -5.0, 0.0)
+FREE = np.zeros((100, 100), np.int8)
+SHUT_IN = FREE.copy()
+SHUT_IN[:, :] = 100
+SHUT_IN[48:52, 48:52] = 0
 ACTIVE = doc.NavigationStatus(localization_active=True, navigation_active=True)
 INACTIVE = doc.NavigationStatus(localization_active=False, navigation_active=False)
 
@@ -54,10 +63,11 @@ class Stage:
     def goals(self) -> list[Any]:
         return [message for name, message in self.sent if name == "/goal_pose"]
 
-    def bring_up(self, world: doc.World = WORLD) -> None:
+    def bring_up(self, world: doc.World = WORLD, cells: NDArray[np.int8] = FREE) -> None:
         self.step()
         (request,) = [message for name, message in self.sent if name == "/world/request"]
         self.say(table.WORLD, world)
+        self.say(table.MAP, occupancy_grid(0, 0.1, ORIGIN, cells))
         self.say(table.WORLD_STATUS, doc.WorldStatus(request=request, world_hash=HASH))
         self.say(table.NAVIGATION_STATUS, ACTIVE)
         self.step()
@@ -210,6 +220,23 @@ def test_without_a_recorder_the_tour_still_ends(stage: Stage) -> None:
     assert stage.node.exit_code == 0
 
 
+def test_a_goal_that_the_recorder_missed_takes_the_table_from_none_of_the_others(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.bring_up()
+    stage.answer()
+    stage.answer(error_code=208)
+    stamp_ns = ns_from_time(stage.goals()[0].header.stamp)
+    stage.say(table.EVALUATION, doc.Evaluation(goals=(report(True, stamp_ns),)))
+    stage.step(60)
+    assert stage.node.exit_code == EXIT_NOT_REACHED
+    said = [record.getMessage() for record in caplog.records]
+    assert said[-2].startswith("tour finished\n")
+    assert " yes " in said[-2]
+    assert said[-1].startswith("not judged by the recorder: (")
+    assert "error 208" in said[-1]
+
+
 def test_only_the_goals_of_this_tour_count(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     others = (report(False, 1), report(False, 2))
     stage.step()
@@ -252,7 +279,7 @@ def test_an_unknown_location_is_refused_before_driving(caplog: pytest.LogCapture
 
 
 def test_without_a_tour_every_location_is_driven_to_and_then_home() -> None:
-    goals = tour_goals(WORLD, ())
+    goals = tour_goals(WORLD, (), FREE, ORIGIN, 7)
     assert [name for name, _ in goals] == [*(place.name for place in WORLD.locations), "home"]
     assert goals[-1][1] == WORLD.start
 
@@ -260,15 +287,15 @@ def test_without_a_tour_every_location_is_driven_to_and_then_home() -> None:
 def test_a_place_that_is_called_home_is_home() -> None:
     home = doc.Location(name="home", x_m=1.0, y_m=0.0, yaw_rad=0.0)
     world = WORLD.model_copy(update={"locations": (home, *WORLD.locations)})
-    goals = tour_goals(world, ())
+    goals = tour_goals(world, (), FREE, ORIGIN, 7)
     assert [name for name, _ in goals].count("home") == 1
     assert dict(goals)["home"] == doc.Planar(x_m=1.0, y_m=0.0, yaw_rad=0.0)
 
 
-def test_a_world_without_locations_names_the_remedy(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_world_with_nowhere_to_drive_names_the_remedy(caplog: pytest.LogCaptureFixture) -> None:
     nowhere = WORLD.model_copy(update={"locations": ()})
     stage = Stage(BringupConfig(world_name="tiny"))
-    stage.bring_up(nowhere)
+    stage.bring_up(nowhere, SHUT_IN)
     assert stage.node.exit_code == EXIT_NOT_REACHED
     (line,) = [r.getMessage() for r in caplog.records if r.levelno >= logging.ERROR]
     assert "tiny.yaml" in line
@@ -277,6 +304,40 @@ def test_a_world_without_locations_names_the_remedy(caplog: pytest.LogCaptureFix
     stage = Stage(BringupConfig(world_name="tiny", goal=(1.0, 0.0, 0.0)))
     stage.bring_up(nowhere)
     assert [(g.pose.position.x, g.pose.position.y) for g in stage.goals()] == [(1, 0)]
+
+
+def test_a_world_without_locations_has_a_default_tour(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    nowhere = WORLD.model_copy(update={"locations": ()})
+    stage = Stage(BringupConfig(world_name="tiny"))
+    stage.bring_up(nowhere)
+    for _ in range(PLACES + 1):
+        stage.answer()
+    stage.judge(*[True] * (PLACES + 1))
+    assert stage.node.exit_code == 0
+    places = [name for name in ("place1", f"place{PLACES}") if name in caplog.text]
+    assert len(places) == 2
+
+
+def test_the_places_of_a_default_tour_are_apart_where_the_robot_can_come_to() -> None:
+    """Two rooms, the one to the east shut off."""
+    cells = FREE.copy()
+    cells[10, 10:90] = cells[80, 10:90] = cells[10:81, 10] = cells[10:81, 60] = cells[10:81, 89] = (
+        100
+    )
+    world = WORLD.model_copy(update={"locations": (), "map_resolution_m": 0.1})
+    tour = default_tour(world, cells, ORIGIN, 7)
+    assert [name for name, _ in tour] == [*(f"place{i + 1}" for i in range(PLACES)), "home"]
+    assert tour == default_tour(world, cells, ORIGIN, 7)
+    assert tour != default_tour(world, cells, ORIGIN, 8)
+    points = np.array([(place.x_m, place.y_m) for _, place in tour])
+    between_m = np.hypot(*(points[:, None] - points[None]).T) + 9.0 * np.eye(len(points))
+    assert between_m.min() > 4.0 * APART_M
+    assert (points.min(0) > np.array([-3.9, -3.9]) + 0.3).all()
+    assert (points.max(0) < np.array([1.0, 3.0]) - 0.3).all()
+    # On open floor without anything they are near the start.
+    points = np.array([(at.x_m, at.y_m) for _, at in default_tour(world, FREE, ORIGIN, 7)])
+    assert np.abs(points).max() < 2.2
 
 
 @pytest.mark.parametrize(
@@ -328,6 +389,7 @@ def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
     stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
     stage.step()
     stage.say(table.WORLD, WORLD)
+    stage.say(table.MAP, occupancy_grid(0, 0.1, ORIGIN, FREE))
     stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
     waiting = stage.node.waiting_for()
     assert waiting is not None
@@ -341,6 +403,7 @@ def test_a_stack_that_has_run_for_long_gets_the_same_time() -> None:
     stage = Stage(BringupConfig(world_name="tiny", tour=("home",), bringup_timeout_s=3.0))
     stage.step()
     stage.say(table.WORLD, WORLD)
+    stage.say(table.MAP, occupancy_grid(0, 0.1, ORIGIN, FREE))
     stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
     stage.now_ns = 500 * 10**9
     stage.step(25)

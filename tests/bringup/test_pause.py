@@ -14,11 +14,11 @@ import pytest
 import zenoh
 
 from services.cli.loopback_router import running_router
-from services.common.bus import BusConfig, ask, open_session, subscribe
-from services.common.documents import SimulationControl, SimulationStats
-from services.common.messages import DiagnosticArray, TwistStamped, ns_from_time
-from services.common.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
-from services.common.wire import decode
+from services.common.bus.bus import BusConfig, ask, open_session, subscribe
+from services.common.bus.wire import decode
+from services.common.node.documents import SimulationControl, SimulationStats
+from services.common.node.messages import DiagnosticArray, TwistStamped, ns_from_time
+from services.common.node.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from services.recorder.repair import Rewriting
+from services.recorder.keeping.repair import Rewriting
 from tests.browser.viewer import many_colors, screenshot, served
 
 
@@ -24,10 +24,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         # A software renderer takes in one chunk a frame: few chunks, or a long wait.
         recording = Path(shutil.copy(options.run / "run.rrd", folder))
-        Rewriting(recording).run(timeout_s=60.0)
+        Rewriting([recording]).run(timeout_s=60.0)
         with served(recording) as url:
             picture = screenshot(url, many_colors, settle_s=options.settle, at=options.at)
-    cv2.imwrite(str(options.picture), picture)
+    cv2.imwrite(str(options.picture), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.cli.loopback_router import free_port
-from services.recorder.live import WebPage
+from services.recorder.keeping.live import WebPage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -34,7 +35,7 @@ _TIME_SLIDER_PX = 293, 209, 14
 def served(recording: Path) -> Iterator[str]:
     """Serve a recording with the package's own viewer; the address to open."""
     port = free_port()
-    page = WebPage("127.0.0.1", port, recording=recording)
+    page = WebPage("127.0.0.1", port, recording=[recording])
     try:
         yield f"http://127.0.0.1:{port}/"
     finally:
@@ -49,10 +50,13 @@ def screenshot(
     timeout_s: float = 90.0,
     settle_s: float = 0.0,
     at: float | None = None,
+    click: tuple[int, int] | None = None,
 ) -> Picture:
     """The page as (h, w, 3) BGR, as soon as it is `done`, or as it is after `timeout_s`.
 
-    Then it is given `settle_s` to load the rest, and shown at the fraction `at` of its time.
+    Until it is done, a place, such as a tab's name, is clicked each time that it was looked at: the
+    page is not ready for it at once. Then it is given `settle_s` to load the rest, and shown at the
+    fraction `at` of its time.
     """
     from playwright.sync_api import sync_playwright
 
@@ -69,6 +73,8 @@ def screenshot(
             end_s = time.monotonic() + timeout_s
             picture = _shoot(page, end_s)
             while not done(picture) and time.monotonic() < end_s:
+                if click is not None:
+                    page.mouse.click(*click)
                 page.wait_for_timeout(1000.0 * _PERIOD_S)
                 picture = _shoot(page, end_s)
             if settle_s:
@@ -81,6 +87,39 @@ def screenshot(
             return _shoot(page, end_s) if settle_s or at is not None else picture
         finally:
             browser.close()
+
+
+@contextlib.contextmanager
+def opened(url: str, done: Callable[[Picture], bool], timeout_s: float) -> Iterator[list[int]]:
+    """Keep a page open from when it is `done`, or has had its time; the browser's processes."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, headless=True, args=_ARGUMENTS
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+        page.route("**/fonts.g*", lambda route: route.abort())
+        page.goto(url, wait_until="commit")
+        end_s = time.monotonic() + timeout_s
+        while not done(_shoot(page, end_s)) and time.monotonic() < end_s:
+            page.wait_for_timeout(1000.0 * _PERIOD_S)
+        try:
+            yield _descendants(os.getpid(), "chrom")
+        finally:
+            browser.close()
+
+
+def _descendants(pid: int, name: str) -> list[int]:
+    """The processes below one of ours whose program has a name."""
+    found: list[int] = []
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, children.read_text().split()):
+            with contextlib.suppress(OSError):
+                if name in Path(f"/proc/{child}/comm").read_text():
+                    found.append(child)
+                found += _descendants(child, name)
+    return found
 
 
 def _shoot(page: Page, end_s: float) -> Picture:

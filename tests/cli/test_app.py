@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -16,10 +17,10 @@ import yaml
 
 from services.cli.app import main, parse_bool
 from services.cli.loopback_router import free_port, running_router
-from services.cli.topic import plain
+from services.cli.topic import in_json, plain
 from services.common.config import ConfigError
-from services.common.messages import matrix_from_pose
-from services.common.topics import GOAL_POSE, SCAN, WORLD
+from services.common.node.messages import matrix_from_pose
+from services.common.node.topics import GOAL_POSE, SCAN, WORLD
 from tests.common.samples import SAMPLES
 
 NO_GL = {
@@ -81,14 +82,78 @@ def test_help_names_every_command() -> None:
         (["demo", "--seed", "-1"], ["--seed"]),
         (["demo", "--renderer", "magic", "--no-record"], ["renderer", "magic"]),
         (["demo", "--use_aruco", "maybe"], ["--use_aruco", "maybe"]),
-        (["goal", "nan", "0", "0"], ["x", "nan"]),
-        (["goal", "0", "inf", "0"], ["y", "inf"]),
+        (["goal", "nan", "0", "0"], ["X", "nan"]),
+        (["goal", "0", "inf", "0"], ["Y", "inf"]),
         (["topic", "hz", "/nope"], ["/nope"]),
         (["recordings", "view", "nope"], ["nope"]),
     ],
 )
 def test_a_mistake_is_one_line(arguments: list[str], words: list[str]) -> None:
     assert_one_line(mazebot(*arguments), *words)
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["demo", "--world", "enh"], {"enhanced"}),
+        (["topic", "echo", "/scan"], {"/scan"}),
+        (["topic", "hz", "/od"], {"/odom"}),
+        (["topic", "pub", "/"], {"/cmd_vel", "/goal_pose", "/initialpose"}),
+        (["world", "sho"], {"show"}),
+        (["world", "show", "maze"], {"maze", "maze_rooms"}),
+        (["recordings", "view", "2026"], {"2026-01-02_03-04-05_sim_house"}),
+        (["demo", "--renderer", "g"], {"gl"}),
+    ],
+)
+def test_the_shell_completes_commands_and_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], offered: set[str]
+) -> None:
+    run = tmp_path / "recordings" / "2026-01-02_03-04-05_sim_house"
+    run.mkdir(parents=True)
+    (run / "config.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    done = mazebot(
+        _MAZEBOT_COMPLETE="complete_bash",
+        COMP_WORDS=" ".join(["mazebot", *words]),
+        COMP_CWORD=str(len(words)),
+    )
+    assert set(done.stdout.split()) == offered
+
+
+def test_the_version_is_told() -> None:
+    assert re.fullmatch(r"mazebot \d+\.\d+\.\d+\n", mazebot("--version").stdout)
+
+
+def test_a_recording_is_opened_in_a_browser_where_there_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = mock.Mock(return_value=True)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.rrd").touch()
+    port = str(free_port())
+    monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
+    monkeypatch.setattr("services.recorder.keeping.live.WebPage", mock.Mock())
+    monkeypatch.setattr("webbrowser.open", opened)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    view = ("recordings", "view", str(tmp_path / "run"), "--port", port)
+    for words, environment, told, browsers in (
+        ((), {"DISPLAY": ":0"}, f"open http://localhost:{port} in a browser", 0),
+        (("--open",), {}, f"open http://localhost:{port} in a browser", 0),
+        (("--open",), {"DISPLAY": ":0"}, f"opened http://localhost:{port} in your browser", 1),
+    ):
+        done = mazebot(*view, *words, **environment)
+        assert told in done.stdout
+        assert opened.call_count == browsers
+
+
+def test_runs_are_listed_in_json(tmp_path: Path) -> None:
+    run = tmp_path / "2026-01-02_03-04-05_sim_house"
+    run.mkdir()
+    (run / "summary.json").write_text(json.dumps({"world": "sim_house", "goals": []}))
+    (listed,) = json.loads(mazebot("recordings", "list", "--dir", str(tmp_path), "--json").stdout)
+    assert (listed["name"], listed["started"]) == (run.name, "2026-01-02T03:04:05")
+    assert json.loads(mazebot("recordings", "list", "--dir", str(run), "--json").stdout) == []
 
 
 def test_without_a_stack_the_router_is_named() -> None:
@@ -196,3 +261,9 @@ def test_messages_are_shown_as_plain_yaml() -> None:
     assert plain(SAMPLES[WORLD])["walls"][0]["name"] == "Wall_0"
     scan = plain(SAMPLES[SCAN])
     assert scan["ranges"][1] == np.inf
+
+
+def test_messages_are_shown_in_json_with_words_for_what_is_no_number() -> None:
+    scan = json.loads(json.dumps(in_json(SAMPLES[SCAN]), allow_nan=False))
+    assert scan["ranges"][1] == "Infinity"
+    assert len(scan["ranges"]) == len(SAMPLES[SCAN].ranges)

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from services.cli import app
-from services.common import topics as table
-from services.common.node import Envelope
-from services.recorder.digests import DigestWriter
+from services.common.node import topics as table
+from services.common.node.node import Envelope
+from services.recorder.keeping.digests import DigestWriter
 from tests.recorder.synthetic import driving, opening, room
 
 

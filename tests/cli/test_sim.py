@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from services.cli.loopback_router import running_router
-from services.common.bus import (
+from services.common.bus.bus import (
     BusConfig,
     NoAnswerError,
     alive_key,
@@ -23,9 +23,9 @@ from services.common.bus import (
     publish,
     wait_until_alive,
 )
-from services.common.documents import Entities, SimulationControl
-from services.common.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
-from services.common.wire import encode
+from services.common.bus.wire import encode
+from services.common.node.documents import Entities, SimulationControl
+from services.common.node.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.physics.driver import world
 

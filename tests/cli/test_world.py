@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from services.worldgen.loader import load_file, load_world
+from services.worldgen.recipe.loader import load_file, load_world
 from tests.cli.test_app import assert_one_line, mazebot
 
 ROOM = """
@@ -94,7 +94,9 @@ def test_a_urdf_is_a_world_with_one_model(tmp_path: Path) -> None:
     file = tmp_path / "post.urdf"
     box = "<collision><geometry><box size='{}'/></geometry></collision>"
     file.write_text(f"<robot name='p'><link name='l'>{box.format('1 1 1')}</link></robot>")
-    assert mazebot("world", "check", str(file)).stdout == f"{file}: all well\n"
+    said = mazebot("world", "check", str(file)).stdout
+    assert said.startswith(f"{file}: all well; ")
+    assert said.endswith("can be reached from the start, and the open floor around it\n")
     file.write_text(f"<robot name='p'><link name='l'>{box.format('1 one 1')}</link></robot>")
     checked = mazebot("world", "check", str(file))
     assert (checked.returncode, checked.stderr.count("\n")) == (1, 1)
@@ -120,7 +122,9 @@ def test_build_writes_everything_or_nothing(room: Path, tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {
         "world.json", "map.yaml", "map.pgm", "plan.png", "world.glb", "sdf", "figures.json",
     }  # fmt: skip
-    assert json.loads((out / "figures.json").read_text())["free_area_m2"] > 10.0
+    made = json.loads((out / "figures.json").read_text())
+    assert made["free_area_m2"] > made["reachable_m2"] > 7.0
+    assert made["reachable_share"] == 1.0
     refused = mazebot("world", "build", str(room), "--out", str(out))
     assert_one_line(refused, "--out", "must be a new or an empty folder")
     room.write_text(ROOM.replace("4.15", "-4.15"))
@@ -161,6 +165,39 @@ def test_import_refuses_what_is_wrong_and_writes_nothing(yard: Path, tmp_path: P
     assert "--path" in done.stderr
     assert not out.parent.exists()
     assert_one_line(mazebot("world", "import", str(yard), "--arg", "x=1"), "--arg", "name:=value")
+
+
+def test_import_of_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    missing = tmp_path / "no.sdf"
+    for verb in ("import", "show", "preview"):
+        done = mazebot("world", verb, str(missing))
+        assert_one_line(done, f"{missing}: no such file")
+        assert done.stdout == ""
+    assert mazebot("world", "check", str(missing)).stderr.count("no.sdf") == 1
+    # Nor does one that cannot be read have anything to tell of.
+    missing.write_text("<sdf")
+    done = mazebot("world", "import", str(missing))
+    assert_one_line(done, "no.sdf", "not well-formed XML")
+    assert done.stdout == ""
+
+
+def test_import_tells_what_is_renamed(yard: Path) -> None:
+    joint = '<joint name="wall" type="fixed"><parent>world</parent><child>wall</child></joint>'
+    yard.write_text(GAZEBO.replace("1.9", "1.6").replace("</link>", f"</link>{joint}"))
+    done = mazebot("world", "import", str(yard))
+    assert done.returncode == 0, done.stderr
+    assert "renamed:    joint wall to wall_joint (yard.sdf:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "right"), [("--out", "plan.jpg", ".png"), ("--glb", "model.obj", ".glb")]
+)
+def test_preview_writes_no_file_of_another_kind_than_its_name_says(
+    room: Path, tmp_path: Path, option: str, name: str, right: str
+) -> None:
+    done = mazebot("world", "preview", str(room), option, str(tmp_path / name))
+    assert_one_line(done, option, name, f"must end with {right}")
+    assert not (tmp_path / name).exists()
 
 
 def test_import_of_an_export_is_the_world(tmp_path: Path) -> None:
@@ -225,6 +262,7 @@ def test_a_link_or_a_thing_that_is_no_file_is_never_replaced(room: Path, tmp_pat
     (tmp_path / "link.png").symlink_to(plan)
     (tmp_path / "empty").mkdir()
     (tmp_path / "to_empty").symlink_to(tmp_path / "empty")
+    (tmp_path / "same.glb").symlink_to(tmp_path / "same.png")
     before = sorted(tmp_path.rglob("*"))
     for option, out, words in (
         ("--out", "pipe", "must be a file"),
@@ -237,8 +275,8 @@ def test_a_link_or_a_thing_that_is_no_file_is_never_replaced(room: Path, tmp_pat
     ):
         done = mazebot("world", "preview", str(room), option, str(tmp_path / out))
         assert_one_line(done, option, words)
-    same = str(tmp_path / "same.png")
-    done = mazebot("world", "preview", str(room), "--out", same, "--glb", same)
+    same = ("--out", str(tmp_path / "same.png"), "--glb", str(tmp_path / "same.glb"))
+    done = mazebot("world", "preview", str(room), *same)
     assert_one_line(done, "--glb", "another file")
     for out in ("to_empty", "x" * 300, "room.yaml/x"):
         assert_one_line(mazebot("world", "build", str(room), "--out", str(tmp_path / out)), "--out")
@@ -260,7 +298,7 @@ def test_an_import_makes_only_what_can_be_loaded(yard: Path, tmp_path: Path) -> 
 def test_names_of_files_are_told_in_one_line(tmp_path: Path, room: Path) -> None:
     for name in ("a\nb.yaml", "x" * 300 + ".yaml", "x" * 300):
         assert_one_line(mazebot("world", "show", str(tmp_path / name)), "cannot be read")
-    assert_one_line(mazebot("world", "import", str(tmp_path / "a\nb.sdf")), "FILE_READ")
+    assert_one_line(mazebot("world", "import", str(tmp_path / "a\nb.sdf")), "no such file")
     assert_one_line(mazebot("world", "show", str(room), "--arg", "x:=1"), "--arg", "no SDF")
     assert_one_line(mazebot("world", "show", str(room), "--path", "x"), "--path", "no SDF")
     (tmp_path / "none").mkdir()

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from services.common import documents as doc
-from services.common import messages as msg
-from services.common import topics as table
 from services.common.frames import SE2
-from services.common.topics import Topic
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node import topics as table
+from services.common.node.topics import Topic
 
 STAMP_NS = 12_345_678_901
 POSE = msg.pose_from_se2(SE2(1.0, -2.0, 0.5))

@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -6,7 +7,10 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from services.common.config import ConfigError, ServiceConfig, load
+from services.common.config import ConfigError, ServiceConfig
+from services.common.known_settings import ALONE
+from services.common.load import load
+from services.common.root import ROOT
 
 
 class PhysicsConfig(ServiceConfig):
@@ -78,9 +82,82 @@ def test_without_flags_or_variables_what_reads_them_is_not_loaded() -> None:
     code = (
         "import sys\n"
         "from services.bringup.config import BringupConfig\n"
-        "from services.common.config import load\n"
+        "from services.common.load import load\n"
         "load(BringupConfig, 'bringup', (), {'goal': (1.0, 0.0, 0.0)})\n"
         "sys.exit('pydantic_settings' in sys.modules)"
     )
     environment = {n: v for n, v in os.environ.items() if not n.startswith("MAZEBOT_")}
     subprocess.run([sys.executable, "-c", code], check=True, env=environment, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("MAZEBOT_PHYSICS_RENDRER", ["no field 'rendrer'", "MAZEBOT_PHYSICS_RENDERER?"]),
+        ("MAZEBOT_PHYSCIS_RENDERER", ["unknown variable", "MAZEBOT_PHYSICS_RENDERER?"]),
+        ("MAZEBOT_RENDERER", ["unknown variable", "MAZEBOT_PHYSICS_RENDERER?"]),
+        ("MAZEBOT_SEEED", ["unknown variable", "MAZEBOT_SEED?"]),
+        ("MAZEBOT_VIEWER_PROT", ["unknown variable", "MAZEBOT_VIEWER_PORT?"]),
+        ("mazebot_physics_rate", ["no field 'rate'", "MAZEBOT_PHYSICS_RATE_HZ?"]),
+    ],
+)
+def test_a_misspelt_variable_is_told_with_the_nearest(
+    monkeypatch: pytest.MonkeyPatch, name: str, words: list[str]
+) -> None:
+    monkeypatch.setenv(name, "3")
+    with pytest.raises(ConfigError) as caught:
+        load(PhysicsConfig, "physics", [])
+    for word in (name, *words):
+        assert word in str(caught.value)
+
+
+def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
+    compose = (ROOT / "docker-compose.yaml").read_text()
+    names = {*re.findall(r"MAZEBOT_[A-Z_]+", compose), *ALONE, "MAZEBOT_NAVIGATION_SPIN_DIST"}
+    assert "MAZEBOT_VIEWER_DATA_PORT" in names
+    for name in names:
+        monkeypatch.setenv(name, "8")
+    monkeypatch.delenv("MAZEBOT_CONFIG")
+    assert load(PhysicsConfig, "physics", []).seed == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("physcis: {rate_hz: 2}", ["physcis", "unknown section", "physics?"]),
+        ("physics: {rate_hz: 2}\nfoo: {}", ["foo", "must be one of seed, bus, router, worldgen"]),
+        ("physics: {rate: 2}", ["physics.rate: 2", "unknown field", "rate_hz?"]),
+        ("physics: 3", ["physics: 3", "mapping of fields"]),
+        ("physics: {rate_hz: -2}", ["rate_hz", "greater than 0", "-2 from", "bad.yaml"]),
+        ("seed: -3", ["seed", "-3 from", "bad.yaml"]),
+        ("services: {physics: {rate: 2}}", ["physics.rate: 2", "rate_hz?"]),
+        ("services: {}\nworld: x\nphysics: {}", ["physics", "unknown section"]),
+        ("physics: {rate_hz: 2", [":2: not YAML", "not closed"]),
+        ("a:\n\tb: 1", [":2: not YAML: column 1: a tab"]),
+    ],
+)
+def test_a_mistake_in_a_file_names_file_field_and_the_nearest(
+    tmp_path: Path, text: str, words: list[str]
+) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load(PhysicsConfig, "physics", ["--config", str(file)])
+    for word in (str(file), *words):
+        assert word in str(caught.value)
+
+
+def test_where_a_wrong_value_is_from_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match="got '-3' from --rate-hz"):
+        load(PhysicsConfig, "physics", ["--rate-hz", "-3"])
+    monkeypatch.setenv("MAZEBOT_PHYSICS_RATE_HZ", "-4")
+    with pytest.raises(ConfigError, match="got '-4' from MAZEBOT_PHYSICS_RATE_HZ"):
+        load(PhysicsConfig, "physics", [])
+
+
+def test_a_file_of_settings_has_one_seed_for_all(tmp_path: Path) -> None:
+    file = tmp_path / "mazebot.yaml"
+    file.write_text("seed: 9\nphysics: {rate_hz: 2}\n")
+    assert load(PhysicsConfig, "physics", ["--config", str(file)]).seed == 9
+    file.write_text("seed: 9\nphysics: {rate_hz: 2, seed: 4}\n")
+    assert load(PhysicsConfig, "physics", ["--config", str(file)]).seed == 4

@@ -16,6 +16,7 @@ from services.common.frames import (
     quaternion_from_rotation,
     rotation_from_quaternion,
     rotation_from_rpy,
+    rotation_from_vector,
     transform_matrix,
     wrap_angle,
 )
@@ -82,6 +83,16 @@ def test_quaternions_and_rotations_are_inverse(roll: float, pitch: float, yaw: f
     assert np.allclose(
         rotation_from_quaternion(*quaternion_from_rotation(rotation)), rotation, atol=1e-9
     )
+
+
+@given(angle, angle, angle)
+def test_a_vector_turns_about_itself_by_its_length(x: float, y: float, z: float) -> None:
+    rotation, vector = rotation_from_vector(x, y, z), np.array([x, y, z])
+    assert np.allclose(rotation @ vector, vector, atol=1e-12)
+    assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    length_rad = float(np.sqrt((vector * vector).sum()))
+    assert math.isclose(np.trace(rotation), 1.0 + 2.0 * math.cos(length_rad), abs_tol=1e-12)
+    assert np.allclose(rotation_from_vector(0.3, 0.0, 0.0), rotation_from_rpy(0.3, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from services.common import messages as msg
 from services.common.frames import SE2, Array, rotation_from_rpy, transform_matrix
+from services.common.node import messages as msg
 from services.common.pose_history import PoseHistory
 
 SECOND_NS = 1_000_000_000

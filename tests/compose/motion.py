@@ -9,10 +9,17 @@ from typing import Any, cast
 
 import zenoh
 
-from services.common import wire
-from services.common.bus import BusConfig, alive_key, open_session, service_and_source, subscribe
-from services.common.messages import Odometry
-from services.common.topics import GROUND_TRUTH_ODOM
+from services.common.bus import wire
+from services.common.bus.bus import (
+    BusConfig,
+    alive_key,
+    open_session,
+    service_and_source,
+    subscribe,
+)
+from services.common.node.messages import Odometry
+from services.common.node.node import Envelope
+from services.common.node.topics import GROUND_TRUTH_ODOM
 
 REST_M_S = 0.01
 REST_RAD_S = 0.02
@@ -46,7 +53,7 @@ class Witness:
             history=True,
         )
 
-    def _on_odom(self, payload: bytes, _: bytes | None) -> None:
+    def _on_odom(self, payload: bytes, _: Envelope) -> None:
         odom: Odometry = wire.decode(GROUND_TRUTH_ODOM, payload)
         twist = odom.twist.twist
         speed_m_s = math.hypot(twist.linear.x, twist.linear.y)

@@ -108,11 +108,11 @@ class Stack:
 
     def logs(self, service: str) -> str:
         """What a service has said."""
-        return _docker("logs", self._identity(service)).stdout
+        return docker("logs", self._identity(service)).stdout
 
     def inspect(self, service: str) -> dict[str, Any]:
         """What the engine knows of a service's container."""
-        (answer,) = json.loads(_docker("inspect", self._identity(service)).stdout)
+        (answer,) = json.loads(docker("inspect", self._identity(service)).stdout)
         assert isinstance(answer, dict)
         return answer
 
@@ -188,12 +188,13 @@ def stack_of(uid: int, settings: dict[str, str] | None = None) -> Iterator[Stack
 
 def inspect_network(name: str) -> dict[str, Any]:
     """What the engine knows of a network."""
-    (answer,) = json.loads(_docker("network", "inspect", name).stdout)
+    (answer,) = json.loads(docker("network", "inspect", name).stdout)
     assert isinstance(answer, dict)
     return answer
 
 
-def _docker(*arguments: str) -> subprocess.CompletedProcess[str]:
+def docker(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run `docker` to its end, which must be a good one."""
     return subprocess.run(
         ["docker", *arguments],
         stdout=subprocess.PIPE,

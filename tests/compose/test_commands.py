@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.common.bus import BusConfig, open_session, subscribe
-from services.common.documents import World
+from services.common.bus.bus import BusConfig, open_session, subscribe
+from services.common.bus.wire import decode
+from services.common.node.documents import World
+from services.common.node.topics import WORLD
 from services.common.root import ROOT
-from services.common.topics import WORLD
-from services.common.wire import decode
 from tests.compose.checks import check_recordings, is_active
 from tests.compose.stack import DEMOS, PROFILES, SERVICES, Stack, stack_of, wait_until
 

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import re
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from services.common.bus import BusConfig, ask, open_session, subscribe
-from services.common.documents import SimulationControl, SimulationStats
-from services.common.messages import TwistStamped, ns_from_time
-from services.common.topics import CMD_VEL, SIMULATION_CONTROL
-from services.common.wire import decode
+from services.common.bus.bus import BusConfig, ask, open_session, subscribe
+from services.common.bus.wire import decode
+from services.common.frames import wrap_angle, yaw_from_quaternion
+from services.common.node.documents import SimulationControl, SimulationStats
+from services.common.node.messages import TwistStamped, ns_from_time
+from services.common.node.topics import CMD_VEL, SIMULATION_CONTROL
+from tests.cli.test_app import mazebot
 from tests.compose.checks import check_recordings, check_table, is_active
 from tests.compose.motion import Witness
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
@@ -102,8 +109,54 @@ def test_a_reset_in_mid_drive_begins_the_tour_and_the_recording_anew(tour: Stack
     witness.close()
     check_table(tour.logs(DEMO))
     assert tour.inspect(DEMO)["State"]["ExitCode"] == 0
+    _commands(tour)
     tour.down()
     assert len(check_recordings(tour)) == 2
+
+
+def _commands(stack: Stack) -> None:
+    """A goal that Ctrl-C cancels, one that its time-out does, and a robot turned by hand."""
+    connect = ("--connect", stack.endpoint)
+    command = subprocess.Popen(
+        [sys.executable, "-m", "services.cli", "goal", "-1.678", "-1.178", "-2.25", *connect],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert command.stdout is not None
+    assert command.stdout.readline().startswith("driving to")
+    wait_until(lambda: _state(stack) == "controlling", 10.0, "driving")
+    command.send_signal(signal.SIGINT)
+    assert command.communicate(timeout=20.0)[1] == "canceled: the robot stops\n"
+    assert command.returncode == 130
+    wait_until(lambda: _state(stack) == "idle", 5.0, "standing")
+    late = mazebot("goal", "-1.678", "-1.178", "-2.25", "--timeout", "1", *connect)
+    assert "canceled" in late.stderr
+    assert "no goal is being driven to" in mazebot("cancel", *connect).stderr
+    # A robot that is told to stop still turns by half a radian.
+    wait_until(lambda: abs(_turning_rad_s(stack)) < 1e-3, 10.0, "standing")
+    before = _heading_rad(stack)
+    turn = ("topic", "pub", "/cmd_vel", "{twist: {angular: {z: 1}}}", "--rate", "20")
+    assert mazebot(*turn, "--times", "30", *connect).returncode == 0
+    assert abs(wrap_angle(_heading_rad(stack) - before)) > 0.3
+
+
+def _state(stack: Stack) -> str:
+    done = mazebot("topic", "echo", "/navigation/status", "--once", "--json",
+                   "--connect", stack.endpoint)  # fmt: skip
+    return str(json.loads(done.stdout)["state"])
+
+
+def _odom(stack: Stack) -> Any:
+    done = mazebot("topic", "echo", "/ground_truth/odom", "--once", "--json",
+                   "--connect", stack.endpoint)  # fmt: skip
+    return json.loads(done.stdout)
+
+
+def _heading_rad(stack: Stack) -> float:
+    return yaw_from_quaternion(**_odom(stack)["pose"]["pose"]["orientation"])
+
+
+def _turning_rad_s(stack: Stack) -> float:
+    return float(_odom(stack)["twist"]["twist"]["angular"]["z"])
 
 
 def _elapsed_s(first: TwistStamped, after: TwistStamped) -> float:

@@ -9,14 +9,15 @@ from typing import Any
 import pytest
 import yaml
 
+from services.common.node.topics import SERVICES
 from services.common.root import ROOT
-from services.common.topics import SERVICES
 
 FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())
 STANZAS: dict[str, Any] = FILE["services"]
 NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
 OURS = [name for name in STANZAS if name != "nothing-named"]
 PROFILES = {"original", "enhanced"}
+DEMO_ENHANCED = "demo-world-enhanced"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -83,6 +84,12 @@ def test_each_stanza_is_hardened(name: str) -> None:
     assert all(port.startswith("127.0.0.1:") for port in stanza.get("ports", ()))
     assert "edge" not in stanza["networks"] or name in ("router", "recorder")
     assert name == "recorder" or stanza["user"] == "10001:10001"
+
+
+def test_one_stanza_builds_the_image_for_all_and_nobody_looks_for_it_elsewhere() -> None:
+    assert [name for name in OURS if "build" in STANZAS[name]] == ["router"]
+    assert {STANZAS[name]["pull_policy"] for name in OURS} == {"never"}
+    assert all("router" in STANZAS[demo]["depends_on"] for demo in ("demo-world", DEMO_ENHANCED))
 
 
 def test_the_environment_file_enables_every_profile() -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from services.cli.loopback_router import wait_for_router
-from services.common.bus import BusConfig, open_session, subscribe
-from services.common.documents import SimulationStats
-from services.common.executive import Executive, MemoryTransport
-from services.common.node import Envelope
-from services.common.topics import SIMULATION_STATS, Topic
-from services.common.wire import decode
+from services.common.bus.bus import BusConfig, open_session, subscribe
+from services.common.bus.wire import decode
+from services.common.node.documents import SimulationStats
+from services.common.node.executive import Executive, MemoryTransport
+from services.common.node.node import Envelope
+from services.common.node.topics import SIMULATION_STATS, Topic
 from services.embedded.demo import DemoOptions, build_nodes
 from tests.compose.checks import check_recordings, check_table
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
@@ -44,18 +45,22 @@ class _Statistics(MemoryTransport):
         super()._send(topic, message, envelope)
 
 
-@pytest.fixture(scope="module")
-def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats]:
+def driven(options: DemoOptions) -> list[SimulationStats]:
     """The whole tour in one process."""
     transport = _Statistics()
-    folder = tmp_path_factory.mktemp("tour") / "run"
-    nodes = build_nodes(DemoOptions(out_dir=folder, record=False))
-    executive = Executive(nodes, transport)
+    executive = Executive(build_nodes(options), transport)
     try:
         assert executive.run() == 0
     finally:
         executive.close()
     return transport.stats
+
+
+@pytest.fixture(scope="module")
+def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats]:
+    """What was said of the tour in one process."""
+    folder = tmp_path_factory.mktemp("tour") / "run"
+    return driven(DemoOptions(out_dir=folder, record=False))
 
 
 @contextmanager
@@ -84,7 +89,7 @@ def running(person: int) -> Iterator[tuple[Stack, list[SimulationStats]]]:
 
 
 def test_a_tour_in_lockstep_is_that_of_one_process(
-    person: int, in_process: list[SimulationStats]
+    person: int, in_process: list[SimulationStats], tmp_path: Path
 ) -> None:
     with running(person) as (stack, stats):
         assert not stats, "physics stepped before all were there"
@@ -98,6 +103,10 @@ def test_a_tour_in_lockstep_is_that_of_one_process(
         assert "error" not in stack.compose("logs").stdout
         (summary,) = check_recordings(stack)
         assert [goal["reached"] for goal in summary["goals"]] == [True] * 5
+        (config,) = stack.recordings.glob("*/config.yaml")
+        # As `mazebot demo --config` would, on this side of the containers.
+        repeated = DemoOptions(settings=config, out_dir=tmp_path / "again", record=False)
+        assert driven(repeated) == in_process
 
 
 @pytest.mark.parametrize("attempt", range(4))

@@ -10,6 +10,7 @@ import pytest
 
 from tests.compose.checks import ACTIVE, check_recordings, check_table, is_active
 from tests.compose.stack import DEMOS, Stack, stack_of, wait_until
+from tests.recorder.stream.stalled_viewer import stalled_viewer
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
@@ -43,6 +44,22 @@ def test_the_recorder_works_as_the_person(stack: Stack, process: subprocess.Pope
     status = stack.status_of_process("recorder")
     assert status["Uid"].split() == [str(stack.uid)] * 4
     assert status["CapEff"] == "0000000000000000"
+
+
+def test_a_viewer_that_stalls_and_a_recorder_that_is_killed_cost_the_tour_nothing(
+    stack: Stack, process: subprocess.Popen[bytes]
+) -> None:
+    """Seen by the tests below: one recording, whole, in one folder, and the table."""
+    wait_until(lambda: is_active(stack, DEMO), 60.0, "both lines")
+    with stalled_viewer(stack.data_port):
+        wait_until(lambda: "reached after" in stack.logs(DEMO), 120.0, "a goal is reached")
+    stack.kill("recorder")
+    wait_until(lambda: "going on with" in stack.logs("recorder"), 15.0, "the recorder is back")
+    with stalled_viewer(stack.data_port):
+        wait_until(lambda: process.poll() is not None, 300.0, "the tour ends")
+    said = stack.logs("recorder")
+    assert "recording stopped" not in said
+    assert "the loop hangs" not in said
 
 
 def test_the_tour_ends_and_leaves_what_belongs_to_the_person(

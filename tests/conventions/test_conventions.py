@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.recipes_page import recipes_page
-from services.cli.topics_page import topics_page
-from services.common import topics
+from services.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
+from services.cli.pages.recipes_page import recipes_page
+from services.cli.pages.recordings_page import recordings_page
+from services.cli.pages.topics_page import topics_page
+from services.common.node import topics
+from services.common.node.topics import EDGE, SERVICES, TOPICS
 from services.common.root import ROOT
-from services.common.topics import EDGE, SERVICES, TOPICS
 
 CONSTANTS = {name for name, value in vars(topics).items() if value in TOPICS}
 PURE_NAMES = {"config.py", "node.py", "__main__.py", "__init__.py"}
@@ -71,7 +73,7 @@ def test_the_table_of_topics_is_sound() -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_a_node_uses_the_topics_that_the_table_gives_it(service: str) -> None:
-    text = "\n".join(p.read_text() for p in (ROOT / "services" / service).glob("*.py"))
+    text = "\n".join(p.read_text() for p in (ROOT / "services" / service).rglob("*.py"))
     used = {name for name in CONSTANTS if re.search(rf"\b{name}\b", text)}
     loop = {"DIAGNOSTICS", "ROSOUT", "PARAMETERS"}
     for name in CONSTANTS:
@@ -85,7 +87,7 @@ def test_a_node_uses_the_topics_that_the_table_gives_it(service: str) -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_only_the_node_file_puts_and_reads(service: str) -> None:
-    for path in (ROOT / "services" / service).glob("*.py"):
+    for path in (ROOT / "services" / service).rglob("*.py"):
         if path.name == "node.py":
             continue
         tree = ast.parse(path.read_text())
@@ -95,7 +97,7 @@ def test_only_the_node_file_puts_and_reads(service: str) -> None:
 
 @pytest.mark.parametrize("service", [s for s in SERVICES if s != "recorder"])
 def test_no_node_reads_a_clock_or_the_environment(service: str) -> None:
-    for path in (ROOT / "services" / service).glob("*.py"):
+    for path in (ROOT / "services" / service).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 found = {alias.name for alias in node.names} & CLOCKS
@@ -126,11 +128,24 @@ def test_tests_do_not_sleep() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "page"), [("topics.md", topics_page), ("recipes.md", recipes_page)]
+    ("name", "page"),
+    [
+        ("topics.md", topics_page),
+        ("recipes.md", recipes_page),
+        ("parameters.md", parameters_page),
+        ("recordings.md", recordings_page),
+    ],
 )
 def test_a_generated_page_is_current(name: str, page: Callable[[], str]) -> None:
     text = (ROOT / "docs" / name).read_text()
     assert text == page(), f"docs/{name} is stale: run `make generate`"
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_each_parameter_says_what_it_means(service: str) -> None:
+    for name, field in CONFIGS[service].model_fields.items():
+        _, meaning = unit_and_meaning(name, field.description or "")
+        assert meaning, f"services/{service}/config.py: {name} needs a description"
 
 
 def test_locks_hold_no_address() -> None:

@@ -15,8 +15,8 @@ import pytest
 
 from services.common.root import ROOT
 from services.embedded.demo import DemoOptions, run
-from services.recorder.digests import read_digests
-from services.recorder.run_comparison import compare
+from services.recorder.keeping.digests import read_digests
+from services.recorder.keeping.run_comparison import compare
 
 RUNS = 10
 BURN = "import hashlib\nwhile True: hashlib.sha256(bytes(1_000_000))"

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from services.common import messages as msg
 from services.common.config import ConfigError
-from services.common.documents import BodyEntity, Box, NavigationStatus, Shape
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import BodyEntity, Box, NavigationStatus, Shape
+from services.common.node.topics import (
     AMCL_POSE,
     CMD_VEL,
     NAVIGATION_RESULT,
@@ -57,6 +57,15 @@ def test_it_begins_at_time_zero_and_time_passes_only_when_told(session: Session)
     assert session.now_s == 1.0
     assert session.stats.paused
     assert session.latest(SCAN) is not None
+
+
+def test_commands_of_any_length_end(session: Session) -> None:
+    # Times such as 0.2 + 0.1 are no whole steps in binary.
+    session.run_for(0.2)
+    for count in range(1, 30):
+        before = session.stats.iterations
+        session.command(0.0, 0.1, for_s=count / 100.0)
+        assert session.stats.iterations - before == -(-count * 24 // 10)
 
 
 def test_a_reset_is_a_fresh_start_to_the_last_bit(session: Session, worlds_dir: Path) -> None:
@@ -225,3 +234,17 @@ def test_a_reset_puts_things_back_to_where_they_should_be(session: Session) -> N
     assert session.reset().entities == fallen.entities
     assert session.entities().entities[-1].position_m == start_m
     assert session.run_until(1.0).state_hash == fallen.state_hash
+
+
+def test_a_goal_that_is_left_can_be_cancelled(session: Session) -> None:
+    with pytest.raises(TimeoutError):
+        session.goal(0.9, 0.0, timeout_s=1.0)
+    with session.watching(NAVIGATION_RESULT) as results:
+        assert session.cancel().goal is not None
+    assert [result.error_code for result in results] == [9012]
+    session.run_for(1.0)
+    stopped = session.ground_truth()
+    session.run_for(1.0)
+    assert session.ground_truth().distance_m(stopped) < 1e-3
+    with pytest.raises(RefusedError, match="no goal is being driven to"):
+        session.cancel()

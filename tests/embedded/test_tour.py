@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from services.common.documents import SimulationControl
-from services.common.executive import Executive, MemoryTransport
-from services.common.topics import SIMULATION_CONTROL
+from services.common.node.documents import SimulationControl
+from services.common.node.executive import Executive, MemoryTransport
+from services.common.node.topics import SIMULATION_CONTROL
 from services.embedded.demo import DemoOptions, build_nodes, run
 
 GOALS = ["location1", "location2", "location3", "location4", "home"]

@@ -8,7 +8,7 @@ import pytest
 
 from services.common.root import ROOT
 from services.embedded.demo import DemoOptions, run
-from services.worldgen.loader import load_world
+from services.worldgen.recipe.loader import load_world
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -13,12 +13,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common import messages as msg
-from services.common import wire
-from services.common.documents import Entities, NavigationResult, World
+from services.common.bus import wire
 from services.common.frames import SE2, Array
-from services.common.node import Envelope, Inbox, Outbox
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, NavigationResult, World
+from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.topics import (
     CMD_VEL,
     ENTITIES,
     GOAL_POSE,

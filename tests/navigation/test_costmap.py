@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from services.common.frames import SE2
+from services.common.world.costmap import straightened
 from services.navigation.costmap import (
     InflationParams,
     LayeredCostmap,
@@ -14,7 +15,6 @@ from services.navigation.costmap import (
     frame_of,
     inflate,
     scan_points,
-    straightened,
 )
 
 INFLATION = InflationParams(robot_radius_m=0.22, inflation_radius_m=0.55, cost_scaling_factor=3.0)

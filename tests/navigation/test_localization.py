@@ -19,7 +19,7 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.navigation.likelihood_field import likelihood_field
+from services.navigation.likelihood_field import LikelihoodField, likelihood_field
 from services.navigation.localization import Localization, LocalizationParams, MarkerCandidate
 from services.navigation.particle_filter import (
     OdometryNoise,
@@ -339,6 +339,24 @@ class TestScans:
         assert np.array_equal(loc.particles(), before)
         assert loc.scan_match == 1.0
 
+    def test_on_open_floor_odometry_alone_tells_the_way(self) -> None:
+        loc = Localization(
+            LocalizationParams(), np.zeros((20, 20), np.int8), 0.05, SE2(-0.5, -0.5, 0.0),
+            np.random.default_rng(0),
+        )  # fmt: skip
+        loc.initialize(SE2(1.0, 2.0, 0.0), SURE)
+        spread_m2 = loc.pose()[1][0, 0]
+        for i in range(100):
+            loc.odometry(i * STEP_NS, SE2(0.05 * i, 0.0, 0.0))
+            assert not feed(loc, i * STEP_NS, np.full(360, np.inf, np.float32))
+        pose, covariance = loc.pose()
+        assert pose == pytest.approx((5.95, 2.0, 0.0))
+        assert loc.converged
+        assert loc.scan_match == 1.0
+        # Step by step, as odometry's errors are: all at once 5 m would be worth 0.7 m.
+        assert 0.05 < math.sqrt(covariance[0, 0] - spread_m2) < 0.2
+        assert np.std(loc.particles()[:, 0]) == pytest.approx(math.sqrt(covariance[0, 0]), rel=0.3)
+
     def test_a_few_returns_among_none_still_correct_the_pose(self) -> None:
         here = SE2(0.0, 0.0, 0.0)
         loc = localization()
@@ -407,13 +425,6 @@ class TestScans:
 
 
 class TestMistakes:
-    def test_a_map_without_walls_is_refused(self) -> None:
-        with pytest.raises(ValueError, match="no cell is occupied"):
-            Localization(
-                LocalizationParams(), np.zeros((20, 20), np.int8), 0.05, SE2(0.0, 0.0, 0.0),
-                np.random.default_rng(0),
-            )  # fmt: skip
-
     @pytest.mark.parametrize(
         ("pose", "covariance", "reason"),
         [
@@ -439,6 +450,22 @@ class TestLikelihoodField:
         )  # fmt: skip
         return made.distance_m.astype(np.float64), made.log_likelihood.astype(np.float64)
 
+    def test_open_floor_around_costs_nothing(self) -> None:
+        cells = np.zeros((300, 500), np.int8)
+        cells[100:104, 200:260] = 100
+
+        def made(part: NDArray[np.int8], origin: SE2) -> LikelihoodField:
+            return likelihood_field(
+                part, 0.05, origin, z_hit=0.9, z_rand=0.1, sigma_hit_m=0.04, max_distance_m=2.0,
+                wall_inset_cells=0.5, range_max_m=3.5,
+            )  # fmt: skip
+
+        wide = made(cells, SE2(1.0, 2.0, 0.5))
+        tight = made(cells[59:145, 159:301], SE2(1.0, 2.0, 0.5) @ SE2(7.95, 2.95, 0.0))
+        assert np.array_equal(wide.distance_m, tight.distance_m)
+        assert wide.map_from_field == pytest.approx(tight.map_from_field)
+        assert wide.distance_m[0].min() == pytest.approx(2.0)
+
     def test_zero_lies_half_a_cell_inside_the_wall_and_grows_with_distance(self) -> None:
         distance_m, log_likelihood = self.field(SE2(0.0, 0.0, 0.0))
         column = distance_m[:, 120]
@@ -450,6 +477,16 @@ class TestLikelihoodField:
         assert np.interp(0.6, y_m, column) < -0.05
         best = log_likelihood[:, 120].argmax() * 0.0125
         assert best == pytest.approx(0.525, abs=0.02) or best == pytest.approx(0.675, abs=0.02)
+
+    def test_the_table_of_a_large_map_is_no_larger_than_can_be_made(self) -> None:
+        cells = np.zeros((1000, 1200), np.int8)
+        cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+        made = likelihood_field(
+            cells, 0.05, SE2(0.0, 0.0, 0.0), z_hit=0.9, z_rand=0.1, sigma_hit_m=0.04,
+            max_distance_m=2.0, wall_inset_cells=0.5, range_max_m=3.5,
+        )  # fmt: skip
+        assert made.distance_m.size <= 8_000_000
+        assert made.cell_m == pytest.approx(0.025)
 
     def test_a_turned_map_gives_the_same_pose(self) -> None:
         world = sim.house()

@@ -1,26 +1,35 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
 
 import numpy as np
 import pytest
 
-from services.common import messages as msg
-from services.common import wire
-from services.common.documents import (
+from services.common.bus import wire
+from services.common.error_codes import ErrorCode
+from services.common.frames import (
+    BASE_FOOTPRINT_FRAME,
+    SCAN_FRAME,
+    SE2,
+    quaternion_from_rotation,
+    wrap_angle,
+)
+from services.common.node import messages as msg
+from services.common.node.documents import (
+    CancelGoal,
+    CancelGoalReply,
     Entities,
     MarkerEntity,
     NavigationResult,
     SimulationStats,
 )
-from services.common.error_codes import ErrorCode
-from services.common.footprint import wall_corners
-from services.common.frames import SE2, quaternion_from_rotation, wrap_angle
-from services.common.node import Envelope
-from services.common.topics import (
+from services.common.node.node import Envelope
+from services.common.node.topics import (
     AMCL_POSE,
     BY_NAME,
+    CANCEL_GOAL,
     CMD_VEL,
     DETECTIONS,
     ENTITIES,
@@ -34,12 +43,14 @@ from services.common.topics import (
     PLAN,
     SIMULATION_STATS,
     TF,
+    TF_STATIC,
     WORLD,
 )
+from services.common.world.footprint import wall_corners
 from services.navigation.collision import STOP
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
-from services.worldgen.occupancy import Grid, rasterise
+from services.worldgen.map.occupancy import Grid, rasterise
 from tests.navigation.driving import (
     IDENTITY,
     LOCATIONS,
@@ -168,7 +179,7 @@ def reply(driver: NodeDriver, goal: SE2, frame_id: str = "map") -> NavigationRes
     ("goal", "code", "says"),
     [
         (SE2(99.0, 0.0, 0.0), 204, "(99, 0)"),
-        (SE2(1e300, 0.0, 0.0), 204, "1e+300"),
+        (SE2(1e6, 0.0, 0.0), 204, "1e+06"),
         (SE2(0.4, 0.55, 0.0), 206, "(0.40, 0.55) is inside an obstacle"),
         (SE2(0.4, 0.3, 0.0), 206, "0.2"),
         (SE2(5.0, -2.5, 0.0), 208, "unknown"),
@@ -224,6 +235,46 @@ def test_before_navigation_is_active_a_goal_is_refused_with_what_it_waits_for() 
     result = reply(driver, LOCATIONS["location1"])
     assert result.error_code == ErrorCode.GOAL_REJECTED
     assert "the world" in result.error_msg
+
+
+def test_a_map_larger_than_can_be_planned_in_is_refused_and_the_robot_drives_on() -> None:
+    driver = ready()
+    cells = np.zeros((2001, 2000), np.int8)
+    driver.deliver(MAP, msg.occupancy_grid(0, 0.05, SE2(0.0, 0.0, 0.0), cells))
+    assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
+    assert driver.inbox.counts[MAP.name].rejected == {"not a map to drive in": 1}
+
+
+def test_of_thousands_of_goals_at_once_the_newest_is_driven_to_and_each_is_answered() -> None:
+    driver = ready()
+    for number in range(900):
+        driver.goal(LOCATIONS["location1" if number % 2 else "location3"])
+    begin_s = time.process_time()
+    driver.step()
+    # A way to each of them would take seconds.
+    assert time.process_time() - begin_s < 0.5
+    assert [result.error_code for result in driver.results()] == [ErrorCode.PREEMPTED] * 899
+    driver.run(0.2)
+    goal = driver.of(NAVIGATION_STATUS)[-1].goal
+    assert goal is not None
+    assert goal.se2() == LOCATIONS["location1"]
+
+
+def test_the_newest_goal_that_can_be_reached_is_taken() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location3"])
+    driver.goal(LOCATIONS["location1"])
+    driver.goal(SE2(99.0, 0.0, 0.0))
+    driver.step()
+    assert [result.error_code for result in driver.results()] == [ErrorCode.PREEMPTED, 204]
+
+
+def test_a_ring_of_fixed_frames_is_refused_and_the_robot_drives_on() -> None:
+    driver = ready()
+    back = msg.transform_stamped(0, SCAN_FRAME, BASE_FOOTPRINT_FRAME, np.eye(4))
+    driver.deliver(TF_STATIC, msg.TFMessage([back]))
+    assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
+    assert driver.inbox.counts[TF_STATIC.name].rejected == {"frames in a ring": 1}
 
 
 def test_a_new_goal_preempts() -> None:
@@ -555,3 +606,45 @@ def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
 
 def test_the_node_is_made_from_its_defaults_and_waits() -> None:
     assert NavigationNode(NavigationConfig()).waiting_for() == "the world"
+
+
+def cancelled(driver: NodeDriver, stamp_ns: int | None = None) -> CancelGoalReply:
+    """The answer to a request to cancel, in a step in which no time passes."""
+    answers: list[CancelGoalReply] = []
+    driver.inbox.ask(CANCEL_GOAL, CancelGoal(goal_stamp_ns=stamp_ns), answers.append)
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    (answer,) = answers
+    return answer
+
+
+def test_a_cancelled_goal_ends_and_the_robot_stops() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    sent_ns = driver.now_ns
+    driver.run(2.0)
+    commands = len(driver.of(CMD_VEL))
+    other = cancelled(driver, sent_ns + 1)
+    assert (other.return_code, other.goal) == (2, None)
+    assert str(sent_ns + 1) in other.error
+    # It was no control period, and the robot drives on.
+    assert len(driver.of(CMD_VEL)) == commands
+    twist = driver.of(CMD_VEL)[-1].twist
+    assert abs(twist.linear.x) + abs(twist.angular.z) > 0.1
+    answer = cancelled(driver, sent_ns)
+    assert (answer.error, answer.return_code, answer.goal_stamp_ns) == ("", 0, sent_ns)
+    twist = driver.of(CMD_VEL)[-1].twist
+    assert (twist.linear.x, twist.angular.z) == (0.0, 0.0)
+    (result,) = driver.results()
+    assert (result.error_code, result.goal_stamp_ns) == (ErrorCode.CANCELED, sent_ns)
+    assert driver.of(NAVIGATION_STATUS)[-1].state == "idle"
+    driver.run(1.0)
+    assert driver.robot.velocity.linear_m_s == 0.0
+    assert "no goal" in cancelled(driver).error
+
+
+def test_after_a_cancelled_goal_another_is_driven_to() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location3"])
+    driver.run(1.0)
+    assert cancelled(driver).error == ""
+    assert driver.drive_to(LOCATIONS["location1"]).error_code == 0

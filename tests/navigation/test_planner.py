@@ -8,8 +8,9 @@ import pytest
 
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
+from services.common.world.costmap import Cells
 from services.navigation.config import NavigationConfig
-from services.navigation.costmap import Cells, LayeredCostmap, frame_of
+from services.navigation.costmap import LayeredCostmap, frame_of
 from services.navigation.errors import NavigationError
 from services.navigation.path import PlannedPath
 from services.navigation.planner import Planner

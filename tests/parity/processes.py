@@ -14,8 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from services.common.bus import BusConfig, open_session, subscribe, unpack_attachment
-from services.common.topics import SERVICES, TOPICS, Topic
+from services.common.bus.bus import BusConfig, open_session, subscribe
+from services.common.node.node import Envelope
+from services.common.node.topics import SERVICES, TOPICS, Topic
 from tests.parity.transport import Record
 
 DEADLINE_S = 100.0
@@ -31,11 +32,10 @@ class RunningServices:
         self._counts: Counter[str] = Counter()
         self._heard = threading.Condition()
 
-    def hear(self, topic: Topic[Any]) -> Callable[[bytes, bytes | None], None]:
+    def hear(self, topic: Topic[Any]) -> Callable[[bytes, Envelope], None]:
         """What takes in the messages of a topic."""
 
-        def receive(payload: bytes, attachment: bytes | None) -> None:
-            envelope = unpack_attachment(attachment or b"")
+        def receive(payload: bytes, envelope: Envelope) -> None:
             with self._heard:
                 self._record.append((topic.name, envelope.sent_ns, envelope.world_hash, payload))
                 self._counts[topic.name] += 1

@@ -10,12 +10,13 @@ import pytest
 
 from services.cli.diff import diff_runs
 from services.cli.loopback_router import running_router
-from services.common import log
-from services.common.bus import BusConfig, ask, open_session
-from services.common.documents import GetEntities, SimulationControl
-from services.common.executive import Executive
-from services.common.serve import EXIT_OUT_OF_STEP
-from services.common.topics import (
+from services.common.bus.bus import BusConfig, ask, open_session
+from services.common.bus.serve import EXIT_OUT_OF_STEP
+from services.common.bus.wire import decode
+from services.common.node import log
+from services.common.node.documents import GetEntities, SimulationControl
+from services.common.node.executive import Executive
+from services.common.node.topics import (
     BY_NAME,
     CLOCK,
     EVALUATION,
@@ -26,7 +27,6 @@ from services.common.topics import (
     SIMULATION_STATS,
     WORLD,
 )
-from services.common.wire import decode
 from services.embedded.demo import DemoOptions, build_nodes, run
 from tests.parity.processes import DEADLINE_S, busy, running_services
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
-from services.common import wire
-from services.common.bus import Bus, BusConfig, alive, open_session
-from services.common.executive import MemoryTransport
-from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import Topic, owned_by
+from services.common.bus import wire
+from services.common.bus.bus import Bus, BusConfig, alive, open_session
+from services.common.node.executive import MemoryTransport
+from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.topics import Topic, owned_by
 
 DEADLINE_S = 20.0
 

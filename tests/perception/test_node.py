@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common import messages as msg
-from services.common import wire
-from services.common.documents import Entities, MarkerEntity, Planar, World
+from services.common.bus import wire
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
@@ -26,8 +24,10 @@ from services.common.frames import (
     Array,
     transform_matrix,
 )
-from services.common.node import Envelope, Inbox, Outbox, Trigger
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, MarkerEntity, Planar, World
+from services.common.node.node import Envelope, Inbox, Outbox, Trigger
+from services.common.node.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
     DETECTIONS,

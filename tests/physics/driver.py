@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from services.common import messages as msg
-from services.common import wire
-from services.common.documents import Entities, MarkerEntity, Material, Planar, Wall, World
+from services.common.bus import wire
 from services.common.frames import SE2, Array, inverse_matrix, transform_matrix
-from services.common.node import Envelope, Inbox, Outbox
-from services.common.topics import (
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, MarkerEntity, Material, Planar, Wall, World
+from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.topics import (
     ASSETS,
     CMD_VEL,
     DESIRED_ENTITIES,
@@ -24,10 +24,10 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
-from services.physics.bodies import Bodies
+from services.physics.bodies.bodies import Bodies
 from services.physics.config import PhysicsConfig
 from services.physics.node import PhysicsNode
-from services.physics.raycast import cast_scan, joined, ray_directions, targets_of
+from services.physics.sensors.raycast import cast_scan, joined, ray_directions, targets_of
 
 M = TypeVar("M")
 
@@ -119,9 +119,11 @@ class Driver:
     def _collect(self, topic: Topic[object], message: object, _: Envelope) -> None:
         self.sent.append((topic, message))
 
-    def deliver(self, topic: Topic[M], message: M | bytes, world_hash: str = "") -> None:
+    def deliver(
+        self, topic: Topic[M], message: M | bytes, world_hash: str = "", source: str = "test"
+    ) -> None:
         self._sequence += 1
-        self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, world_hash))
+        self.inbox.deliver(topic, message, Envelope(source, self._sequence, 0, world_hash))
 
     def turn(self) -> None:
         """One step of the node: of time where there is a world, else only of what waits."""
@@ -137,7 +139,7 @@ class Driver:
         self.turn()
         return self
 
-    def command(self, linear_m_s: float, angular_rad_s: float = 0.0) -> None:
+    def command(self, linear_m_s: float, angular_rad_s: float = 0.0, source: str = "test") -> None:
         """A velocity command as it comes over the wire, whatever its numbers."""
         twist = msg.Twist(
             linear=msg.Vector3(x=linear_m_s, y=0.0, z=0.0),
@@ -145,7 +147,7 @@ class Driver:
         )
         header = msg.header(self.now_ns, "base_footprint")
         command = msg.TwistStamped(header=header, twist=twist)
-        self.deliver(CMD_VEL, wire.encode(CMD_VEL, command))
+        self.deliver(CMD_VEL, wire.encode(CMD_VEL, command), source=source)
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds * 240)):

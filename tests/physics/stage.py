@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.common.documents import (
+from services.common.node.documents import (
     BodyEntity,
     Box,
     Entities,
@@ -14,8 +14,8 @@ from services.common.documents import (
     ScriptedPath,
     Shape,
 )
-from services.common.topics import DESIRED_ENTITIES, ENTITIES, SCAN
-from services.physics.bodies import Bodies
+from services.common.node.topics import DESIRED_ENTITIES, ENTITIES, SCAN
+from services.physics.bodies.bodies import Bodies
 from tests.physics.driver import Driver, texture, world
 
 OPEN = world(walls=[("Wall", 4.0, 0.0, -2.0, 0.0)])

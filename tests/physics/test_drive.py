@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from services.common.topics import CMD_VEL, SIMULATION_STATS
+from services.common.node.topics import CMD_VEL, SIMULATION_STATS
 from services.physics.config import PhysicsConfig
 from services.physics.drive import Drive
 from services.physics.simulation import drive_limits

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from services.common import messages as msg
+from services.bench.memory import resident_mb
 from services.common import png
-from services.common.documents import (
+from services.common.node import messages as msg
+from services.common.node.documents import (
     BodyEntity,
     Box,
     Capsule,
@@ -35,8 +36,7 @@ from services.common.documents import (
     SimulationStats,
     Sphere,
 )
-from services.common.geometry import TriangleMesh, mesh_to_bytes, triangles_of
-from services.common.topics import (
+from services.common.node.topics import (
     ASSETS,
     CMD_VEL,
     ENTITIES,
@@ -45,13 +45,14 @@ from services.common.topics import (
     SIMULATION_STATS,
     WORLD,
 )
-from services.embedded.memory import resident_mb
+from services.common.world.geometry import TriangleMesh, mesh_to_bytes, triangles_of
 from services.physics.assets import Assets
-from services.physics.bullet import pybullet
-from services.physics.camera import Intrinsics, make_renderer
+from services.physics.bodies.bullet import pybullet
+from services.physics.bodies.robot_model import ModelError, robot_model_from_urdf
+from services.physics.camera.camera import Intrinsics
+from services.physics.camera.renderers import make_renderer
+from services.physics.camera.scene import build_scene
 from services.physics.config import PhysicsConfig
-from services.physics.robot_model import ModelError, robot_model_from_urdf
-from services.physics.scene import build_scene
 from tests.physics.driver import asset, panel, texture, world
 from tests.physics.own_process import figures
 from tests.physics.stage import (
@@ -266,8 +267,8 @@ def test_a_hundred_in_one_place_are_one(stage: Stage) -> None:
 
 
 def test_a_world_with_a_hundred_in_one_place_is_refused(stage: Stage) -> None:
-    from tests.physics.test_bodies import heap as heap_of_world
-    from tests.physics.test_bodies import world_of
+    from tests.physics.bodies.test_bodies import heap as heap_of_world
+    from tests.physics.bodies.test_bodies import world_of
 
     bad = world_of(*heap_of_world(100))
     stage.load(bad)
@@ -322,7 +323,7 @@ def test_a_huge_mesh_is_refused(stage: Stage, monkeypatch: pytest.MonkeyPatch) -
     assert "triangles in all bodies: at most 500000" in reasons(
         stage.desire(crate(shapes=shapes))
     )["crate"]  # fmt: skip
-    monkeypatch.setattr("services.common.geometry.MAX_TRIANGLES", 1000)
+    monkeypatch.setattr("services.common.world.geometry.MAX_TRIANGLES", 1000)
     other = asset(mesh_to_bytes(triangles_of(Sphere(radius_m=99.0), {})))
     other.format = "npz"
     stage.deliver(ASSETS, other)
@@ -378,15 +379,12 @@ def test_unknown_names_reach_nothing(stage: Stage) -> None:
 
 
 def _poison_robot(stage: Stage) -> None:
-    bodies = stage.bodies
-    pybullet.resetBaseVelocity(bodies._robot, [math.nan, 0, 0], physicsClientId=bodies._client)
+    robot, client = stage.bodies._robot.number, stage.bodies._client
+    pybullet.resetBaseVelocity(robot, [math.nan, 0, 0], physicsClientId=client)
 
 
 def _poison_wheel(stage: Stage) -> None:
-    bodies = stage.bodies
-    pybullet.resetJointState(
-        bodies._robot, bodies._wheels[0], 0.0, math.nan, physicsClientId=bodies._client
-    )
+    stage.bodies._robot.turn_wheels_to((0.0, 0.0), (math.nan, 0.0))
 
 
 def _poison_mover(stage: Stage) -> None:

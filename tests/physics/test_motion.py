@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from services.common import messages as msg
 from services.common.frames import SE2, inverse_matrix, wrap_angle
-from services.common.topics import CMD_VEL, GROUND_TRUTH_ODOM, SIMULATION_STATS
+from services.common.node import messages as msg
+from services.common.node.topics import CMD_VEL, GROUND_TRUTH_ODOM, SIMULATION_STATS
+from services.physics.bodies.robot_model import robot_model_from_urdf
 from services.physics.config import STEPS_PER_SECOND, PhysicsConfig, time_of_step_ns
-from services.physics.robot_model import robot_model_from_urdf
 from services.physics.simulation import Simulation
 from tests.physics.driver import Driver, world
 
@@ -169,6 +169,45 @@ def test_rests_at_once_where_the_one_who_commands_is_gone(
     ]
     robot.drive(0.3, 0.0, 1.0)
     assert robot.speeds[0] == pytest.approx(0.3, abs=0.01)
+
+
+def test_one_source_of_commands_holds_the_robot_until_it_is_silent(robot: Driver) -> None:
+    for step in range(240):
+        # The other one is more often heard, and sometimes in the same step.
+        if step % 12 == 0:
+            robot.command(0.3, source="first")
+        if step % 4 == 0 and step > 0:
+            robot.command(-0.4, source="second")
+        robot.turn()
+    assert robot.speeds[0] == pytest.approx(0.3, abs=0.01)
+    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another source commands": 59}
+    for step in range(240):
+        if step % 12 == 0:
+            robot.command(-0.4, source="second")
+        robot.turn()
+    assert robot.speeds[0] == pytest.approx(-0.4, abs=0.01)
+
+
+def test_one_that_has_stopped_the_robot_leaves_it_to_others(robot: Driver) -> None:
+    robot.drive(0.3, 0.0, 1.0)
+    robot.command(0.0)
+    robot.turn()
+    robot.command(0.2, source="second")
+    robot.turn()
+    robot.command(0.0)
+    robot.wait(0.15)
+    assert robot.speeds[0] == pytest.approx(0.2, abs=0.03)
+    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another source commands": 1}
+
+
+def test_where_the_one_who_commands_is_gone_another_one_may_at_once(robot: Driver) -> None:
+    robot.drive(0.3, 0.0, 1.0)
+    robot.inbox.leave("test")
+    robot.command(0.2, source="second")
+    robot.turn()
+    robot.wait(0.15)
+    assert robot.speeds[0] == pytest.approx(0.2, abs=0.03)
+    assert not robot.inbox.counts[CMD_VEL.name].rejected
 
 
 def test_keeps_going_while_commands_come(robot: Driver) -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common import messages as msg
-from services.common import wire
-from services.common.config import ConfigError, load
-from services.common.documents import Entities, MarkerEntity, World
+from services.common.bus import wire
+from services.common.config import ConfigError
 from services.common.frames import LINK_FROM_OPTICAL, transform_matrix
-from services.common.topics import (
+from services.common.load import load
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, MarkerEntity, SimulationStats, World
+from services.common.node.topics import (
     ASSETS,
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -32,7 +33,7 @@ from services.common.topics import (
     WORLD,
     Topic,
 )
-from services.physics.bullet import pybullet
+from services.physics.bodies.bullet import pybullet
 from services.physics.config import PhysicsConfig
 from services.physics.node import PhysicsNode
 from tests.physics.driver import HOUSE_WALLS, Driver, asset, panel, texture, world
@@ -322,7 +323,7 @@ def test_a_robot_that_is_not_physical_is_built_anew(
     driver = Driver().load(world())
     driver.drive(0.4, 0.0, 1.0)
     bodies = driver.node._simulation.bodies  # type: ignore[union-attr]
-    pybullet.resetBaseVelocity(bodies._robot, [poison, 0, 0], physicsClientId=bodies._client)
+    pybullet.resetBaseVelocity(bodies._robot.number, [poison, 0, 0], physicsClientId=bodies._client)
     driver.turn()
     assert [record.levelname for record in caplog.records if "physical" in record.message] == [
         "ERROR"
@@ -390,3 +391,30 @@ def test_an_unknown_robot_is_one_line() -> None:
     with pytest.raises(ConfigError, match="robot_model") as caught:
         PhysicsNode(PhysicsConfig(robot_model="burger"))
     assert "\n" not in str(caught.value)
+
+
+def test_a_process_that_comes_back_goes_on_counting_epochs() -> None:
+    def stats(epoch: int) -> SimulationStats:
+        return SimulationStats(
+            world_hash="", sim_time_s=1.0, iterations=240, step_size_s=1 / 240, epoch=epoch,
+            renderer="none", state_hash="",
+        )  # fmt: skip
+
+    early = Driver()
+    early.deliver(SIMULATION_STATS, stats(3))
+    early.load(world())
+    assert early.last(SIMULATION_STATS).epoch == 4
+    late = Driver().load(world())
+    assert late.last(SIMULATION_STATS).epoch == 1
+    late.deliver(SIMULATION_STATS, stats(3))
+    late.turn()
+    assert late.last(SIMULATION_STATS).epoch == 4
+
+
+def test_it_rests_while_the_robot_stands_and_nobody_commands() -> None:
+    robot = Driver().load(world())
+    assert robot.node.resting
+    robot.drive(0.3, 0.0, 0.5)
+    assert not robot.node.resting
+    robot.wait(0.5)
+    assert robot.node.resting

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from services.common import wire
-from services.common.documents import SimulationControl, SimulationControlReply
-from services.common.messages import TYPESTORE, String, ns_from_time
-from services.common.topics import CLOCK, ENTITIES, ODOM, SIMULATION_CONTROL, SIMULATION_STATS
+from services.common.bus import wire
+from services.common.node.documents import SimulationControl, SimulationControlReply
+from services.common.node.messages import TYPESTORE, String, ns_from_time
+from services.common.node.topics import CLOCK, ENTITIES, ODOM, SIMULATION_CONTROL, SIMULATION_STATS
 from services.physics.config import time_of_step_ns
 from services.physics.run_control import first_step_at
 from tests.physics.driver import Driver, world

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common import documents as doc
-from services.common import messages as msg
-from services.common import topics as table
 from services.common.frames import SE2, rotation_from_rpy, transform_matrix
-from services.common.node import Envelope, Inbox, Node, Outbox
-from services.common.topics import Topic
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node import topics as table
+from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.topics import Topic
 from services.recorder.node import RecorderNode
 
 Said = tuple[int, Topic[Any], Any]
@@ -234,7 +234,7 @@ def _slow(world: doc.World, now_ns: int, step: int) -> Iterator[Said]:
     yield now_ns, table.PLAN, msg.Path(header, path)
     yield now_ns, table.NAVIGATION_STATUS, doc.NavigationStatus(
         localization_active=True, navigation_active=True, state="controlling",
-        distance_remaining_m=1.0,
+        goal=doc.Planar(x_m=1.0, y_m=1.0, yaw_rad=0.0), distance_remaining_m=1.0,
     )  # fmt: skip
     yield now_ns, table.SIMULATION_STATS, doc.SimulationStats(
         world_hash=world.hash, sim_time_s=now_ns * 1e-9, iterations=step, step_size_s=1 / 240,

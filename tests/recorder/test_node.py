@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import resource
+import shutil
 import subprocess
 import sys
 from datetime import datetime
@@ -14,17 +16,18 @@ import pytest
 import rerun as rr
 import yaml
 
-from services.common import documents as doc
-from services.common import messages as msg
-from services.common import topics as table
 from services.common.config import ConfigError
-from services.common.node import Envelope
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node import topics as table
+from services.common.node.node import Envelope
 from services.common.root import ROOT
 from services.recorder import node as node_module
-from services.recorder import run as run_module
 from services.recorder.config import RecorderConfig
+from services.recorder.keeping import run as run_module
+from services.recorder.keeping.digests import DigestWriter, read_digests
+from services.recorder.keeping.repair import rerun_binary
 from services.recorder.node import RecorderNode
-from services.recorder.repair import rerun_binary
 from tests.recorder.synthetic import (
     BRICKS,
     ERROR_M,
@@ -88,11 +91,12 @@ def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path
     for entity in ("world/walls/bricks", "world/walls_above/plain", "entities/marker_60",
                    "camera/color/image_raw", "aruco/detections/outline", "scan", "plan",
                    "particle_cloud", "global_costmap/costmap", "ground_truth/odom/path",
-                   "error/localisation_m", "parameters/spawner", "rosout/physics",
+                   "error/localisation_m", "evaluation", "parameters/spawner", "rosout/physics",
                    "diagnostics/navigation"):  # fmt: skip
         assert f"/{entity}: " in drawn, entity
     config = yaml.safe_load((run / "config.yaml").read_text())
-    assert config["seed"] == 11
+    # The simulation's own, and not the recorder's.
+    assert config["seed"] == 7
     assert config["world_request"]["world_name"] == "room"
     assert config["services"]["recorder"]["jpeg_quality"] == 75
     assert config["services"]["spawner"] == {"seed": 11}
@@ -261,7 +265,7 @@ def test_an_out_dir_is_the_run_s_folder(tmp_path: Path) -> None:
     assert summary_of(tmp_path / "a" / "b")["world"] == "room"
 
 
-def test_a_full_disk_ends_the_recording_whole_and_room_brings_the_next_part(
+def test_the_recording_ends_whole_before_the_disk_is_full_and_goes_on_with_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = [10_000]
@@ -282,10 +286,86 @@ def test_a_full_disk_ends_the_recording_whole_and_room_brings_the_next_part(
     free[0] = 10_000
     bench.say(driving(world, 1.0, start_ns=2_000_000_000))
     assert bench.node.waiting_for() is None
-    bench.node.close()
-    verify(run / "run_2.rrd")
     assert "/world/walls/bricks: " in entities_of(run / "run_2.rrd")
+    bench.node.close()
+    assert [path.name for path in run.glob("*.rrd")] == ["run.rrd"]
+    verify(run / "run.rrd")
     assert summary_of(run)["sim_time_s"] == pytest.approx(3.0, abs=1e-3)
+
+
+def test_a_disk_that_is_full_loses_nothing_but_what_it_had_no_room_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(run_module, "FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr(run_module, "SPACE_PERIOD_S", 0.0)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 0.5))
+    (run,) = tmp_path.iterdir()
+    room_bytes = (run / "run.rrd").stat().st_size + 1000
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # As a full disk is to whoever writes: the first byte beyond is refused.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room_bytes, before[1]))
+    try:
+        bench.say(driving(world, 1.0, start_ns=500_000_000))
+        assert "run.rrd: File too large" in caplog.text
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    bench.say(driving(world, 1.0, start_ns=1_500_000_000))
+    assert bench.node.waiting_for() is None
+    bench.node.close()
+    assert {path.name for path in run.iterdir()} == {
+        "run.rrd", "summary.json", "config.yaml", "digests.bin",
+    }  # fmt: skip
+    verify(run / "run.rrd")
+    assert "/scan: " in entities_of(run / "run.rrd")
+
+
+def test_digests_that_the_disk_does_not_take_are_written_when_it_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "digests.bin"
+    writer = DigestWriter(path)
+    writer.flush()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 30, before[1]))
+    try:
+        for number in range(10):
+            clock = msg.Clock(msg.time_from_ns(number))
+            writer.add(table.CLOCK, clock, Envelope("physics", number, number, ""))
+        with pytest.raises(OSError, match="File too large"):
+            writer.flush()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert writer.waits
+    writer.close()
+    assert read_digests(path).rows["sequence"].tolist() == list(range(10))
+
+
+def test_a_folder_that_is_removed_is_told_of_and_the_run_goes_on_in_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(run_module, "SPACE_PERIOD_S", 0.0)
+    monkeypatch.setattr(run_module, "FLUSH_PERIOD_S", 0.0)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(world))
+    bench.say(driving(world, 1.0))
+    (run,) = tmp_path.iterdir()
+    shutil.rmtree(run)
+    bench.say(driving(world, 1.0, start_ns=1_000_000_000))
+    assert bench.node.waiting_for() is None
+    bench.node.close()
+    assert f"{run} was removed" in caplog.text
+    assert "MiB are free" not in caplog.text
+    (run,) = tmp_path.iterdir()
+    assert {path.name for path in run.iterdir()} == {
+        "run.rrd", "summary.json", "config.yaml", "digests.bin",
+    }  # fmt: skip
+    verify(run / "run.rrd")
+    assert "/world/walls/bricks: " in entities_of(run / "run.rrd")
+    assert len(summary_of(run)["goals"]) == 2
 
 
 def test_the_summary_is_there_while_the_run_lasts(tmp_path: Path) -> None:
@@ -322,7 +402,10 @@ def test_a_reset_in_the_first_second_begins_a_run_and_each_gets_its_own(tmp_path
         bench.inbox.deliver(topic, message, Envelope("test", 0, now_ns, world.hash))
     bench.step(200_000_000)
     bench.node.close()
-    first, second = (summary_of(run) for run in sorted(tmp_path.iterdir()))
+    runs = sorted(tmp_path.iterdir())
+    told = [yaml.safe_load((run / "config.yaml").read_text())["seed"] for run in runs]
+    assert told == [0, 11]
+    first, second = map(summary_of, runs)
     assert (first["epoch"], first["seed"]) == (1, 0)
     assert (second["epoch"], second["seed"]) == (2, 11)
     assert first["rebuilds"] == second["rebuilds"] == 0
@@ -365,6 +448,62 @@ def test_a_pause_is_no_slowness(tmp_path: Path) -> None:
     assert summary["real_time_factor"] > 0.5
 
 
+def test_a_recorder_that_joins_late_counts_from_what_the_clock_itself_tells(
+    tmp_path: Path,
+) -> None:
+    world, minute_ns = room(), 60_000_000_000
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    # The loop that steps the recorder has not heard the clock yet, the recorder's inbox has.
+    tick = msg.Clock(msg.time_from_ns(minute_ns))
+    bench.inbox.deliver(table.CLOCK, tick, Envelope("test", 0, minute_ns, world.hash))
+    bench.step(0)
+    clock = bench.node._setting.wall_clock_s  # type: ignore[attr-defined]
+    clock.tick_s = 0.0
+    clock.now_s += 0.1
+    bench.say(said for said in driving(world, 0.1, minute_ns) if said[0] > minute_ns + 50_000_000)
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    summary = summary_of(run)
+    assert summary["sim_time_s"] == pytest.approx(60.1)
+    assert summary["wall_time_s"] == pytest.approx(0.1, abs=0.01)
+    assert summary["real_time_factor"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_pause_is_noticed_while_no_time_passes(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say([*opening(world), *driving(world, 1.0)])
+    paused = stats(world, 1.0, paused=True)
+    envelope = Envelope("physics", 0, 1_000_000_000, world.hash)
+    bench.inbox.deliver(table.SIMULATION_STATS, paused, envelope)
+    assert bench.inbox.wakes()
+    bench.node.close()
+
+
+def test_what_was_not_measured_is_null_in_the_summary(tmp_path: Path) -> None:
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(opening(world))
+    elsewhere = msg.KeyValue("rejected /robot_description: not finite", "2")
+    status = msg.DiagnosticStatus(0, "navigation", "active", "", [elsewhere])
+    array = msg.DiagnosticArray(msg.header(0, ""), [status])
+    bench.say([(0, table.DIAGNOSTICS, array)])
+    bench.node.close()
+    summary = summary_of(next(tmp_path.iterdir()))
+    nothing = {"mean": None, "p95": None, "max": None}
+    for name in (
+        "epoch", "state_hash", "image_hash", "renderer", "sim_time_s", "wall_time_s",
+        "real_time_factor", "odometry_drift_m", "distance_m", "spl",
+    ):  # fmt: skip
+        assert summary[name] is None, name
+    for name in ("localisation_error_m", "localisation_error_rad", "marker_error_m"):
+        assert summary[name] == nothing, name
+    unread = summary["messages"]["/robot_description"]
+    assert (unread["sent"], unread["received"], unread["lost"]) == (None, None, None)
+    assert unread["rejected"] == 2
+
+
 def test_textures_of_nothing_are_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_module, "_MOST_ASSETS", 300)
     world = room()
@@ -379,3 +518,24 @@ def test_textures_of_nothing_are_let_go_of(tmp_path: Path, monkeypatch: pytest.M
     assert len(held) <= 300
     assert {BRICKS, MARKER} <= held.keys()
     assert f"{999:064x}" in held
+
+
+def test_rings_and_floods_of_frames_are_refused_and_the_recording_is_whole(tmp_path: Path) -> None:
+    def frames(*edges: tuple[str, str]) -> msg.TFMessage:
+        return msg.TFMessage([msg.transform_stamped(0, *edge, np.eye(4)) for edge in edges])
+
+    bench = Bench(recorder(tmp_path))
+    bench.say(opening(room()))
+    bench.say([(0, table.TF_STATIC, frames(("base_scan", "base_footprint")))])
+    bench.say([(0, table.TF, frames(("base_scan", "map")))])
+    for first in range(0, 5000, 500):
+        flood = frames(*(("map", f"frame {number}") for number in range(first, first + 500)))
+        bench.say([(0, table.TF, flood)])
+    bench.say(driving(room(), 1.0))
+    assert bench.inbox.counts[table.TF_STATIC.name].rejected == {"frames in a ring": 1}
+    assert bench.inbox.counts[table.TF.name].rejected["too many frames"] >= 6
+    bench.node.close()
+    (run,) = tmp_path.iterdir()
+    verify(run / "run.rrd")
+    summary = summary_of(run)
+    assert summary["localisation_error_m"]["mean"] == pytest.approx(ERROR_M, abs=1e-6)

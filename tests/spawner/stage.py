@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.common import documents as doc
-from services.common import messages as msg
-from services.common.executive import Executive, MemoryTransport
-from services.common.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.topics import (
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node.executive import Executive, MemoryTransport
+from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
+from services.common.node.topics import (
     ASSETS,
     DELETE_ENTITY,
     DESIRED_ENTITIES,

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.common import documents as doc
-from services.common import messages as msg
-from services.common.furnish import furnish
-from services.common.geometry import TriangleMesh, mesh_to_bytes
-from services.common.marker_picture import draw
-from services.common.topics import (
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node.topics import (
     ASSETS,
     DELETE_ENTITY,
     GET_ENTITIES,
     SET_ENTITY_STATE,
     SPAWN_ENTITY,
 )
+from services.common.world.furnish import furnish
+from services.common.world.geometry import TriangleMesh, mesh_to_bytes
+from services.common.world.marker_picture import draw
 from services.spawner.config import SpawnerConfig
 from services.spawner.desired_set import MAX_ASKED_FOR, MAX_ENTITY_BYTES
 from services.spawner.node import MAX_WAITING, MAX_WAITING_BYTES, SpawnerNode

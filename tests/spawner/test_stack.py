@@ -21,12 +21,12 @@ import pytest
 import zenoh
 
 from services.cli.loopback_router import running_router
-from services.common import documents as doc
-from services.common.bus import BusConfig, ask, open_session, publish, wait_until_alive
-from services.common.bus import pack_attachment as packed
-from services.common.marker_picture import draw
-from services.common.node import Envelope
-from services.common.topics import (
+from services.common.bus.bus import BusConfig, ask, open_session, publish, wait_until_alive
+from services.common.bus.bus import pack_attachment as packed
+from services.common.bus.wire import encode
+from services.common.node import documents as doc
+from services.common.node.node import Envelope
+from services.common.node.topics import (
     DELETE_ENTITY,
     GET_ENTITIES,
     SET_ENTITY_STATE,
@@ -35,7 +35,7 @@ from services.common.topics import (
     WORLD,
     Query,
 )
-from services.common.wire import encode
+from services.common.world.marker_picture import draw
 from tests.cli.test_app import mazebot
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import box
@@ -72,7 +72,7 @@ class Stack:
 
     def load(self, house: doc.World) -> None:
         envelope = Envelope("ab" * 16, next(self.numbers), 0, house.hash)
-        self.world_publisher.put(encode(WORLD, house), attachment=packed(envelope))
+        self.world_publisher.put(encode(WORLD, house), attachment=packed(WORLD, envelope))
 
     def ask(self, query: Query[Q, A], message: Q) -> A:
         return ask(self.session, query, message, DEADLINE_S, start_s=DEADLINE_S)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from services.worldgen.build import figures
-from services.worldgen.loader import load_world
-from services.worldgen.preview import world_glb
+from services.worldgen.recipe.loader import load_world
+from services.worldgen.world_model import world_glb
 from tests.worldgen import folder
 
 SHEET = "v -0.5 0 0\nv 0.5 0 0\nv 0.5 0 1\nv -0.5 0 1\nf 1 2 3 4\n"

@@ -7,8 +7,14 @@ from typing import Any
 
 import pytest
 
-from services.worldgen.check import problems_of
-from services.worldgen.loader import load_world
+from services.navigation.config import NavigationConfig
+from services.navigation.costmap import (
+    INSCRIBED_INFLATED_OBSTACLE,
+    LayeredCostmap,
+    frame_of,
+)
+from services.worldgen.check import findings_of, problems_of
+from services.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 
@@ -183,12 +189,82 @@ def test_what_an_import_cannot_bring_in_is_a_problem(tmp_path: Path) -> None:
     body = '<static>1</static><link name="l"><collision name="c">{}</collision></link>'
     mesh = body.format("<geometry><mesh><uri>a.dae</uri></mesh></geometry>")
     (tmp_path / "a.dae").write_text("no mesh")
-    for name, inside, words in (
-        ("mesh.SDF", f'<model name="m">{mesh}</model>', "MESH_INVALID"),
-        ("bare.sdf", "", "nothing but a floor"),
-    ):
-        file = tmp_path / name
-        file.write_text(f'<sdf version="1.9"><world name="w">{inside}</world></sdf>')
-        (problem,) = problems_of(file)
-        assert words in str(problem)
-        assert str(problem).count("\n") == 0
+    file = tmp_path / "mesh.SDF"
+    inside = f'<model name="m">{mesh}</model>'
+    file.write_text(f'<sdf version="1.9"><world name="w">{inside}</world></sdf>')
+    (problem,) = problems_of(file)
+    assert "MESH_INVALID" in str(problem)
+    assert str(problem).count("\n") == 0
+
+
+def test_a_maze_that_is_too_narrow_to_be_driven_is_told() -> None:
+    narrow, wide = (
+        problems_of("maze", overrides=(f"maze.cell_m={cell_m}", "maze.rows=4", "maze.columns=4"))
+        for cell_m in (0.8, 0.85)
+    )
+    assert [str(problem) for problem in narrow] == [
+        "override maze.cell_m=0.8: maze.cell_m: 0.8: must be at least 0.85: in corridors narrower "
+        "than 0.7 m the robot gets stuck"
+    ]
+    assert wide == ()
+
+
+def test_a_start_in_a_pocket_is_told_with_a_better_one(tmp_path: Path) -> None:
+    """A bin of 0.9 m in the corner of the room."""
+    recipe = folder.room() | {"markers": [], "map_resolution_m": 0.05, "locations": {}}
+    recipe["walls"] += [
+        {"name": "bin_east", "length_m": 0.9, "x_m": -0.9, "y_m": -0.5, "yaw_rad": 1.5708},
+        {"name": "bin_north", "length_m": 1.1, "x_m": -1.4, "y_m": -0.05, "yaw_rad": 0.0},
+    ]
+    recipe["start"] = {"x_m": -1.45, "y_m": -0.5}
+    (found,) = said(tmp_path, recipe)
+    assert found.startswith("start: (-1.45, -0.5): must not stand in a pocket of 0.2 m2: ")
+    x_m, y_m = (float(part) for part in found.partition("around (")[2].rstrip(")").split(", "))
+    assert said(tmp_path, recipe | {"start": {"x_m": x_m, "y_m": y_m}}) == []
+    assert said(tmp_path, {key: recipe[key] for key in recipe if key != "start"}) == []
+
+
+def test_places_are_judged_by_the_costmap_that_is_driven_by(tmp_path: Path) -> None:
+    """The wall's face is at 0.945 m: from 0.703 m the distance to it would be enough, but the cell
+    that the place is in is too near to those of the wall.
+    """
+    recipe = folder.room() | {"markers": [], "map_resolution_m": 0.05, "wall_thickness_m": 0.11}
+    config = NavigationConfig()
+    told = {}
+    for y_m in (0.6, 0.69, 0.703, 0.76):
+        recipe["locations"] = {"here": {"x_m": 0.0, "y_m": y_m}}
+        told[y_m] = said(tmp_path, recipe)
+        loaded = load_world("room", worlds_dir=tmp_path)
+        frame = frame_of(0.05, loaded.map_origin, loaded.map_cells)
+        costmap = LayeredCostmap(frame, loaded.map_cells, config.inflation(), config.obstacle())
+        stands = costmap.static.cost_at(0.0, y_m) < INSCRIBED_INFLATED_OBSTACLE
+        assert stands == (told[y_m] == []), (y_m, told)
+    assert told[0.69] == []
+    assert told[0.703] == [
+        "locations.here: (0.0, 0.703): must have 0.24 m clear around it, not 0.200"
+    ]
+
+
+def test_the_floor_that_can_be_reached_is_told(tmp_path: Path) -> None:
+    recipe = folder.room() | {"markers": [], "map_resolution_m": 0.05}
+    folder.make(tmp_path, recipe)
+    reach = findings_of("room", worlds_dir=tmp_path).reach
+    assert reach is not None
+    # 3.85 x 1.85 m within the walls, less the robot's radius at each and a cell's rounding.
+    assert reach.reachable_m2 == pytest.approx(3.35 * 1.35, abs=0.3)
+    assert reach.share == 1.0
+    assert not reach.open_floor
+    recipe["walls"].append(
+        {"name": "across", "length_m": 2.0, "x_m": 1.0, "y_m": 0.0, "yaw_rad": 1.5708}
+    )
+    folder.make(tmp_path, recipe | {"locations": {}})
+    reach = findings_of("room", worlds_dir=tmp_path).reach
+    assert reach is not None
+    assert 0.7 < reach.share < 0.9
+    recipe["walls"] = []
+    folder.make(tmp_path, recipe)
+    problems, reach = findings_of("room", worlds_dir=tmp_path)
+    assert problems == ()
+    assert reach is not None
+    assert reach.open_floor
+    assert str(reach).endswith("can be reached from the start, and the open floor around it")

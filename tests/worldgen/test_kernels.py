@@ -12,7 +12,7 @@ import pytest
 AHEAD = "from services.worldgen.kernels import compile_kernels\ncompile_kernels()"
 AFTER = """
 from services.worldgen.build import figures
-from services.worldgen.loader import load_world
+from services.worldgen.recipe.loader import load_world
 for algorithm in ("wilson", "recursive_backtracker", "rooms"):
     for braiding in (0.0, 0.5):
         overrides = (f"maze.algorithm={algorithm}", f"maze.braiding={braiding}")

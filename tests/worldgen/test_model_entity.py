@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from services.common.config import ConfigError
-from services.common.documents import Box, Cylinder, Mesh
-from services.common.geometry import mesh_from_bytes
-from services.worldgen.marker_model import write_marker_model
+from services.common.node.documents import Box, Cylinder, Mesh
+from services.common.world.geometry import mesh_from_bytes
+from services.worldgen.markers.marker_model import write_marker_model
 from services.worldgen.model_entity import find_model, lowest_m, read_mesh, read_model
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from services.common import wire
-from services.common.documents import WorldRequest, WorldStatus
-from services.common.messages import cells_from_grid
-from services.common.node import Envelope, Inbox, Outbox
-from services.common.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
+from services.common.bus import wire
+from services.common.node.documents import WorldRequest, WorldStatus
+from services.common.node.messages import cells_from_grid
+from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
 from services.worldgen.config import WorldgenConfig
-from services.worldgen.loader import load_world
 from services.worldgen.node import WorldgenNode
-from services.worldgen.problems import WorldError
+from services.worldgen.recipe.loader import load_world
+from services.worldgen.recipe.problems import WorldError
 from tests.worldgen import folder
 
 

@@ -11,9 +11,19 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from services.common.documents import Body, Box, Covering, Room, Shape
-from services.common.furnish import furnish
-from services.worldgen.loader import LoadedWorld, load_world
+from services.common.node.documents import (
+    Body,
+    Box,
+    Covering,
+    Geometry,
+    Mesh,
+    Point2,
+    Polyline,
+    Room,
+    Shape,
+)
+from services.common.world.furnish import furnish
+from services.common.world.geometry import TriangleMesh, triangles_of
 from services.worldgen.preview import (
     LEFT_PX,
     TOP_PX,
@@ -21,8 +31,9 @@ from services.worldgen.preview import (
     material_colours,
     plan_png,
     view_of,
-    world_glb,
 )  # fmt: skip
+from services.worldgen.recipe.loader import LoadedWorld, load_world
+from services.worldgen.world_model import world_glb
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +139,90 @@ def test_areas_are_tinted_in_their_markers_colours(enhanced: LoadedWorld, plain:
     colours = {tuple(plan.at(*place)) for plan in (plain, tinted) for place in (above, right)}
     assert len(colours) == 3, "one plain, two tinted"
     assert tuple(tinted.at(*both)) not in colours
+
+
+ANGLE: tuple[Point2, ...] = ((0, 0), (1.2, 0), (1.2, 0.3), (0.3, 0.3), (0.3, 1.2), (0, 1.2))
+"""Two arms of 0.3 m."""
+IN_AN_ARM, IN_THE_ANGLE, ON_THE_DIAGONAL = (0.9, 0.15), (0.6, 0.6), (0.75, 0.75)
+RED, INK = [255, 0, 0], 60
+
+
+def angle_mesh(height_m: float = 1.0, keep_ends: bool = True) -> TriangleMesh:
+    mesh = triangles_of(Polyline(polygons_m=(ANGLE,), height_m=height_m), {})
+    upright = np.abs(mesh.normals[mesh.triangles[:, 0], 2]) < 0.5
+    return replace(mesh, triangles=mesh.triangles[upright | keep_ends])
+
+
+def plan_with(
+    enhanced: LoadedWorld, mesh: TriangleMesh, z_m: float = 0.0, mass_kg: float = 0.0
+) -> Plan:
+    """The house without walls and markers, with a red mesh at (0, 0)."""
+    red = enhanced.world.materials[0].model_copy(
+        update={"name": "red", "texture_sha256": "", "diffuse": (1.0, 0.0, 0.0, 1.0)}
+    )
+    geometry: Geometry = Mesh(sha256="a" * 64)
+    shape = Shape(name="s", geometry=geometry, material="red")
+    body = Body(name="b", position_m=(0.0, 0.0, z_m), mass_kg=mass_kg, shapes=(shape,))
+    update = {
+        "materials": (*enhanced.world.materials, red),
+        "bodies": (body,),
+        "walls": (),
+        "markers": (),
+        "locations": (),
+        "rooms": (),
+    }
+    world = enhanced.world.model_copy(update=update)
+    loaded = replace(enhanced, world=world, meshes={"a" * 64: mesh})
+    return Plan(loaded, np.zeros((0, *enhanced.map_cells.shape), np.bool_))
+
+
+@pytest.mark.parametrize("keep_ends", [True, False], ids=["closed", "without top and bottom"])
+def test_a_mesh_is_filled_where_the_lidar_meets_it_and_nowhere_else(
+    enhanced: LoadedWorld, keep_ends: bool
+) -> None:
+    plan = plan_with(enhanced, angle_mesh(keep_ends=keep_ends))
+    assert plan.at(*IN_AN_ARM) == RED
+    assert plan.at(0.15, 0.9) == RED
+    floor = plan.at(*IN_THE_ANGLE)
+    assert min(floor) > INK
+    assert plan.at(*ON_THE_DIAGONAL) == floor, "no line from tip to tip"
+    assert max(plan.at(0.9, 0.3)) <= INK, "an outline along the arm"
+
+
+def test_a_mesh_that_moves_is_filled_as_the_hull_that_it_is(enhanced: LoadedWorld) -> None:
+    plan = plan_with(enhanced, angle_mesh(), mass_kg=1.0)
+    assert plan.at(*IN_AN_ARM) == plan.at(*IN_THE_ANGLE) == RED
+    assert max(plan.at(*ON_THE_DIAGONAL)) <= INK
+
+
+def test_what_the_lidar_looks_over_is_pale_and_what_it_looks_under_an_outline(
+    enhanced: LoadedWorld,
+) -> None:
+    low, high = (plan_with(enhanced, angle_mesh(0.1), z_m) for z_m in (0.0, 1.0))
+    red, green, blue = low.at(*IN_AN_ARM)
+    assert red == 255
+    assert 60 < green == blue < 200
+    for plan in (low, high):
+        assert plan.at(*IN_THE_ANGLE) == plan.at(*ON_THE_DIAGONAL) == high.at(*IN_AN_ARM)
+        assert max(plan.at(0.9, 0.3)) <= INK
+
+
+def test_a_flat_mesh_has_the_outline_that_it_covers(enhanced: LoadedWorld) -> None:
+    mesh = angle_mesh()
+    flat = replace(mesh, vertices_m=mesh.vertices_m * (1.0, 1.0, 0.0))
+    plan = plan_with(enhanced, flat, z_m=0.5)
+    assert plan.at(*ON_THE_DIAGONAL) == plan.at(*IN_THE_ANGLE)
+    assert max(plan.at(0.9, 0.3)) <= INK
+
+
+def test_a_room_of_thin_sheets_is_not_filled(enhanced: LoadedWorld) -> None:
+    sheets = angle_mesh(keep_ends=False)
+    inwards = replace(sheets, triangles=sheets.triangles[:, ::-1])
+    both = replace(sheets, triangles=np.vstack([sheets.triangles, inwards.triangles]))
+    for mesh in (inwards, both):
+        plan = plan_with(enhanced, mesh)
+        assert plan.at(*IN_AN_ARM) != RED
+        assert plan.at(0.9, 0.3) == RED, "a line along the sheet"
 
 
 def scene_of(model: bytes) -> trimesh.Scene:

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
 import math
-import re
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import yaml
-from PIL import Image
-from pydantic import FiniteFloat, TypeAdapter, ValidationError
+from pydantic import FiniteFloat, TypeAdapter
 
-from services.common import documents as doc
-from services.common import png
 from services.common.config import ConfigError
 from services.common.frames import Array, inverse_matrix, quaternion_from_rotation
-from services.common.placement import CONTACT_M
-from services.worldgen.folder_writing import write_file
-from services.worldgen.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
+from services.common.node import documents as doc
+from services.common.world.placement import CONTACT_M
+from services.worldgen.recipe.recipe import MAX_COORDINATE_M, MeshGeometry
 from services.worldgen.sdf.model import (
     Ignored,
-    ImportReport,
     SdfError,
     SdfLink,
     SdfMaterial,
@@ -35,47 +25,39 @@ from services.worldgen.sdf.model import (
     SdfShape,
     SdfWorld,
 )
-from services.worldgen.sdf.writing import SHEET_THICKNESS_M
+from services.worldgen.sdf.notes import (
+    SAME,
+    TEXT,
+    colour,
+    from_json,
+    noted,
+    number,
+    numbers,
+    strength,
+    validated,
+)
+from services.worldgen.sdf.parts import Group, Part, groups_of, product
+from services.worldgen.sdf.pictures import MAX_PIXELS, picture_as_png
+from services.worldgen.sdf.recipe_file import ImportedWorld
 
 FLOOR_M = 0.001
 """What is no farther from z = 0 stands, or lies, on the floor."""
 MAX_LIGHTS = 8
-MAX_PIXELS = 64_000_000
-"""Of a picture before it is made smaller."""
 
 _ALIGNED = 1e-6
 """Sine of the angle by which a wall may lean."""
 _LEANS = 1e-3
 """Sine of the angle by which a marker may lean, or turn away from its wall."""
-_SAME_DIGITS = 9
-_SAME = 10.0**-_SAME_DIGITS
-_NOISE = 1e-14
-_HEADER = "# Made from "
 _DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
 _WHITE = (1.0, 1.0, 1.0, 1.0)
 # What SDF says where a world has a scene, or lights, but nothing of these.
 _SDF_AMBIENT = (0.4, 0.4, 0.4, 1.0)
 
-_T = TypeVar("_T")
-_TEXT = TypeAdapter(str)
 _NUMBER: TypeAdapter[float] = TypeAdapter(FiniteFloat)
-_VECTOR: TypeAdapter[list[float]] = TypeAdapter(list[FiniteFloat])
 _NOTES = TypeAdapter(list[dict[str, Any]])
 _MARKER = TypeAdapter(doc.Marker)
 _PLANAR = TypeAdapter(doc.Planar)
 _LOCATIONS = TypeAdapter(list[doc.Location])
-
-
-@dataclass(frozen=True)
-class ImportedWorld:
-    """What an SDF world becomes."""
-
-    recipe: dict[str, Any]
-    """As recipe.Recipe takes it."""
-    files: dict[str, bytes]
-    """By their path from the recipe's folder: `textures/x.png`, `meshes/y.glb`, `maps/z.yaml`."""
-    report: ImportReport
-    """The reader's, with what could not be converted either."""
 
 
 def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
@@ -88,147 +70,6 @@ def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
     to its `errors`. Raises nothing.
     """
     return _Conversion(sdf, name).run()
-
-
-def recipe_yaml(recipe: Mapping[str, Any]) -> str:
-    """A recipe as YAML that brings the same numbers back."""
-    text = yaml.dump(
-        _plain(recipe), Dumper=_Dumper, sort_keys=False, default_flow_style=None,
-        allow_unicode=True, width=100,
-    )  # fmt: skip
-    return str(text)
-
-
-def write_recipe(imported: ImportedWorld, file: Path) -> None:
-    """Write a recipe, and what it needs in the folders beside it.
-
-    A picture or mesh gets another name where one that differs has its name already. The recipe is
-    written last, and replaces none but an earlier import's. Raises ConfigError, also where there is
-    nothing that a recipe could hold.
-    """
-    if not (imported.recipe.get("walls") or imported.recipe.get("bodies")):
-        world = " ".join(imported.report.world.split())
-        raise ConfigError(f"world {world!r:.100}: has nothing but a floor, must hold something")
-    try:
-        if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
-            raise ConfigError(f"{file}: is there already, and was not made by an import")
-        renamed = {
-            path: _free_path(file.parent, path, data) for path, data in imported.files.items()
-        }
-        recipe = {**_renamed(imported.recipe, renamed), "name": file.stem}
-        for path, data in imported.files.items():
-            _write(file.parent / renamed[path], data)
-        source = " ".join(imported.report.world.split()) or "a world"
-        text = f"{_HEADER}{source!r} in SDF by `mazebot world import`.\n{recipe_yaml(recipe)}"
-        _write(file, text.encode())
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be written: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: is there already, and was not made by an import") from error
-
-
-class _Dumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
-# The reader of recipes takes these for numbers: as names they need quotes.
-_Dumper.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
-)
-
-
-def _plain(value: Any) -> Any:
-    """Lists for tuples."""
-    if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    return value
-
-
-def _write(file: Path, data: bytes) -> None:
-    """Whole or not at all; a file that holds the same is left alone."""
-    if file.is_file() and file.read_bytes() == data:
-        return
-    file.parent.mkdir(parents=True, exist_ok=True)
-    write_file(file, data)
-
-
-def _free_path(folder: Path, path: str, data: bytes) -> str:
-    file = folder / path
-    if not file.exists() or (file.is_file() and file.read_bytes() == data):
-        return path
-    kind, _, name = path.rpartition("/")
-    stem, dot, suffix = name.rpartition(".")
-    return f"{kind}/{stem}-{hashlib.sha256(data).hexdigest()[:8]}{dot}{suffix}"
-
-
-def _renamed(recipe: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
-    """The recipe with the files' other names."""
-
-    def name(kind: str, old: str) -> str:
-        return paths.get(f"{kind}/{old}", old).rpartition("/")[2]
-
-    changed = dict(recipe)
-    changed["materials"] = {
-        key: {**look, "texture": name("textures", look["texture"])} if "texture" in look else look
-        for key, look in recipe["materials"].items()
-    }
-    changed["bodies"] = [
-        {**body, "shapes": [_with_mesh(shape, name) for shape in body["shapes"]]}
-        for body in recipe.get("bodies", ())
-    ]
-    if not changed["bodies"]:
-        del changed["bodies"]
-    if "map" in recipe:
-        changed["map"] = name("maps", recipe["map"])
-    return changed
-
-
-def _with_mesh(shape: Mapping[str, Any], name: Callable[[str, str], str]) -> dict[str, Any]:
-    geometry = shape["geometry"]
-    if geometry["kind"] != "mesh":
-        return dict(shape)
-    new = name("meshes", geometry["file"])
-    changed = {**shape, "geometry": {**geometry, "file": new}}
-    if shape.get("material") == geometry["file"]:
-        changed["material"] = new
-    return changed
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A shape of a group of links, collision and visual made one."""
-
-    name: str
-    where: str
-    body_from_part: Array
-    geometry: GeometryRecipe
-    solid: bool
-    has_end: bool
-    """False for a collision that is a plane, which in SDF has no end."""
-    visual: SdfShape | None
-    mesh_file: Path | None
-    attributes: Mapping[str, str]
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Links that are one body."""
-
-    name: str
-    full_name: str
-    """With its model's, where another has the name."""
-    world_from_body: Array
-    static: bool
-    mass_kg: float
-    links: tuple[SdfLink, ...]
-    parts: tuple[_Part, ...]
-    coverings: tuple[tuple[Array, SdfShape], ...]
-    """body_from_covering, and the visual"""
 
 
 class _Conversion:
@@ -257,7 +98,7 @@ class _Conversion:
 
     def run(self) -> ImportedWorld:
         markers = {model.name: model for model in self._sdf.models if "marker" in model.attributes}
-        for group in self._groups(set(markers)):
+        for group in groups_of(self._sdf.links, markers):
             self._convert(group)
         found_markers = self._markers(markers)
         recipe: dict[str, Any] = {
@@ -293,97 +134,9 @@ class _Conversion:
         )
         return ImportedWorld(recipe, self._files, report)
 
-    # Links to groups of parts
-
-    def _groups(self, markers: set[str]) -> Iterator[_Group]:
-        """Links by what fixed joints make one, in the order of their first links."""
-        members: dict[str, list[SdfLink]] = {}
-        for link in self._sdf.links:
-            if link.model not in markers:
-                members.setdefault(link.fixed_to, []).append(link)
-        links_of_model = Counter(link.model for link in self._sdf.links)
-        links_of_outermost = Counter(link.model.partition("::")[0] for link in self._sdf.links)
-        for root_name, links in members.items():
-            root = next((link for link in links if link.name == root_name), links[0])
-            body_from_world = inverse_matrix(root.world_from_link)
-            parts: list[_Part] = []
-            coverings: list[tuple[Array, SdfShape]] = []
-            for link in links:
-                body_from_link = (
-                    np.eye(4) if link is root else body_from_world @ link.world_from_link
-                )
-                for shape in link.shapes:
-                    if shape.role == "visual" and "covering" in shape.attributes:
-                        coverings.append((body_from_link @ shape.link_from_shape, shape))
-                parts += self._parts(link, body_from_link)
-            short, model = root.name.rpartition("::")[2], root.model.rpartition("::")[2]
-            outermost = root.model.partition("::")[0]
-            if links_of_outermost[outermost] == 1:
-                short = outermost or short
-            elif links_of_model[root.model] == 1:
-                short = model or short
-            noted = _json(root.attributes.get("name"), _TEXT)
-            yield _Group(
-                name=noted or short,
-                full_name=f"{model}.{short}",
-                world_from_body=root.world_from_link,
-                static=all(link.static for link in links),
-                mass_kg=sum(link.mass_kg for link in links),
-                links=tuple(links),
-                parts=tuple(parts),
-                coverings=tuple(coverings),
-            )
-
-    def _parts(self, link: SdfLink, body_from_link: Array) -> Iterator[_Part]:
-        """Collisions, each with the visual that is the same thing, and the visuals left over."""
-        visuals = [
-            shape
-            for shape in link.shapes
-            if shape.role == "visual"
-            and not {"covering", "room", "ceiling"} & set(shape.attributes)
-        ]
-        alike: dict[tuple[object, ...], list[SdfShape]] = {}
-        for one in visuals:
-            key = _key(one.link_from_shape, one.geometry, one.mesh_file)
-            alike.setdefault(key, []).append(one)
-        prepared: list[tuple[SdfShape, Array, GeometryRecipe, SdfShape | None]] = []
-        matched: set[int] = set()
-        for shape in link.shapes:
-            if shape.role != "collision":
-                continue
-            pose, geometry = _solid(shape)
-            candidates = alike.get(_key(pose, geometry, shape.mesh_file), [])
-            match = next((visual for visual in candidates if _may_be_one(shape, visual)), None)
-            if match is not None:
-                candidates.remove(match)
-                matched.add(id(match))
-            prepared.append((shape, pose, geometry, match))
-        # In the order of the exports: a body's shapes come back as they were.
-        order = {id(shape): index for index, shape in enumerate(link.shapes)}
-        alone = [
-            (visual, visual.link_from_shape, visual.geometry, visual)
-            for visual in visuals
-            if id(visual) not in matched
-        ]
-        for shape, pose, geometry, visual in sorted(
-            [*prepared, *alone], key=lambda one: order[id(one[0])]
-        ):
-            noted = _json(shape.attributes.get("shape"), _TEXT)
-            yield _Part(
-                name=noted or shape.name,
-                where=f"{link.name}::{shape.name}",
-                body_from_part=_product(body_from_link, pose),
-                geometry=geometry,
-                solid=shape.role == "collision",
-                has_end=not isinstance(shape.geometry, doc.Plane) or shape.role == "visual",
-                visual=visual,
-                mesh_file=shape.mesh_file,
-                attributes=shape.attributes,
-            )
-
     # Groups to walls, bodies, floor, rooms and ceiling
 
-    def _convert(self, group: _Group) -> None:
+    def _convert(self, group: Group) -> None:
         for link in group.links:
             for shape in link.shapes:
                 self._room_or_ceiling(link, shape)
@@ -391,7 +144,7 @@ class _Conversion:
         if not parts:
             return
         # A wall's whole group is upright boxes on the floor; a table's is not.
-        poses = [_product(group.world_from_body, part.body_from_part) for part in parts]
+        poses = [product(group.world_from_body, part.body_from_part) for part in parts]
         is_wall = (
             group.static
             and group.links[0].attributes.get("kind") != "body"
@@ -408,8 +161,8 @@ class _Conversion:
     def _room_or_ceiling(self, link: SdfLink, shape: SdfShape) -> None:
         if shape.role != "visual":
             return
-        pose = _product(link.world_from_link, shape.link_from_shape)
-        room = _json(shape.attributes.get("room"), _TEXT)
+        pose = product(link.world_from_link, shape.link_from_shape)
+        room = from_json(shape.attributes.get("room"), TEXT)
         if room is not None and isinstance(shape.geometry, doc.Polyline):
             corners = shape.geometry.polygons_m[0]
             moved = [pose @ np.array([x, y, 0.0, 1.0]) for x, y in corners]
@@ -420,15 +173,15 @@ class _Conversion:
             self._rooms[self._free((_legal(room),), set(self._rooms))] = look
         elif "ceiling" in shape.attributes and isinstance(shape.geometry, doc.Box):
             bottom_m = float(pose[2, 3]) - shape.geometry.size_m[2] / 2.0
-            (bottom_m,) = _noted([bottom_m], f"[{shape.attributes['ceiling']}]")
+            (bottom_m,) = noted([bottom_m], f"[{shape.attributes['ceiling']}]")
             self._ceiling = {
                 "material": self._material(shape) or self._named("colour", _look(None)),
                 "height_m": bottom_m,
             }
 
-    def _is_floor(self, group: _Group, part: _Part) -> bool:
+    def _is_floor(self, group: Group, part: Part) -> bool:
         """Whether a part is the floor, or a plane without end that cannot be simulated."""
-        pose = _product(group.world_from_body, part.body_from_part)
+        pose = product(group.world_from_body, part.body_from_part)
         level = pose[2, 2] > 1.0 - _ALIGNED and abs(pose[2, 3]) <= FLOOR_M and group.static
         if part.has_end:
             # What lies on a floor's collision shows how the floor looks.
@@ -447,22 +200,22 @@ class _Conversion:
             self._floor_material = self._material(part.visual)
         return is_floor
 
-    def _wall(self, group: _Group, part: _Part, pose: Array, name: str) -> None:
+    def _wall(self, group: Group, part: Part, pose: Array, name: str) -> None:
         assert isinstance(part.geometry, doc.Box)
         length_m, thickness_m, height_m = part.geometry.size_m
         yaw_rad = math.atan2(pose[1, 0], pose[0, 0])
         if group.links[0].attributes.get("kind") != "wall" and thickness_m > length_m:
             length_m, thickness_m = thickness_m, length_m
             yaw_rad = math.remainder(yaw_rad + math.pi / 2.0, math.tau)
-        noted_rad = _json(group.links[0].attributes.get("yaw_rad"), _NUMBER)
-        if noted_rad is not None and abs(math.remainder(noted_rad - yaw_rad, math.tau)) <= _SAME:
+        noted_rad = from_json(group.links[0].attributes.get("yaw_rad"), _NUMBER)
+        if noted_rad is not None and abs(math.remainder(noted_rad - yaw_rad, math.tau)) <= SAME:
             yaw_rad = noted_rad
         wall: dict[str, Any] = {
             "name": name,
             "length_m": length_m,
             "x_m": float(pose[0, 3]),
             "y_m": float(pose[1, 3]),
-            "yaw_rad": _number(yaw_rad),
+            "yaw_rad": number(yaw_rad),
             "thickness_m": thickness_m,
             "height_m": height_m,
         }
@@ -470,12 +223,12 @@ class _Conversion:
         wall["material"] = self._material(part.visual)
         coverings = []
         for body_from_covering, shape in group.coverings:
-            covering = _product(inverse_matrix(part.body_from_part), body_from_covering)
+            covering = product(inverse_matrix(part.body_from_part), body_from_covering)
             material = self._material(shape)
             if isinstance(shape.geometry, doc.Box) and material is not None:
                 half_m, along_m = shape.geometry.size_m[0] / 2.0, float(covering[0, 3])
                 span_m = [along_m - half_m, along_m + half_m]
-                from_m, to_m = _noted(span_m, shape.attributes.get("span_m"))
+                from_m, to_m = noted(span_m, shape.attributes.get("span_m"))
                 coverings.append(
                     {
                         "side": "left" if covering[1, 3] > 0.0 else "right",
@@ -489,7 +242,7 @@ class _Conversion:
         self._walls.append(wall)
         self._wall_of_link[group.links[0].name] = name
 
-    def _body(self, group: _Group, parts: Sequence[_Part]) -> None:
+    def _body(self, group: Group, parts: Sequence[Part]) -> None:
         shapes = []
         taken: set[str] = set()
         for part in parts:
@@ -522,7 +275,7 @@ class _Conversion:
         body["shapes"] = shapes
         self._bodies.append(body)
 
-    def _geometry(self, part: _Part) -> dict[str, Any] | None:
+    def _geometry(self, part: Part) -> dict[str, Any] | None:
         """As a recipe has it; None where it is a mesh that cannot be read."""
         geometry = part.geometry
         if not isinstance(geometry, MeshGeometry):
@@ -544,7 +297,8 @@ class _Conversion:
     def _mesh(self, file: Path, submesh: str | None, center: bool) -> tuple[str, str | None]:
         """Put a mesh among the files: the name of its file, and the submesh. Raises ConfigError."""
         # What reads meshes takes long to import, and most worlds have none.
-        from services.worldgen.meshes import glb_of, load_mesh  # noqa: PLC0415
+        from services.worldgen.assets.glb import glb_of  # noqa: PLC0415
+        from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
         whole = load_mesh(file)
         if submesh is None and not center:
@@ -569,7 +323,7 @@ class _Conversion:
         if visual.material is None and mesh is not None and name is None:
             return mesh
         look = _look(visual.material)
-        side_m = _json(visual.attributes.get("texture_side_m"), _NUMBER)
+        side_m = from_json(visual.attributes.get("texture_side_m"), _NUMBER)
         if side_m is not None and 0.0 <= side_m <= MAX_COORDINATE_M:
             look["texture_side_m"] = side_m
         if visual.material is not None and visual.material.albedo_map is not None:
@@ -597,7 +351,7 @@ class _Conversion:
         """File name in the folder of textures; empty where the picture cannot be read."""
         if picture not in self._textures:
             try:
-                data = _png(picture)
+                data = picture_as_png(picture)
             except ConfigError as error:
                 self._error("MATERIAL_INVALID", where, str(error))
                 self._textures[picture] = ""
@@ -620,9 +374,9 @@ class _Conversion:
         """As noted, then those whose models have been added since."""
         left = dict(models)
         found = []
-        for note in _json(self._sdf.attributes.get("markers"), _NOTES) or []:
+        for note in from_json(self._sdf.attributes.get("markers"), _NOTES) or []:
             if "model" not in note:
-                marker = _validated(_MARKER, note)
+                marker = validated(_MARKER, note)
                 if marker is not None:
                     found.append(marker.model_dump(mode="json"))
             elif str(note["model"]) in left:
@@ -646,9 +400,9 @@ class _Conversion:
             return []
         *_, place = min(places, key=lambda one: one[:3])
         for key in ("offset_m", "height_m"):
-            (place[key],) = _noted([place[key]], f"[{note.get(key)!r}]")
+            (place[key],) = noted([place[key]], f"[{note.get(key)!r}]")
         values = {key: model.attributes[key] for key in _MARKER_KEYS if key in model.attributes}
-        marker = _validated(_MARKER, {"id": model.attributes["marker"], **values, **place})
+        marker = validated(_MARKER, {"id": model.attributes["marker"], **values, **place})
         if marker is None:
             self._ignore(f"marker {model.attributes['marker']!r:.40}, which is none", model.name)
             return []
@@ -657,7 +411,7 @@ class _Conversion:
     def _lights(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
         if self._sdf.background is not None:
-            found["sky"] = _colour(self._sdf.background)
+            found["sky"] = colour(self._sdf.background)
         suns, lamps = [], []
         for light in self._sdf.lights:
             if light.kind == "spot":
@@ -668,16 +422,16 @@ class _Conversion:
                 suns.append(light)
         if self._sdf.ambient is None and not self._sdf.lights:
             return found
-        found["light"] = {"ambient": _strength(self._sdf.ambient or _SDF_AMBIENT), "diffuse": 0.0}
+        found["light"] = {"ambient": strength(self._sdf.ambient or _SDF_AMBIENT), "diffuse": 0.0}
         for light in suns[1:]:
             self._ignore(f"directional light {light.name}, the second", light.name)
         for light in suns[:1]:
             direction = light.world_from_light[:3, :3] @ np.array(light.direction)
-            if np.abs(direction).max() < _SAME:
+            if np.abs(direction).max() < SAME:
                 self._ignore(f"directional light {light.name} without a direction", light.name)
                 continue
-            found["light"]["direction"] = _numbers(direction)
-            found["light"]["diffuse"] = _strength(light.diffuse)
+            found["light"]["direction"] = numbers(direction)
+            found["light"]["diffuse"] = strength(light.diffuse)
         for light in lamps[MAX_LIGHTS:]:
             self._ignore(f"point light {light.name}, the ninth or later", light.name)
         taken: set[str] = set()
@@ -687,7 +441,7 @@ class _Conversion:
                 {
                     "name": name,
                     "position_m": light.world_from_light[:3, 3].tolist(),
-                    "diffuse": _colour(light.diffuse),
+                    "diffuse": colour(light.diffuse),
                     "range_m": light.range_m,
                     "constant": light.constant,
                     "linear": light.linear,
@@ -700,18 +454,18 @@ class _Conversion:
         """What exports note of a world."""
         notes = self._sdf.attributes
         found: dict[str, Any] = {}
-        resolution_m = _json(notes.get("map_resolution_m"), _NUMBER)
+        resolution_m = from_json(notes.get("map_resolution_m"), _NUMBER)
         if resolution_m is not None:
             found["map_resolution_m"] = resolution_m
-        ready = _json(notes.get("map"), _TEXT)
+        ready = from_json(notes.get("map"), TEXT)
         if ready is not None:
             name = self._ready_map(ready)
             if name:
                 found["map"] = name
-        start = _json(notes.get("start"), _PLANAR)
+        start = from_json(notes.get("start"), _PLANAR)
         if start is not None:
             found["start"] = start.model_dump()
-        locations = _json(notes.get("locations"), _LOCATIONS)
+        locations = from_json(notes.get("locations"), _LOCATIONS)
         if locations:
             found["locations"] = {
                 place.name: place.model_dump(exclude={"name"}) for place in locations
@@ -759,38 +513,7 @@ class _Conversion:
 _MARKER_KEYS = ("dictionary", "size_m", "quiet_zone_modules")
 
 
-def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
-    """Pose and geometry of a collision: of a plane's, which exports give an end, the plane's."""
-    geometry = shape.geometry
-    if shape.attributes.get("geometry") == "plane" and isinstance(geometry, doc.Box):
-        pose = shape.link_from_shape.copy()
-        top_m = pose[:3, 3] + SHEET_THICKNESS_M / 2.0 * pose[:3, 2]
-        pose[:3, 3] = _noted(top_m.tolist(), shape.attributes.get("position_m"))
-        return pose, doc.Plane(size_m=geometry.size_m[:2])
-    return shape.link_from_shape, geometry
-
-
-def _key(pose: Array, geometry: GeometryRecipe, mesh_file: Path | None) -> tuple[object, ...]:
-    """The same for a collision and a visual that are one thing."""
-    # Adding nothing turns -0.0 into 0.0.
-    place = (np.round(pose, _SAME_DIGITS) + 0.0).tobytes()
-    return place, repr(_rounded(geometry.model_dump())), mesh_file
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(inner) for inner in value]
-    return round(value, _SAME_DIGITS) + 0.0 if isinstance(value, float) else value
-
-
-def _may_be_one(collision: SdfShape, visual: SdfShape) -> bool:
-    names = collision.attributes.get("shape"), visual.attributes.get("shape")
-    return None in names or names[0] == names[1]
-
-
-def _is_wall(part: _Part, world_from_part: Array) -> bool:
+def _is_wall(part: Part, world_from_part: Array) -> bool:
     return (
         part.solid
         and part.visual is not None
@@ -822,7 +545,7 @@ def _places(
         and 0.0 < centre[2] < wall["height_m"]
     ):
         at = {"wall": wall["name"], "side": side}
-        yield gap_m, {**at, "offset_m": _number(along_m), "height_m": float(centre[2])}
+        yield gap_m, {**at, "offset_m": number(along_m), "height_m": float(centre[2])}
 
 
 def _look(material: SdfMaterial | None) -> dict[str, Any]:
@@ -833,48 +556,9 @@ def _look(material: SdfMaterial | None) -> dict[str, Any]:
     diffuse = material.diffuse if material else None
     plain = _WHITE if material and material.albedo_map else _DEFAULT_DIFFUSE
     return {
-        "ambient": _colour(ambient or diffuse or plain),
-        "diffuse": _colour(diffuse or ambient or plain),
+        "ambient": colour(ambient or diffuse or plain),
+        "diffuse": colour(diffuse or ambient or plain),
     }
-
-
-def _png(picture: Path) -> bytes:
-    """A picture of any format as PNG that renderers take; a PNG's own bytes where they will do.
-
-    Raises ConfigError.
-    """
-    try:
-        if picture.stat().st_size > MAX_PIXELS:
-            raise ConfigError(f"{picture}: must have at most {MAX_PIXELS} bytes")
-        data = picture.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{picture}: cannot be read: {error.strerror}") from error
-    if not png.problem(data):
-        return data
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data)) as image:
-                if image.width * image.height > MAX_PIXELS:
-                    raise ConfigError(f"{picture}: must have at most {MAX_PIXELS} pixels")
-                picture_rgb = image.convert("RGBA" if image.has_transparency_data else "RGB")
-    except ConfigError:
-        raise
-    except Exception as error:
-        # Pillow's readers raise whatever they trip over.
-        words = " ".join(str(error).split())
-        raise ConfigError(f"{picture}: is not a picture: {words:.80}") from error
-    picture_rgb.thumbnail((png.MAX_SIDE_PX, png.MAX_SIDE_PX), Image.Resampling.LANCZOS)
-    written = io.BytesIO()
-    picture_rgb.save(written, "PNG")
-    return written.getvalue()
-
-
-def _product(a_from_b: Array, b_from_c: Array) -> Array:
-    """The product, without rounding where one of the two does nothing."""
-    if np.array_equal(a_from_b, np.eye(4)):
-        return b_from_c
-    return a_from_b if np.array_equal(b_from_c, np.eye(4)) else a_from_b @ b_from_c
 
 
 def _placed(a_from_b: Array, attributes: Mapping[str, str]) -> dict[str, Any]:
@@ -882,43 +566,13 @@ def _placed(a_from_b: Array, attributes: Mapping[str, str]) -> dict[str, Any]:
     placed: dict[str, Any] = {}
     if np.any(a_from_b[:3, 3]):
         placed["position_m"] = a_from_b[:3, 3].tolist()
-    quaternion = _numbers(quaternion_from_rotation(a_from_b[:3, :3]))
-    noted = attributes.get("orientation_xyzw")
+    quaternion = numbers(quaternion_from_rotation(a_from_b[:3, :3]))
+    note = attributes.get("orientation_xyzw")
     opposite = [0.0 - value for value in quaternion]
-    quaternion = _noted(quaternion, noted, _noted(opposite, noted, quaternion))
+    quaternion = noted(quaternion, note, noted(opposite, note, quaternion))
     if quaternion != [0.0, 0.0, 0.0, 1.0]:
         placed["orientation_xyzw"] = quaternion
     return placed
-
-
-def _noted(
-    found: list[float], note: str | None, otherwise: list[float] | None = None
-) -> list[float]:
-    """The numbers that an export has noted, where they are those found but for rounding."""
-    noted = _json(note, _VECTOR)
-    if noted is not None and len(noted) == len(found):
-        if all(abs(one - other) <= _SAME for one, other in zip(noted, found, strict=True)):
-            return noted
-    return found if otherwise is None else otherwise
-
-
-def _number(value: float) -> float:
-    """Without what sines and products have added behind the last digits."""
-    short = round(float(value), 12) + 0.0
-    return short if abs(short - value) <= _NOISE * max(1.0, abs(value)) else float(value)
-
-
-def _numbers(values: Iterable[float]) -> list[float]:
-    return [_number(value) for value in values]
-
-
-def _colour(rgba: Sequence[float]) -> list[float]:
-    return [min(max(float(value), 0.0), 1.0) for value in rgba]
-
-
-def _strength(rgba: Sequence[float]) -> float:
-    """Of a light of some colour, as one number."""
-    return _number(sum(_colour(rgba)[:3]) / 3.0)
 
 
 def _commonest(values: Sequence[float], default: float) -> float:
@@ -929,20 +583,3 @@ def _legal(name: str) -> str:
     """As a recipe's names are."""
     letters = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in name)
     return letters.lstrip("_.-")[:64] or "unnamed"
-
-
-def _json(text: str | None, kind: TypeAdapter[_T]) -> _T | None:
-    """What exports note as JSON; None where it is something else, by a hand's doing."""
-    if text is None:
-        return None
-    try:
-        return kind.validate_json(text)
-    except (ValidationError, RecursionError):
-        return None
-
-
-def _validated(kind: TypeAdapter[_T], values: Mapping[str, Any]) -> _T | None:
-    try:
-        return kind.validate_python(values)
-    except ValidationError:
-        return None

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from services.worldgen.sdf.xml_text import UnreadableError
+from services.worldgen.xml_comments import without_comments
 
 MAX_SECONDS = 30.0
 """Of waiting; the process itself is given MAX_CPU_SECONDS of work."""
@@ -22,7 +23,9 @@ class StoppedError(UnreadableError):
 
 def needs_expansion(file: Path, data: bytes) -> bool:
     """Whether a file is xacro: by its name, or by the namespace it declares."""
-    return file.suffix.lower() == ".xacro" or bool(_MARK.search(data.replace(b"\0", b"")))
+    return file.suffix.lower() == ".xacro" or bool(
+        _MARK.search(without_comments(data).replace(b"\0", b""))
+    )
 
 
 def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[str, str]) -> bytes:

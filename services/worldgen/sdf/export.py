@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from services.common import documents as doc
 from services.common.frames import Array, rotation_from_quaternion, transform_matrix
-from services.common.furnish import PanelStyle, furnish
-from services.common.geometry import TriangleMesh, mesh_from_bytes, triangles_of
-from services.common.marker_picture import identity_problem, panel_side_m
-from services.common.placement import hang
+from services.common.node import documents as doc
+from services.common.world.furnish import PanelStyle, furnish
+from services.common.world.geometry import TriangleMesh, mesh_from_bytes, triangles_of
+from services.common.world.marker_picture import identity_problem, panel_side_m
+from services.common.world.placement import hang
 from services.worldgen.folder_writing import write_folder
-from services.worldgen.loader import LoadedWorld
-from services.worldgen.marker_model import marker_model_files, model_name
+from services.worldgen.markers.marker_model import marker_model_files, model_name
+from services.worldgen.recipe.loader import LoadedWorld
 from services.worldgen.sdf.writing import (
     SHEET_THICKNESS_M,
     add,
@@ -157,7 +157,7 @@ class _Export:
 
     def _map(self) -> str:
         # What writes maps is not needed for worlds without one.
-        from services.worldgen.map_files import write_map  # noqa: PLC0415
+        from services.worldgen.map.map_files import write_map  # noqa: PLC0415
 
         world, loaded = self._world, self._loaded
         with tempfile.TemporaryDirectory(prefix="mazebot-export-") as folder:
@@ -425,7 +425,8 @@ class _Export:
         if not sources:
             return
         # What writes meshes takes long to import, and most worlds have none.
-        from services.worldgen.meshes import MeshPart, glb_of  # noqa: PLC0415
+        from services.worldgen.assets.glb import glb_of  # noqa: PLC0415
+        from services.worldgen.assets.meshes import MeshPart  # noqa: PLC0415
 
         names = _Names()
         for file, parts in sources.items():

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from lxml import etree
 
-from services.worldgen.sdf.model import Ignored, ImportReport, Included, SdfError
+from services.worldgen.sdf.model import Ignored, ImportReport, Included, Renamed, SdfError
 
 MAX_ERRORS = 1000
 
@@ -62,12 +62,13 @@ def local_name(tag: object) -> str:
 
 
 class Findings:
-    """Errors, things left out, counts and files."""
+    """Errors, things left out or called otherwise, counts and files."""
 
     def __init__(self) -> None:
         self._errors: dict[tuple[str, str, str], SdfError] = {}
         self._ignored: dict[tuple[str, str], tuple[str, int]] = {}
         self._includes: list[Included] = []
+        self._renamed: list[Renamed] = []
         self._materials: dict[str, None] = {}
         self.models = 0
         self.links = 0
@@ -89,6 +90,12 @@ class Findings:
         """A file was included."""
         self._includes.append(Included(uri=uri, name=name, file=file))
 
+    def rename(self, kind: str, name: str, new_name: str, where: Place) -> None:
+        """Something is called otherwise than in its file."""
+        self._renamed.append(
+            Renamed(kind=kind, name=name[:200], new_name=new_name[:200], where=str(where))
+        )
+
     def material(self, words: str) -> None:
         """A visual has this material."""
         self._materials[words] = None
@@ -108,6 +115,7 @@ class Findings:
             visuals=dict(sorted(self._counts["visual"].items())),
             materials=tuple(self._materials),
             includes=tuple(self._includes),
+            renamed=tuple(self._renamed),
             ignored=tuple(
                 Ignored(what=what, where=first + (f" (and {n - 1} more)" if n > 1 else ""))
                 for (what, _), (first, n) in self._ignored.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from services.common.documents import Rgba
+from services.common.node.documents import Rgba
 
 _GREY = (0.3, 0.3, 0.3, 1.0)
 

@@ -14,11 +14,15 @@ from urllib.parse import unquote
 from services.common.root import ROOT
 
 SHIPPED = ROOT / "models"
+_GAZEBOS_OWN = ("ground_plane", "sun")
+"""Models of Gazebo that are shipped."""
+_GAZEBOS_OWNER = "openrobotics"
+"""Of these on Fuel"""
 MAX_PARENTS = 4
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
 _FUEL_MODEL = re.compile(
-    r"//(?P<host>[^/]+)/(?:\d+\.\d+/)?(?P<owner>[^/]+)/models/(?P<name>[^/]+)"
+    r"//(?P<host>[^/]+)/(?:\d+\.\d+/)?(?P<owner>[^/]+)/(?:fuel/)?models/(?P<name>[^/]+)"
     r"(?:/(?P<version>\d+|tip))?(?:/files/(?P<inner>.+?))?/?$"
 )
 _PACKAGE_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
@@ -137,6 +141,7 @@ class Locator:
             return
         for root in self._roots:
             yield root / first / inner if inner else root / first
+        yield from _shipped(unquote(first), inner)
         # A root may be the model's own folder, and a model may name itself.
         for root in (folder, *folder.parents[:MAX_PARENTS], *self._roots):
             if root.name == first:
@@ -158,6 +163,8 @@ class Locator:
             kept = root / model["host"] / model["owner"].lower() / "models" / small
             for version in _versions(kept, model["version"]):
                 yield version / (model["inner"] or "")
+        if model["owner"].lower() == _GAZEBOS_OWNER:
+            yield from _shipped(model["name"], model["inner"] or "")
 
     def _plain(self, path: str, folder: Path) -> Iterator[Path]:
         if path.startswith("/"):
@@ -174,6 +181,13 @@ class Locator:
         for root in self._roots:
             if (root / name).is_dir():
                 yield root / name
+
+
+def _shipped(name: str, inner: str) -> Iterator[Path]:
+    """What is shipped of Gazebo's own models, however the name is written (`Ground Plane`)."""
+    folder = name.strip().lower().replace(" ", "_")
+    if folder in _GAZEBOS_OWN:
+        yield SHIPPED / folder / inner
 
 
 def _versions(folder: Path, wanted: str | None) -> list[Path]:

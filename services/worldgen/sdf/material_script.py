@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from services.common.documents import Rgba
+from services.common.node.documents import Rgba
 from services.worldgen.sdf import values
 
 MAX_SCRIPT_BYTES = 1024 * 1024

@@ -8,9 +8,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from services.common.documents import Rgba
 from services.common.frames import Array
-from services.worldgen.recipe import GeometryRecipe
+from services.common.node.documents import Rgba
+from services.worldgen.recipe.recipe import GeometryRecipe
 
 MAZEBOT_NAMESPACE = "https://mazebot.example/sdf"
 """Of what exports write into SDF that SDF has no word for; prefix `mazebot`."""
@@ -25,6 +25,20 @@ class Ignored(BaseModel):
     """e.g. `plugin gz-sim-physics-system`, `joint wheel_left (revolute)`, `state`"""
     where: str
     """file:line, and the element's path: `house.sdf:12: world default/model box`"""
+
+
+class Renamed(BaseModel):
+    """Something that cannot have its name beside what has it already."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: str
+    """joint, frame, ..."""
+    name: str
+    """In the file."""
+    new_name: str
+    where: str
+    """As in Ignored."""
 
 
 class SdfError(BaseModel):
@@ -52,7 +66,7 @@ class Included(BaseModel):
 
 
 class ImportReport(BaseModel):
-    """What an import found, brought in, left out and refused."""
+    """What an import found, brought in, called otherwise, left out and refused."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -67,6 +81,7 @@ class ImportReport(BaseModel):
     materials: tuple[str, ...]
     """Each different material once: `script Gazebo/Wood`, `albedo bricks.png`, `rgba 1 0 0 1`"""
     includes: tuple[Included, ...]
+    renamed: tuple[Renamed, ...]
     ignored: tuple[Ignored, ...]
     errors: tuple[SdfError, ...]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, cast
 
-from services.common.documents import Rgba
+from services.common.node.documents import Rgba
 from services.worldgen.sdf import values
 from services.worldgen.sdf.findings import Findings, Place
 from services.worldgen.sdf.frame_graph import FrameGraph, Item
@@ -52,7 +52,9 @@ def read_sdf(
         source = sources.first()
     except SourceError as error:
         where = file.name or str(file)
-        findings.error(error.kind, f"{where}:{error.line}" if error.line else where, str(error))
+        # The place says already which file it is.
+        message = str(error).removeprefix(where).lstrip(": ")
+        findings.error(error.kind, f"{where}:{error.line}" if error.line else where, message)
         return _empty(file, name, findings)
     tree = ScopeTree(sources, findings)
     world = tree.world(source)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -303,7 +304,8 @@ class ScopeTree:
             taken = scope.items.get(name)
             if taken is not None and taken.kind != kind:
                 # Before 1.7 only things of one kind had to differ in name.
-                item.name = f"{name}_{kind}"
+                item.name = _another_name(name, kind, place.element, scope)
+                self._findings.rename(kind, name, item.name, item.place)
         return item if self._add(item) else None
 
     def _add(self, item: Item) -> bool:
@@ -354,6 +356,14 @@ class ScopeTree:
     def pose(self, place: Place) -> Pose:
         """The <pose> of an element; the identity where there is none."""
         return pose_of(place, self._findings)
+
+
+def _another_name(name: str, kind: str, element: etree._Element, scope: Item) -> str:
+    """`name_kind`, or that with a number, which nothing else in the scope has."""
+    parent = element.getparent()
+    taken = {*scope.items, *(one.get("name") for one in (() if parent is None else parent))}
+    tries = (f"{name}_{kind}{number or ''}" for number in itertools.count())
+    return next(one for one in tries if one not in taken)
 
 
 def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool:

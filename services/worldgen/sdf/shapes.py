@@ -13,10 +13,10 @@ import numpy as np
 from lxml import etree
 from pydantic import ValidationError
 
-from services.common import documents as doc
-from services.common.documents import Rgba
 from services.common.frames import Array, transform_matrix
-from services.worldgen.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
+from services.common.node import documents as doc
+from services.common.node.documents import Rgba
+from services.worldgen.recipe.recipe import MAX_COORDINATE_M, GeometryRecipe, MeshGeometry
 from services.worldgen.sdf import values
 from services.worldgen.sdf.findings import Findings, Place
 from services.worldgen.sdf.gazebo_colours import GAZEBO_COLOURS

@@ -7,13 +7,13 @@ import re
 
 import numpy as np
 
-from services.common.documents import Rgba
 from services.common.frames import (
     Array,
     rotation_from_quaternion,
     rotation_from_rpy,
     transform_matrix,
 )
+from services.common.node.documents import Rgba
 
 MAX_MAGNITUDE = 1e6
 """Farther away, or larger, is a mistake: and products of such poses stay finite."""

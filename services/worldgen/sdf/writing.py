@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from lxml import etree
 
-from services.common.documents import Rgba
+from services.common.node.documents import Rgba
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 
 SHEET_THICKNESS_M = 0.001

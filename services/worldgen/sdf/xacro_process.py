@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import codecs
 import io
 import json
 import resource
@@ -15,6 +16,7 @@ from xacro import substitution_args
 
 from services.worldgen.sdf.locate import Locator
 from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of
+from services.worldgen.xml_comments import without_comments
 
 MAX_CPU_SECONDS = 2
 MAX_MEMORY_BYTES = 1024 * 1024 * 1024
@@ -74,6 +76,9 @@ def _restrict(locator: Locator) -> None:
             data = bytes_of(path)
         except UnreadableError as error:
             raise xacro.XacroException(f"{path.name} {error}") from None
+        if data.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
+            # Else it is YAML.
+            data = without_comments(data)
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise xacro.XacroException(f"{path.name} has a document type, which is refused")
         return io.BytesIO(data)

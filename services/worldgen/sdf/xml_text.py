@@ -8,6 +8,8 @@ from pathlib import Path
 
 from lxml import etree
 
+from services.worldgen.xml_comments import without_comments
+
 MAX_FILE_BYTES = 64 * 1024 * 1024
 
 _LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
@@ -36,9 +38,10 @@ def tree_of(data: bytes) -> etree._Element:
     """The root element, without comments and processing instructions.
 
     As in SDFormat's own parser a prefix that no one declared stays a part of the name, a namespace
-    without a prefix means nothing, and there may be space before the declaration. Raises
-    UnreadableError.
+    without a prefix means nothing, a comment may hold `--`, and there may be space before the
+    declaration. Raises UnreadableError.
     """
+    data = without_comments(data)
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
     if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):

@@ -11,18 +11,14 @@ import yaml
 from PIL import Image
 
 from services.common.config import ConfigError
-from services.common.furnish import furnish
-from services.worldgen.loader import LoadedWorld, load_file, load_world
-from services.worldgen.recipe import Recipe
-from services.worldgen.sdf.convert import (
-    MAX_LIGHTS,
-    ImportedWorld,
-    recipe_yaml,
-    to_recipe,
-    write_recipe,
-)
+from services.common.world.furnish import furnish
+from services.worldgen.check import problems_of
+from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from services.worldgen.recipe.recipe import Recipe
+from services.worldgen.sdf.convert import MAX_LIGHTS, to_recipe
 from services.worldgen.sdf.export import export_world
 from services.worldgen.sdf.read import read_sdf
+from services.worldgen.sdf.recipe_file import ImportedWorld, recipe_yaml, write_recipe
 from tests.worldgen import folder
 from tests.worldgen.sdf import everything
 
@@ -389,7 +385,7 @@ def test_a_marker_moved_off_its_wall_is_listed(
 
 def test_a_marker_added_or_taken_away_in_the_file(house: LoadedWorld, tmp_path: Path) -> None:
     file = export_world(house, tmp_path / "sdf")
-    from services.worldgen.marker_model import write_marker_model
+    from services.worldgen.markers.marker_model import write_marker_model
 
     write_marker_model(file.parent, 7, size_m=0.1)
     text = file.read_text().replace("model://aruco_id_60", "model://aruco_id_7")
@@ -497,10 +493,11 @@ def test_a_recipe_is_written_with_what_it_needs(tmp_path: Path) -> None:
         write_recipe(world, target / "own.yaml/below.yaml")
 
 
-def test_a_world_of_nothing_but_a_floor_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="nothing but a floor"):
-        write_recipe(imported(tmp_path / "sdf", GROUND), tmp_path / "hall.yaml")
-    assert not (tmp_path / "hall.yaml").exists()
+def test_a_world_of_nothing_but_a_floor_is_a_world(tmp_path: Path) -> None:
+    write_recipe(imported(tmp_path / "sdf", GROUND), tmp_path / "hall.yaml")
+    world = load_file(tmp_path / "hall.yaml").world
+    assert (world.walls, world.bodies) == ((), ())
+    assert problems_of(tmp_path / "hall.yaml") == ()
 
 
 def test_an_included_model_has_the_name_of_the_outermost(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from lxml import etree
 
 from services.common.config import ConfigError
-from services.worldgen.loader import LoadedWorld, load_file, load_world
+from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
 from services.worldgen.sdf.export import MANIFEST, export_files, export_world
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 from services.worldgen.sdf.read import read_sdf
@@ -47,7 +47,7 @@ def test_a_world_of_everything_comes_back(loaded: LoadedWorld, tmp_path: Path) -
 
 
 def test_a_ready_map_goes_with_its_world(tmp_path: Path) -> None:
-    from services.worldgen.map_files import write_map
+    from services.worldgen.map.map_files import write_map
 
     worlds = tmp_path / "worlds"
     made = folder.room()
@@ -166,7 +166,7 @@ def test_each_marker_that_hangs_is_a_model_beside_the_world(loaded: LoadedWorld)
         assert f"aruco_id_{marker_id}/model.sdf" in files
     # What the robot's camera sees of it.
     texture = hashlib.sha256(files["aruco_id_3/materials/textures/3.png"]).hexdigest()
-    from services.common.furnish import furnish
+    from services.common.world.furnish import furnish
 
     entities, _ = furnish(loaded.world)
     assert texture == entities.markers[0].texture_sha256

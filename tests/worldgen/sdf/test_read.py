@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common import documents as doc
 from services.common.frames import Array, rotation_from_rpy, transform_matrix
+from services.common.node import documents as doc
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE, SdfWorld
 from services.worldgen.sdf.read import read_sdf
 
@@ -496,6 +496,23 @@ def test_what_stands_still_needs_no_mass(tmp_path: Path) -> None:
 def test_a_name_may_be_a_lights_and_a_models_before_1_7(tmp_path: Path) -> None:
     clean(read(tmp_path, model(LINK) + LAMP.replace("lamp", "m"), version="1.6"))
     assert kinds(read(tmp_path, LAMP + LAMP, version="1.6")) == ["DUPLICATE_NAME"]
+
+
+def test_a_joint_of_its_links_name_is_renamed_before_1_7_and_the_report_says_so(
+    tmp_path: Path,
+) -> None:
+    joint = "<parent>link</parent><child>wheel</child>"
+    inside = LINK + '<link name="wheel"/>\n' + f'<joint name="wheel" type="fixed">{joint}</joint>'
+    world = clean(read(tmp_path, model(inside), version="1.6"))
+    (renamed,) = world.report.renamed
+    assert (renamed.kind, renamed.name, renamed.new_name) == ("joint", "wheel", "wheel_joint")
+    assert renamed.where == "test.sdf:2: world w/model m/joint wheel"
+    assert "m::wheel_joint" in {one.name for one in world.frames if one.kind == "joint"}
+    # Nor does it take the name of what comes behind it.
+    inside += f'<joint name="wheel_joint" type="fixed">{joint}</joint>'
+    world = clean(read(tmp_path, model(inside), version="1.6"))
+    assert [one.new_name for one in world.report.renamed] == ["wheel_joint1"]
+    assert kinds(read(tmp_path, model(inside), version="1.7")) == ["DUPLICATE_NAME"]
 
 
 def test_a_joint_to_the_world_holds_its_link(tmp_path: Path) -> None:

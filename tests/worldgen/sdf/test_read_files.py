@@ -174,12 +174,66 @@ def test_includes_that_cannot_be_had(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://fuel.gazebosim.org/1.0/OpenRobotics/models/",
+        "https://fuel.ignitionrobotics.org/1.0/openrobotics/models/",
+        "http://fuel.ignitionrobotics.org/1.0/OpenRobotics/models/",
+        "https://api.ignitionfuel.org/1.0/OpenRobotics/models/",
+        "https://app.gazebosim.org/OpenRobotics/fuel/models/",
+        "https://app.gazebosim.org/OpenRobotics/models/",
+        "fuel://fuel.gazebosim.org/1.0/OpenRobotics/models/",
+        "model://",
+    ],
+)
+@pytest.mark.parametrize("ground", ["Ground Plane", "Ground%20Plane", "ground_plane"])
+def test_gazebos_ground_plane_and_sun_need_not_be_fetched(
+    tmp_path: Path, address: str, ground: str
+) -> None:
+    world = clean(
+        read_sdf(
+            world_file(tmp_path / "w.sdf", include(address + ground) + include(address + "Sun"))
+        )
+    )
+    assert [model.name for model in world.models] == ["ground_plane"]
+    assert [light.kind for light in world.lights] == ["directional"]
+
+
+@pytest.mark.parametrize(
+    "ending", ["/2", "/tip", "/", "/2/files/model.sdf", "/tip/files/model.sdf"]
+)
+def test_gazebos_ground_plane_may_be_asked_for_by_version_and_file(
+    tmp_path: Path, ending: str
+) -> None:
+    uri = f"https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane{ending}"
+    world = clean(read_sdf(world_file(tmp_path / "w.sdf", include(uri))))
+    assert [model.name for model in world.models] == ["ground_plane"]
+
+
+def test_a_ground_plane_of_ones_own_comes_before_the_shipped_one(tmp_path: Path) -> None:
+    model_folder(tmp_path / "mine" / "ground_plane", LINK + LINK.replace('"link"', '"second"'))
+    for uri in (
+        "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground Plane",
+        "model://ground_plane",
+    ):
+        file = world_file(tmp_path / "w.sdf", include(uri))
+        assert clean(read_sdf(file, [tmp_path / "mine"])).report.links == 2
+
+
+@pytest.mark.parametrize("model", ["Somebody/models/Ground Plane", "OpenRobotics/models/Table"])
+def test_no_other_model_of_fuel_is_taken_for_the_shipped_ones(tmp_path: Path, model: str) -> None:
+    uri = f"https://fuel.gazebosim.org/1.0/{model}"
+    world = read_sdf(world_file(tmp_path / "w.sdf", include(uri)))
+    assert kinds(world) == ["URI_INVALID"]
+
+
 def test_a_model_of_fuel_is_taken_from_the_path(tmp_path: Path) -> None:
-    uri = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Ground%20Plane/2"
+    uri = "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Cardboard%20Box/2"
     world = read_sdf(world_file(tmp_path / "w.sdf", include(uri)))
     assert kinds(world) == ["URI_INVALID"]
     assert "--path" in world.report.errors[0].message
-    model_folder(tmp_path / "mine" / "Ground Plane")
+    model_folder(tmp_path / "mine" / "Cardboard Box")
     found = read_sdf(world_file(tmp_path / "w.sdf", include(uri)), [tmp_path / "mine"])
     assert kinds(found) == []
     assert found.report.models == 1
@@ -256,8 +310,15 @@ PLAIN = f'<sdf version="1.9"><world name="w"><model name="m">{LINK}</model></wor
         PLAIN.replace("<sdf", '<sdf xmlns="http://sdformat.org/root"').encode(),
         PLAIN.replace("<link", "<!-- a --><link").replace("1 1 1", "1 <!-- b -->1\n\t1").encode(),
         PLAIN.replace("1 1 1", "<![CDATA[1e0 +1.0 1.]]>").encode(),
+        PLAIN.replace("<link", "<!-- a -- b ----><!-----><link").encode(),
+        ("<!-- -- -->\n<?xml version='1.0'?><!-- <? -- -->" + PLAIN + "<!-- -- -->").encode(),
+        PLAIN.replace("<link", "<!-- \x00 \xff & <a b> <!-- <!DOCTYPE --><link").encode("latin-1"),
+        PLAIN.replace("<link", f"<!-- {XACRO} --><link").encode(),
     ],
-    ids=["mark", "utf-16", "latin-1", "late", "crlf", "namespace", "comments", "cdata"],
+    ids=[
+        *("mark", "utf-16", "latin-1", "late", "crlf", "namespace", "comments", "cdata"),
+        *("hyphens", "hyphens around", "anything", "xacro"),
+    ],
 )
 def test_xml_may_be_written_in_many_ways(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "w.SDF").write_bytes(data)
@@ -270,6 +331,43 @@ def test_lines_are_those_of_the_file_behind_a_late_declaration(tmp_path: Path) -
     (tmp_path / "w.sdf").write_text("\n\n<?xml version='1.0'?>\n" + PLAIN.replace("1 1 1", "1"))
     (error,) = read_sdf(tmp_path / "w.sdf").report.errors
     assert error.where.startswith("w.sdf:4: ")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_lines_are_those_of_the_file_behind_comments_of_many_lines(
+    tmp_path: Path, end: str
+) -> None:
+    text = "<?xml version='1.0'?>\n<!-- a --\n\n -- b\n-->\n" + PLAIN.replace("1 1 1", "1")
+    (tmp_path / "w.sdf").write_bytes(text.replace("\n", end).encode())
+    (error,) = read_sdf(tmp_path / "w.sdf").report.errors
+    assert error.where.startswith("w.sdf:6: ")
+
+
+def test_what_looks_like_a_comment_in_cdata_is_text(tmp_path: Path) -> None:
+    name = "<name><![CDATA[a<!-- -- -->b]]></name>"
+    model_folder(tmp_path / "models" / "box")
+    file = world_file(tmp_path / "w.sdf", include("model://box", name))
+    assert [model.name for model in clean(read_sdf(file)).models] == ["a<!-- -- -->b"]
+
+
+def test_a_comment_between_numbers_parts_them(tmp_path: Path) -> None:
+    file = tmp_path / "w.sdf"
+    file.write_text(PLAIN.replace("1 1 1", "2<!-- -- -->3<!-- -- -->4"))
+    (link,) = clean(read_sdf(file)).links
+    assert link.shapes[0].geometry.model_dump()["size_m"] == (2.0, 3.0, 4.0)
+
+
+def test_a_models_config_and_xacro_may_have_hyphens_in_comments(tmp_path: Path) -> None:
+    folder = model_folder(tmp_path / "models" / "box")
+    config = folder / "model.config"
+    config.write_text("<!-- -- -->" + config.read_text())
+    (tmp_path / "part.xacro").write_text(f"<!-- a -- b --><a {XACRO}/>")
+    file = world_file(
+        tmp_path / "w.sdf.xacro",
+        '<!-- a -- b --><xacro:include filename="part.xacro"/>' + include("model://box"),
+        XACRO,
+    )
+    assert [model.name for model in clean(read_sdf(file)).models] == ["box"]
 
 
 def test_urdf_is_read_as_the_model_it_means(tmp_path: Path) -> None:
@@ -476,8 +574,13 @@ def test_includes_that_never_end_end(tmp_path: Path) -> None:
         '<sdf version="1.9"><world name="w" '
         + "".join(f'a{i}="" ' for i in range(50_000))
         + "/></sdf>",
+        '<sdf version="1.9">' + "<!-- " * 1_000_000,
+        "<!-- --><![CDATA[<!--" * 200_000,
     ],
-    ids=["external", "entities", "undefined", "deep", "many", "long", "attributes"],
+    ids=[
+        *("external", "entities", "undefined", "deep", "many", "long", "attributes"),
+        *("comments without end", "cdata without end"),
+    ],
 )
 def test_hostile_xml_is_refused_at_once(tmp_path: Path, text: str) -> None:
     file = tmp_path / "w.sdf"
@@ -539,7 +642,8 @@ def test_what_xacro_may_not_do_is_one_error(tmp_path: Path, inside: str, word: s
     file = world_file(tmp_path / "in" / "w.sdf.xacro", inside, XACRO)
     (error,) = read_sdf(file).report.errors
     assert error.kind == "FILE_READ"
-    assert error.message.startswith("w.sdf.xacro cannot be expanded: ")
+    assert error.where == "w.sdf.xacro"
+    assert error.message.startswith("cannot be expanded: ")
     assert word in error.message
     assert "\n" not in error.message
 

@@ -1,0 +1,69 @@
+"""Settings that nothing reads, told before a command runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from importlib import import_module
+from pathlib import Path
+
+from services.common.config import ConfigError, ServiceConfig
+from services.common.known_settings import PREFIX, unknown_variable
+from services.common.load import read_settings, sections
+
+_ELSEWHERE = {
+    "SEED": "--seed {} or MAZEBOT_SEED={}",
+    "WORLD": "--world {}",
+    "SET": "--set {}",
+    "WORLD_SET": "--set {}",
+    "WORLDS_DIR": "--worlds-dir {} or MAZEBOT_WORLDGEN_WORLDS_DIR={}",
+    "PACE": "",
+}
+"""What make and Docker Compose read under a name of their own, and what a run in one process is
+told instead.
+"""
+
+
+def check_environment() -> None:
+    """Raises ConfigError where a `MAZEBOT_*` variable is none of any service."""
+    mine = [name for name in os.environ if name.upper().startswith(PREFIX)]
+    # Connecting is the business of every command, whose edge knows that variable itself.
+    if [name for name in mine if name.upper() != "MAZEBOT_BUS_CONNECT"]:
+        problem = unknown_variable(mine, fields_of_all())
+        if problem:
+            raise ConfigError(problem)
+
+
+def check_file(path: Path) -> None:
+    """Raises ConfigError where a file of settings has a section or a field that is none."""
+    read_settings(path, fields_of_all())
+
+
+def check_not_for_make(given: Collection[str]) -> None:
+    """Raises ConfigError where the environment tells make or Docker Compose what this command
+    would not hear; `given` are the options that were, each of which says it all the same.
+    """
+    for name, instead in _ELSEWHERE.items():
+        value = os.environ.get(name)
+        option = instead.partition(" ")[0]
+        if not value or option in given:
+            continue
+        if name == "PACE":
+            if value == "lockstep":
+                continue
+            must = "a run in one process is always in lockstep, as fast as possible"
+        else:
+            must = f"must be given as {instead.format(value, value)}"
+        raise ConfigError(f"{name}: {value!r:.60}: only make and Compose read it: {must}")
+
+
+def fields_of_all() -> dict[str, Collection[str]]:
+    """The names of all settings, by section."""
+    return {section: model_of(section).model_fields for section in sections()}
+
+
+def model_of(section: str) -> type[ServiceConfig]:
+    """The configuration of a section, by its name: `bus` or a service."""
+    where = "services.common.bus.bus" if section == "bus" else f"services.{section}.config"
+    model: type[ServiceConfig] = getattr(import_module(where), f"{section.capitalize()}Config")
+    return model

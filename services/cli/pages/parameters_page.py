@@ -1,0 +1,136 @@
+"""Prints docs/parameters.md from the configuration of every service."""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import Any
+
+from services.bringup.config import BringupConfig
+from services.cli.pages.schema_words import default_in_yaml, kind_in_words, one_cell
+from services.common.bus.bus import BusConfig
+from services.common.config import ServiceConfig
+from services.common.root import ROOT
+from services.navigation.config import NavigationConfig
+from services.perception.config import PerceptionConfig
+from services.physics.config import PhysicsConfig
+from services.recorder.config import RecorderConfig
+from services.router.config import RouterConfig
+from services.spawner.config import SpawnerConfig
+from services.worldgen.config import WorldgenConfig
+
+CONFIGS: dict[str, type[ServiceConfig]] = {
+    "bus": BusConfig,
+    "worldgen": WorldgenConfig,
+    "physics": PhysicsConfig,
+    "spawner": SpawnerConfig,
+    "perception": PerceptionConfig,
+    "navigation": NavigationConfig,
+    "recorder": RecorderConfig,
+    "bringup": BringupConfig,
+    "router": RouterConfig,
+}
+
+UNITS = {
+    "m_s2": "m/s²",
+    "rad_s2": "rad/s²",
+    "m_per_sqrt_m": "m/√m",
+    "rad_s": "rad/s",
+    "m_s": "m/s",
+    "n_m": "N m",
+    "hz": "Hz",
+    "rad": "rad",
+    "px": "px",
+    "mib": "MiB",
+    "cells": "cells",
+    "s": "s",
+    "m": "m",
+}
+"""Endings of names, the longer ones first, and the unit that each stands for."""
+
+_TOLD = re.compile(r"(m/s2|rad/s2|m/s|rad/s|1/m|m|rad|s)(?:; |$)")
+"""A unit at the head of a description: Nav2's own names hold none."""
+
+_HEAD = """# Parameters
+
+Generated from the services' `config.py` files by `make generate`; do not edit.
+
+Every parameter of every service: its unit, what it may be, its default and its meaning. A parameter
+is set in one of four places; the first that sets it wins:
+
+1. a flag of one service: `python -m services.physics --scan-rate-hz 5`
+2. the environment: `MAZEBOT_PHYSICS_SCAN_RATE_HZ=5`
+3. a YAML file with a section for each service, named by `MAZEBOT_CONFIG` or `--config`:
+
+   ```yaml
+   physics: {scan_rate_hz: 5.0}
+   navigation: {desired_linear_vel: 0.3}
+   ```
+
+4. the default.
+
+A value that is a mapping or a list is JSON in the environment
+(`MAZEBOT_NAVIGATION_LOCALIZATION='{"max_beams": 60}'`). `MAZEBOT_SEED` sets the seed of all
+services. What is in force is on the topic `/parameters` and in the `config.yaml` of every run.
+"""
+
+
+def parameters_page() -> str:
+    """The page's text."""
+    parts = [_HEAD]
+    for name, config in CONFIGS.items():
+        about = " ".join((config.__doc__ or "").split())
+        head = [f"## {name}", "", about, "", "| parameter | unit | value | default | meaning |"]
+        schema = config.model_json_schema()
+        rows = [
+            row
+            for row in _rows(schema, schema.get("$defs", {}))
+            if name == "bus" or row[0] != "seed"
+        ]
+        lines = [f"| `{row[0]}` | {' | '.join(row[1:])} |" for row in rows]
+        parts.append("\n".join([*head, "| --- " * 5 + "|", *lines]) + "\n")
+    return "\n".join(parts)
+
+
+def _rows(
+    schema: dict[str, Any], definitions: dict[str, Any], prefix: str = ""
+) -> list[tuple[str, str, str, str, str]]:
+    """Name, unit, value, default and meaning of each field; those of a nested model by dots."""
+    rows = []
+    for name, field in schema["properties"].items():
+        if "$ref" in field:
+            nested = definitions[field["$ref"].rpartition("/")[2]]
+            rows += _rows(nested, definitions, f"{prefix}{name}.")
+            continue
+        unit, meaning = unit_and_meaning(name, field.get("description", ""))
+        # A default folder is told from the repository's place, not from this machine's.
+        value = field.get("default")
+        if isinstance(value, str):
+            value = value.removeprefix(f"{ROOT}/")
+        rows.append(
+            (
+                prefix + name,
+                unit,
+                kind_in_words(field, definitions),
+                default_in_yaml(value),
+                one_cell(meaning),
+            )
+        )
+    return rows
+
+
+def unit_and_meaning(name: str, description: str) -> tuple[str, str]:
+    """The unit of a field, by its name's ending or the head of its description, and the rest of the
+    description. A number without a unit has "".
+    """
+    told = _TOLD.match(description)
+    if told:
+        return told[1].replace("s2", "s²"), description[told.end() :]
+    for ending, unit in UNITS.items():
+        if name.endswith(f"_{ending}"):
+            return unit, description
+    return "", description
+
+
+if __name__ == "__main__":
+    sys.stdout.write(parameters_page())

@@ -1,0 +1,174 @@
+"""Prints docs/recordings.md from the documents that a run leaves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from services.recorder.judging.summary import RunSummary
+from services.recorder.keeping.digests import HEAD, ROW, ROW_FIELDS
+from services.recorder.keeping.run_folder import CONFIG, DIGESTS, LOCK, RECORDING, SUMMARY
+
+_HEAD = """# Recordings: what a run leaves
+
+Generated from `services/recorder/` by `make generate`; do not edit.
+
+Each run gets a folder of its own, `recordings/<local time>_<world>/` or the one that `--out` names:
+
+| file | what |
+| --- | --- |
+"""
+
+_FILES = (
+    (
+        RECORDING,
+        "everything that was said, drawn: a [Rerun](https://rerun.io) recording on the timeline "
+        "`sim_time`, simulation time; entities are named like the topics",
+    ),
+    (SUMMARY, "the run in numbers, judged by the ground truth; field by field below"),
+    (
+        CONFIG,
+        "the world asked for, the world that ran and its hash, the seed, and every parameter of "
+        "every service",
+    ),
+    (
+        DIGESTS,
+        "a hash of each message, by which `mazebot diff` finds the first one in which two runs "
+        "differ",
+    ),
+)
+
+_VIEWER = f"""
+`{SUMMARY}` is written anew every 5 s while the run lasts, and at its end. Without recording
+(`--no-record`) only `{SUMMARY}` and `{CONFIG}` are left. While its recorder lives, the folder also
+has a locked file `{LOCK}`.
+
+`mazebot recordings list` lists the runs, `mazebot recordings view` shows one in the browser.
+
+## In the viewer
+
+| tab | shows |
+| --- | --- |
+"""
+
+_TABS = (
+    (
+        "Maze",
+        "the world from the south and above. The robot stands in its shape at its true pose, and "
+        "as an orange outline at the estimated one, each with its way; costmap, scan, particles, "
+        "plan and goal",
+    ),
+    (
+        "Map",
+        "the world from straight above, as RViz shows it: x to the right, y up. The occupancy map, "
+        "the costmap in RViz's colours, the names of locations and rooms, the robot as above",
+    ),
+    ("Camera, Depth", "the camera's images; detected markers are outlined"),
+    ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
+    ("States", "the state of each service, of localisation and of navigation over time"),
+    ("Results", "the table that the tour prints: the goals that have ended, the run's errors"),
+    (
+        "the plots",
+        "the whole run. A line is broken where there was nothing to measure: the marker's error "
+        "has no value while no marker is seen",
+    ),
+)
+
+_FIELDS = """
+## summary.json
+
+Lengths are in m, angles in rad, times in s, in the frame `map`. A value that was not measured is
+`null`, never 0.
+"""
+
+_DIGESTS = f"""
+## digests.bin
+
+One line of JSON (`head`: "{HEAD}", and the lists `topics` and `services`), and then {ROW.itemsize}
+bytes a message, little-endian, in the order in which the recorder took them in.
+
+| field | type | what |
+| --- | --- | --- |
+"""
+
+
+def recordings_page() -> str:
+    """The page's text."""
+    schema: dict[str, Any] = RunSummary.model_json_schema()
+    definitions: dict[str, Any] = schema["$defs"]
+    files = [f"| `{name}` | {about} |\n" for name, about in _FILES]
+    tabs = [f"| {name} | {about} |\n" for name, about in _TABS]
+    parts = [_HEAD, *files, _VIEWER, *tabs, _FIELDS, *_section("The run", schema)]
+    for name in _in_use(schema, definitions):
+        parts += _section(_title(name), definitions[name])
+    rows = (f"| `{name}` | `{kind}` | {about} |\n" for name, kind, about in ROW_FIELDS)
+    return "".join([*parts, _DIGESTS, *rows])
+
+
+def _section(title: str, schema: dict[str, Any]) -> Iterator[str]:
+    about = " ".join(schema.get("description", "").split())
+    yield f"\n### {title}\n\n{about}\n\n| field | value | what |\n| --- | --- | --- |\n"
+    for name, field in schema["properties"].items():
+        what = " ".join(field["description"].split()).replace("|", "\\|")
+        yield f"| `{name}` | {_kind(field)} | {what} |\n"
+
+
+def _in_use(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    """Names of the definitions, in the order in which a reader meets them."""
+    found: dict[str, None] = {}
+    for field in schema["properties"].values():
+        for name in _references(field):
+            found |= dict.fromkeys([name, *_in_use(definitions[name], definitions)])
+    return list(found)
+
+
+def _references(node: object) -> Iterator[str]:
+    if isinstance(node, dict):
+        if "$ref" in node:
+            yield node["$ref"].rpartition("/")[2]
+        for value in node.values():
+            yield from _references(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _references(value)
+
+
+def _title(name: str) -> str:
+    """`ErrorStatistics` as `Error statistics`."""
+    words = "".join(f" {letter}" if letter.isupper() else letter for letter in name)
+    return words.strip().capitalize()
+
+
+def _kind(field: dict[str, Any]) -> str:
+    """What may stand there, in words."""
+    if "$ref" in field:
+        title = _title(field["$ref"].rpartition("/")[2])
+        return f"[{title.lower()}](#{title.lower().replace(' ', '-')})"
+    if "anyOf" in field:
+        return " or ".join(map(_kind, field["anyOf"]))
+    match field["type"]:
+        case "array" if "prefixItems" in field:
+            return f"[{len(field['prefixItems'])} x {_one_of(map(_kind, field['prefixItems']))}]"
+        case "array":
+            return f"list of {_kind(field['items'])}"
+        case "object":
+            return f"mapping of names to {_kind(field['additionalProperties'])}"
+        case "number":
+            return "number"
+        case "integer":
+            return "whole number"
+        case "boolean":
+            return "`true`, `false`"
+        case "null":
+            return "`null`"
+        case _:
+            return "text"
+
+
+def _one_of(kinds: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(kinds))
+
+
+if __name__ == "__main__":
+    sys.stdout.write(recordings_page())

@@ -1,0 +1,685 @@
+"""The Zenoh session of one process: how every node's messages get on the wire and off it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import struct
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Container
+from datetime import datetime, timezone
+from typing import Any, TypeVar, cast
+
+import zenoh
+from pydantic import Field, field_validator
+
+from services.common.bus import wire
+from services.common.bus.linger import stop_lingering
+from services.common.config import ServiceConfig
+from services.common.node import messages as msg
+from services.common.node.documents import MIN_SPEED, Document
+from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.topics import (
+    BY_NAME,
+    CLOCK,
+    CMD_VEL,
+    SERVICES,
+    Delivery,
+    Query,
+    Topic,
+    asked_of,
+    owned_by,
+    read_by,
+)
+
+M = TypeVar("M")
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+LOSSLESS_PRIORITY = zenoh.Priority.INTERACTIVE_HIGH
+"""As in docker/router.json5."""
+_NO_ENVELOPE = Envelope("", 0, 0, "")
+
+ALIVE_PREFIX = "mazebot/alive/"
+SEAT_PREFIX = "mazebot/seat/"
+WAKE_PREFIX = "mazebot/wake/"
+WAIT_BEFORE_DROP_US = 10_000
+"""As in docker/router.json5."""
+
+RESENT = 100
+"""Messages of an EVERY topic that a publisher keeps for readers that have missed them."""
+HEARTBEAT_S = 1.0
+"""How often the number of the last message is sent, by which a reader sees that it missed one."""
+
+# rmw_zenoh's attachment (sequence number, source time, gid with its length), behind it the world's
+# hash, and then the name of the topic.
+_ATTACHMENT = struct.Struct("<qqB16s16s")
+
+
+PACES = {"real_time": 1.0, "fast": 0.0, "lockstep": 0.0}
+"""Simulated seconds a second; 0: as fast as possible."""
+MAX_SPEED = 1000.0
+
+
+class BusConfig(ServiceConfig):
+    """How to reach the others."""
+
+    connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
+    prefix: str = Field("", description="put before every key, to run several stacks on one router")
+    pace: str = Field(
+        "real_time",
+        description="real_time; simulated seconds a second, as 0.5; fast: as fast as possible; "
+        "lockstep: every service takes its turn, and a run repeats; the same for all services",
+    )
+    lockstep_timeout_s: float = Field(
+        10.0, gt=0.0, le=15.0, description="wall time in which a service must end its turn"
+    )
+
+    @field_validator("pace")
+    @classmethod
+    def _is_a_pace(cls, pace: str) -> str:
+        if pace in PACES:
+            return pace
+        try:
+            speed = float(pace)
+        except ValueError:
+            speed = -1.0
+        if not MIN_SPEED <= speed <= MAX_SPEED:
+            raise ValueError(
+                f"must be {', '.join(PACES)}, or a factor from {MIN_SPEED:g} to {MAX_SPEED:g}"
+            )
+        return pace
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether every service takes its turn."""
+        return self.pace == "lockstep"
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds a second at which time begins; 0: as fast as possible."""
+        return PACES[self.pace] if self.pace in PACES else float(self.pace)
+
+
+class BusUnavailableError(ConnectionError):
+    """No router answers at the endpoint."""
+
+
+def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
+    """Open a client session.
+
+    A finite time-out, to be called in a loop: an endless one inside Zenoh would not let signals
+    through.
+    Raises BusUnavailableError where no router answers within `timeout_s`.
+    """
+    settings = zenoh.Config()
+    options = {
+        "mode": "client",
+        "connect/endpoints": [config.connect],
+        "connect/timeout_ms": int(timeout_s * 1000),
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 100,
+            "period_max_ms": 300,
+            "period_increase_factor": 1.5,
+        },
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        # In lockstep one who is slow is waited for; whose process ends is missed at once anyway.
+        "transport/link/tx/lease": round(config.lockstep_timeout_s * 1e3)
+        if config.lockstep
+        else 2000,
+        # Zenoh's own 1 ms is less than a busy machine needs to send what is queued.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
+    }
+    try:
+        for key, value in options.items():
+            settings.insert_json5(key, json.dumps(value))
+        session = zenoh.open(settings)
+    except zenoh.ZError as error:
+        raise BusUnavailableError(f"no Zenoh router at {config.connect}") from error
+    close_links_at_once(session)
+    return session
+
+
+def close_links_at_once(session: zenoh.Session) -> None:
+    """See to it that the end of one connection holds up no other, now and after each reconnect."""
+    session.info.declare_link_events_listener(
+        cast("Any", zenoh.handlers.Callback(lambda _: stop_lingering(), indirect=False)),
+        history=True,
+    )
+
+
+def pack_attachment(topic: Topic[M], envelope: Envelope) -> bytes:
+    """The bytes that travel beside a message of a topic."""
+    fixed = _ATTACHMENT.pack(
+        envelope.sequence,
+        envelope.sent_ns,
+        16,
+        bytes.fromhex(envelope.source),
+        envelope.world_hash.encode("ascii"),
+    )
+    return fixed + topic.name.encode()
+
+
+def unpack_attachment(topic: Topic[M], data: bytes) -> Envelope:
+    """The envelope in the bytes beside a message that came as one of a topic.
+
+    Raises ValueError where they hold none, or name another topic: after a reconnect Zenoh may
+    deliver a message under a key that is not its own.
+    """
+    fixed, name = data[: _ATTACHMENT.size], data[_ATTACHMENT.size :]
+    try:
+        sequence, sent_ns, length, source, world = _ATTACHMENT.unpack(fixed)
+        world_hash = world.rstrip(b"\0").decode("ascii")
+    except (struct.error, UnicodeDecodeError) as error:
+        raise ValueError("attachment of another kind") from error
+    if length != 16 or sequence < 0 or not name:
+        raise ValueError("attachment of another kind")
+    if name != topic.name.encode():
+        raise ValueError("of another topic")
+    return Envelope(source.hex(), sequence, sent_ns, world_hash)
+
+
+class Bus:
+    """The publications and subscriptions of one node, as the table has them."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        node: Node,
+        inbox: Inbox,
+        prefix: str = "",
+        lossless: bool = False,
+    ) -> None:
+        """Declare them. `lossless` is for lockstep: no message is dropped, whoever is slow."""
+        self._inbox = inbox
+        self._prefix = prefix
+        self._lossless = lossless
+        self._lock = threading.RLock()
+        self._extras: list[Callable[[zenoh.Session], Any]] = []
+        self._announced = False
+        self._closed = False
+        self.node_name = node.name
+        self.source = uuid.uuid4().hex
+        self._alive_key = alive_key(node.name, self.source, prefix)
+        self._latched: dict[str, deque[tuple[bytes, bytes]]] = {
+            topic.name: deque(maxlen=topic.depth)
+            for topic in owned_by(node.name)
+            if topic.delivery is Delivery.LATCHED
+        }
+        self._heard: dict[tuple[str, str], int] = {}
+        self._node = node
+        self._begun = now_of(session)
+        self._declare(session)
+
+    def _declare(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._subscribers = [
+            subscribe(
+                session,
+                topic,
+                self._receiver(topic, session),
+                self._prefix,
+                self._rejecter(topic),
+                self._hears_from,
+            )
+            for topic in read_by(self.node_name)
+        ]
+        self._publishers: dict[str, Any] = {
+            topic.name: publish(session, topic, self._prefix, self._lossless)
+            for topic in owned_by(self.node_name)
+        }
+        self._queryables = [
+            session.declare_queryable(
+                wire.key_from_topic(query, self._prefix),
+                cast("Any", zenoh.handlers.Callback(self._asker(query), indirect=False)),
+            )
+            for query in asked_of(self.node_name)
+        ]
+        self._kept = [declare(session) for declare in self._extras]
+        self._token: zenoh.LivelinessToken | None = None
+
+    def _hears_from(self) -> datetime:
+        from_s = self._node.hears_from_s
+        return self._begun if from_s is None else datetime.fromtimestamp(from_s, timezone.utc)
+
+    def keep(self, declare: Callable[[zenoh.Session], Any]) -> None:
+        """Make a declaration beside those of the table, and make it again on each new session."""
+        with self._lock:
+            self._extras.append(declare)
+            self._kept.append(declare(self._session))
+
+    def announce(self) -> None:
+        """Tell the others, by a liveliness token, that this node takes messages."""
+        with self._lock:
+            self._announced = True
+            self._token = self._session.liveliness().declare_token(self._alive_key)
+
+    def move_to(self, session: zenoh.Session) -> None:
+        """Go on with another session, and give up the present one.
+
+        What is latched is sent anew: the cache that served those who come late goes with the old
+        session. Raises BusUnavailableError where the new one has ended already.
+        """
+        with self._lock:
+            # It may hang where it has lost its router; what it still hears is not listened to.
+            threading.Thread(target=self._session.close, name="closing", daemon=True).start()
+            try:
+                self._declare(session)
+                for name, messages in self._latched.items():
+                    for payload, attachment in messages:
+                        self._publishers[name].put(payload, attachment=attachment)
+                if self._announced:
+                    self.announce()
+            except zenoh.ZError as error:
+                raise BusUnavailableError("the router was lost again") from error
+
+    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        """Put a message on the wire."""
+        payload, attachment = wire.encode(topic, message), pack_attachment(topic, envelope)
+        with self._lock:
+            if topic.name in self._latched:
+                self._latched[topic.name].append((payload, attachment))
+            self._publishers[topic.name].put(payload, attachment=attachment)
+
+    def outbox(self, node: Node) -> Outbox:
+        """The node's outbox on this bus."""
+        return Outbox(node, self.send, self.source)
+
+    def matched(self, among: Container[str]) -> bool:
+        """Whether each publisher with a reader `among` these services knows of a reader, as far as
+        it can be asked: those that keep messages for a reader that comes late cannot.
+        """
+        with self._lock:
+            return all(
+                cast("Any", publisher.matching_status).matching
+                for name, publisher in self._publishers.items()
+                if isinstance(publisher, zenoh.Publisher)
+                and any(reader in among for reader in BY_NAME[name].readers)
+            )
+
+    def is_mute(self) -> bool:
+        """Whether a publisher knows of no reader although one is there: then nothing that is sent
+        goes any further. It asks the router, and may wait for its answer.
+        """
+        try:
+            if self.matched(SERVICES):
+                return False
+            return not self.matched(alive(self._session, self._prefix) - {self.node_name})
+        except zenoh.ZError:
+            # The session has ended, by `close` or by itself.
+            return not self._closed
+
+    def _receiver(
+        self, topic: Topic[M], session: zenoh.Session
+    ) -> Callable[[bytes, Envelope], None]:
+        def receive(payload: bytes, envelope: Envelope) -> None:
+            if session is not self._session or self._is_repeated(topic, envelope):
+                return
+            self._inbox.deliver(topic, payload, envelope)
+
+        return receive
+
+    def _is_repeated(self, topic: Topic[M], envelope: Envelope) -> bool:
+        """Whether a latched message has come before: a publisher or a reader with a new session has
+        it sent again.
+        """
+        if topic.delivery is not Delivery.LATCHED or not envelope.source:
+            return False
+        key = topic.name, envelope.source
+        repeated = envelope.sequence <= self._heard.get(key, -1)
+        if not repeated:
+            self._heard[key] = envelope.sequence
+        return repeated
+
+    def _rejecter(self, topic: Topic[M]) -> Callable[[str], None]:
+        return lambda reason: self._inbox.reject(topic, reason)
+
+    def _asker(self, query: Query[Any, Any]) -> Callable[[zenoh.Query], None]:
+        def ask(asked: zenoh.Query) -> None:
+            def respond(answer: Any) -> None:
+                with contextlib.suppress(zenoh.ZError), asked:
+                    asked.reply(asked.key_expr, wire.encode_document(answer))
+
+            try:
+                data = asked.payload.to_bytes() if asked.payload is not None else b""
+                message = wire.decode_document(query.request, data)
+            except wire.WireError as error:
+                with asked:
+                    asked.reply_err(f"{query.name}: {error}")
+                return
+            if not self._inbox.ask(query, message, respond):
+                with asked:
+                    asked.reply_err(f"{query.name}: {self.node_name} has too many requests")
+
+        return ask
+
+    def close(self) -> None:
+        """Withdraw the token, then close the session with all its declarations."""
+        with self._lock:
+            self._closed = True
+            if self._token is not None:
+                self._token.undeclare()  # type: ignore[no-untyped-call]
+            self._session.close()  # type: ignore[no-untyped-call]
+
+
+def alive_key(service: str, source: str, prefix: str = "") -> str:
+    """The key of the token by which a service, and the source of its messages, are known to be
+    there.
+    """
+    return f"{prefix}{ALIVE_PREFIX}{service}/{source}"
+
+
+def service_and_source(key: object) -> tuple[str, str]:
+    """The service and the source at the end of a token's or a seat's key."""
+    service, _, source = str(key).rpartition("/")
+    return service.rsplit("/", 1)[-1], source
+
+
+def _ignore(_: str) -> None:
+    pass
+
+
+def subscribe(
+    session: zenoh.Session,
+    topic: Topic[M],
+    receive: Callable[[bytes, Envelope], None],
+    prefix: str = "",
+    reject: Callable[[str], None] = _ignore,
+    since: Callable[[], datetime] | None = None,
+) -> Any:
+    """Subscribe as the topic's delivery says; keep what is returned.
+
+    What was sent before the time that `since` has (None: now) is not sent again to this reader,
+    latched messages excepted: a goal that has ended is no goal for a service that has just started.
+
+    `receive` gets each message, with an envelope that is empty where the sender gave none, as
+    hand-written scripts do; `reject` gets a short reason for each one whose attachment is not one
+    of the topic. Both run on Zenoh's thread: they must only store.
+    """
+    begin = now_of(session)
+    since = since or (lambda: begin)
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        envelope = _NO_ENVELOPE
+        if sample.attachment is not None:
+            if topic.delivery is Delivery.EVERY and _was_sent_before(since(), sample):
+                return
+            try:
+                envelope = unpack_attachment(topic, sample.attachment.to_bytes())
+            except ValueError as error:
+                reject(str(error))
+                return
+        receive(sample.payload.to_bytes(), envelope)
+
+    key = wire.key_from_topic(topic, prefix)
+    handler = cast("Any", zenoh.handlers.Callback(on_sample, indirect=False))
+    if topic.delivery is Delivery.LATEST:
+        return session.declare_subscriber(key, handler)
+    latched = topic.delivery is Delivery.LATCHED
+    return zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        handler,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=topic.depth)
+        if latched
+        else None,
+        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
+
+
+def now_of(session: zenoh.Session) -> datetime:
+    """The time by which messages that are sent now are stamped."""
+    return session.new_timestamp().get_time()
+
+
+def _was_sent_before(begin: datetime, sample: zenoh.Sample) -> bool:
+    stamp = sample.timestamp
+    return stamp is not None and stamp.get_time() < begin
+
+
+def publish(
+    session: zenoh.Session, topic: Topic[M], prefix: str = "", lossless: bool = False
+) -> Any:
+    """Declare a publisher as the topic's delivery says, or one that never drops.
+
+    A message that must arrive is waited with until the router has it. The router itself waits for
+    nobody: from there on what a slow reader has missed is sent to it again, as far as it is kept
+    here. Where nothing may be lost the router waits, too; docker/router.json5 knows those messages
+    by their priority.
+    """
+    key = wire.key_from_topic(topic, prefix)
+    encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
+    latest, latched = (topic.delivery is kind for kind in (Delivery.LATEST, Delivery.LATCHED))
+    control = zenoh.CongestionControl
+    priority = LOSSLESS_PRIORITY if lossless else _priority(topic)
+    if latest or (lossless and not latched):
+        return session.declare_publisher(
+            key,
+            encoding=encoding,
+            congestion_control=control.BLOCK if lossless else control.DROP,
+            express=lossless or topic.name in _AT_ONCE,
+            priority=priority,
+        )
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=encoding,
+        congestion_control=control.BLOCK,
+        priority=priority,
+        cache=zenoh.ext.CacheConfig(
+            max_samples=topic.depth if latched else RESENT,
+            # One who asks and then does not keep up would hold up all that comes from here; what
+            # is dropped it misses at the next heartbeat, and asks again.
+            replies_config=zenoh.ext.RepliesConfig(
+                congestion_control=control.BLOCK if lossless or topic.large else control.DROP
+            ),
+        ),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(
+            heartbeat=HEARTBEAT_S, sporadic_heartbeat=None
+        ),
+        publisher_detection=latched,
+    )
+
+
+_AT_ONCE = {CLOCK.name, CMD_VEL.name}
+"""Sent on at once, with what waits: the clock comes last in each of its instants. To send each
+message of an instant by itself costs sender, router and readers several times as much.
+"""
+
+
+def _priority(topic: Topic[M]) -> zenoh.Priority:
+    """Each priority has a queue of its own: what is small never waits behind a picture."""
+    if topic.name == CMD_VEL.name:
+        return zenoh.Priority.REAL_TIME
+    return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
+
+
+class SeatOnBus:
+    """A service's seat in lockstep: it is asked to take its turn by a query."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        bus: Bus,
+        on_turn: Callable[[bytes, Callable[[bytes], None]], None],
+        prefix: str = "",
+    ) -> None:
+        """`on_turn` gets each turn and what sends its end; it runs on Zenoh's thread."""
+        self._session = session
+        self._wake_key = f"{prefix}{WAKE_PREFIX}{bus.node_name}/{bus.source}"
+        key = f"{prefix}{SEAT_PREFIX}{bus.node_name}/{bus.source}"
+
+        def on_query(asked: zenoh.Query) -> None:
+            def respond(data: bytes) -> None:
+                with contextlib.suppress(zenoh.ZError), asked:
+                    asked.reply(asked.key_expr, data, express=True)
+
+            on_turn(asked.payload.to_bytes() if asked.payload is not None else b"", respond)
+
+        handler = cast("Any", zenoh.handlers.Callback(on_query, indirect=False))
+        self._queryable = session.declare_queryable(key, handler, complete=True)
+        self._token = session.liveliness().declare_token(key)
+
+    def call(self) -> None:
+        """Tell that something waits for which the service steps at once."""
+        self._session.put(self._wake_key, b"", express=True)
+
+
+def watch_seats(
+    session: zenoh.Session,
+    on_seat: Callable[[str, str, bool], None],
+    on_wake: Callable[[str, str], None],
+    prefix: str = "",
+) -> list[Any]:
+    """Tell of each seat's service and source, with whether it is there, and of each call; keep what
+    is returned. The callbacks run on Zenoh's thread: they must only store.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        on_seat(*service_and_source(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    def on_call(sample: zenoh.Sample) -> None:
+        on_wake(*service_and_source(sample.key_expr))
+
+    callback = zenoh.handlers.Callback
+    return [
+        session.liveliness().declare_subscriber(
+            f"{prefix}{SEAT_PREFIX}*/*",
+            cast("Any", callback(on_token, indirect=False)),
+            history=True,
+        ),
+        session.declare_subscriber(
+            f"{prefix}{WAKE_PREFIX}*/*", cast("Any", callback(on_call, indirect=False))
+        ),
+    ]
+
+
+def give_turn(
+    session: zenoh.Session,
+    service: str,
+    source: str,
+    turn: bytes,
+    timeout_s: float,
+    prefix: str = "",
+    still_wanted: Callable[[], bool] = lambda: True,
+) -> bytes | None:
+    """The end of a service's turn; None where none came within `timeout_s`, where nobody has that
+    seat, or where it is no longer wanted: that is asked every 50 ms.
+    """
+    ends: list[bytes] = []
+    done = threading.Event()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            ends.append(reply.ok.payload.to_bytes())
+        done.set()
+
+    session.get(
+        f"{prefix}{SEAT_PREFIX}{service}/{source}",
+        cast("Any", zenoh.handlers.Callback(on_reply, done.set, indirect=False)),
+        payload=turn,
+        timeout=timeout_s,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        express=True,
+    )
+    while not done.wait(0.05) and still_wanted():
+        pass
+    return ends[0] if ends else None
+
+
+def put_once(
+    session: zenoh.Session, topic: Topic[M], message: M, stamp_ns: int = 0, prefix: str = ""
+) -> None:
+    """Send one message of an EVERY topic from outside the services.
+
+    Raises WireError where it is none that a service would take.
+    """
+    wire.validate(topic, message)
+    publisher = publish(session, topic, prefix)
+    envelope = Envelope(uuid.uuid4().hex, 0, stamp_ns, "")
+    publisher.put(wire.encode(topic, message), attachment=pack_attachment(topic, envelope))
+
+
+class NoAnswerError(ConnectionError):
+    """Nobody answered a query, in one line."""
+
+
+def ask(
+    session: zenoh.Session,
+    query: Query[Q, A],
+    message: Q,
+    timeout_s: float,
+    prefix: str = "",
+    start_s: float = 5.0,
+) -> A:
+    """Ask a running stack, and wait for the answer.
+
+    A service that is starting is waited for, up to `start_s`: an empty answer is Zenoh's way to say
+    that nobody is there, or no more. Raises NoAnswerError where none came within `timeout_s` or it
+    was refused.
+    """
+    key = wire.key_from_topic(query, prefix)
+    payload = wire.encode_document(cast("Document", message))
+    begin_s = time.monotonic()
+    end_s = begin_s + timeout_s
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        for reply in session.get(key, payload=payload, timeout=left_s):
+            if reply.ok is not None:
+                data = reply.ok.payload.to_bytes()
+                return cast("A", wire.decode_document(cast("Any", query.response), data))
+            said = reply.err.payload.to_string() if reply.err is not None else ""
+            if said != "Timeout":
+                raise NoAnswerError(said)
+        if start_s < time.monotonic() - begin_s < timeout_s:
+            raise NoAnswerError(f"{query.name}: {query.owner} is not there to answer")
+        time.sleep(0.02)
+    raise NoAnswerError(f"{query.name}: no answer from {query.owner} within {timeout_s:g} s")
+
+
+def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:
+    """Names of the services whose tokens are there."""
+    names = set()
+    for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
+        if reply.ok is not None:
+            names.add(service_and_source(reply.ok.key_expr)[0])
+    return names
+
+
+def watch_leaving(
+    session: zenoh.Session, on_leaving: Callable[[str], None], prefix: str = ""
+) -> Any:
+    """Tell the source of each service whose process ends; keep what is returned. `on_leaving` runs
+    on Zenoh's thread: it must only store.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            on_leaving(service_and_source(sample.key_expr)[1])
+
+    return session.liveliness().declare_subscriber(
+        alive_key("*", "*", prefix),
+        cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
+    )
+
+
+def wait_until_alive(
+    session: zenoh.Session, service: str, deadline_s: float, prefix: str = ""
+) -> bool:
+    """Whether a service is there before the deadline, in seconds from now."""
+    end = time.monotonic() + deadline_s
+    while time.monotonic() < end:
+        if service in alive(session, prefix):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def topic_named(name: str) -> Topic[object] | None:
+    """The topic of a name with or without its slash."""
+    return BY_NAME.get("/" + name.removeprefix("/"))

@@ -1,0 +1,62 @@
+"""A run's goals as the rows of a table: the same in the terminal and in the viewer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from services.common.node.documents import Evaluation, GoalReport
+
+HEADINGS = (
+    "goal",
+    "reached",
+    "time s",
+    "path m",
+    "shortest m",
+    "loc. error m",
+    "goal error m",
+    "goal error deg",
+    "contacts",
+)
+NOT_MEASURED = "-"
+
+
+def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
+    """A row a goal, a cell a heading."""
+    return [
+        (
+            goal.name,
+            "yes" if goal.reached else f"no ({goal.error_code})",
+            f"{goal.time_s:.1f}",
+            f"{goal.path_length_m:.2f}",
+            measured(goal.shortest_path_m, 2),
+            measured(goal.localisation_error_m, 3),
+            f"{goal.goal_error_m:.3f}",
+            f"{math.degrees(goal.goal_error_rad):.1f}",
+            str(goal.contacts),
+        )
+        for goal in goals
+    ]
+
+
+def error_lines(evaluation: Evaluation) -> list[str]:
+    """What holds for all of the run: its errors, contacts and the markers seen."""
+    error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
+    p95_deg = None if error_rad.p95 is None else math.degrees(error_rad.p95)
+    lines = [
+        "localisation error: no estimate"
+        if error_m.mean is None
+        else f"localisation error: mean {measured(error_m.mean, 3)} m, "
+        f"p95 {measured(error_m.p95, 3)} m, p95 {measured(p95_deg, 2)} deg",
+        f"contacts: {len(evaluation.contacts)}",
+    ]
+    counts = sorted(evaluation.markers_seen.items())
+    if counts:
+        seen = ", ".join(f"{name} ({count}x)" for name, count in counts)
+        lines.append(f"markers seen: {seen}")
+    return lines
+
+
+def measured(value: float | None, digits: int) -> str:
+    """A number, or a dash where nothing was measured."""
+    return NOT_MEASURED if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,629 @@
+"""The JSON documents of our own: what travels in std_msgs/String where ROS has no type.
+
+Each one is a frozen pydantic model: unknown keys and non-finite numbers are refused.
+Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name
+says otherwise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
+
+from services.common.frames import SE2
+
+Rgba = tuple[float, float, float, float]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Point2 = tuple[Finite, Finite]
+Vector = tuple[Finite, Finite, Finite]
+Quaternion = tuple[Finite, Finite, Finite, Finite]
+
+
+class Document(BaseModel):
+    """A message of our own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class WorldRequest(Document):
+    """Which world should run; `bringup` latches it."""
+
+    world_name: str = Field(description="name of a recipe in worlds/, e.g. `sim_house_enhanced`")
+    use_aruco: bool = Field(True, description="keep the recipe's ArUco markers")
+    overrides: tuple[str, ...] = Field(
+        (), description="`field=value` in YAML, put over the recipe's: `maze.seed=3`"
+    )
+
+
+class WorldStatus(Document):
+    """What became of a request: `error` is empty where the world was loaded."""
+
+    request: WorldRequest
+    world_hash: str = Field(
+        "", description="hash of the world that runs, of this request or another"
+    )
+    error: str = Field("", description="one line that says what is wrong and what would be right")
+
+
+class Planar(Document):
+    """A planar pose in the map frame."""
+
+    x_m: Finite
+    y_m: Finite
+    yaw_rad: Finite
+
+    def se2(self) -> SE2:
+        """The same pose as a transform, map_from_self."""
+        return SE2(self.x_m, self.y_m, self.yaw_rad)
+
+
+class Location(Planar):
+    """A named place to drive to."""
+
+    name: str
+
+
+class Material(Document):
+    """How a surface looks: a texture by content hash, and the colours used where there is none."""
+
+    name: str
+    texture_sha256: str = Field("", description="asset of the texture; empty: plain colour")
+    texture_name: str = Field("", description="file name of the texture, for people")
+    texture_side_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        1.0,
+        description="length on a surface of one tile's side; 0: stretched once over each face, as "
+        "Gazebo does. Meshes have texture coordinates of their own.",
+    )
+    ambient: Rgba = (1.0, 1.0, 1.0, 1.0)
+    diffuse: Rgba = (1.0, 1.0, 1.0, 1.0)
+
+
+class Covering(Document):
+    """A stretch of a wall's face, from the floor to the top, with a material of its own."""
+
+    side: Literal["left", "right"] = Field(description="as a marker's")
+    from_m: Finite = Field(description="along the wall's x axis, from its centre")
+    to_m: Finite = Field(description="greater than `from_m`")
+    material: str = Field(description="name of a material of the world")
+
+
+class Wall(Document):
+    """An upright box on the floor. Its x axis runs along its length, y across its thickness."""
+
+    name: str
+    length_m: Positive
+    thickness_m: Positive
+    height_m: Positive
+    x_m: Finite = Field(description="centre")
+    y_m: Finite = Field(description="centre")
+    yaw_rad: Finite
+    material: str = Field(description="name of a material of the world")
+    coverings: tuple[Covering, ...] = Field((), description="what looks otherwise; none overlap")
+
+    def map_from_wall(self) -> SE2:
+        """Pose of the wall's centre."""
+        return SE2(self.x_m, self.y_m, self.yaw_rad)
+
+
+class Marker(Document):
+    """An ArUco marker by the surface it hangs on. `offset_m` runs along the wall's x axis from its
+    centre.
+    """
+
+    id: Annotated[int, Field(ge=0, le=100_000)] = Field(description="unique in the world")
+    dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
+    size_m: Positive = Field(0.3, description="side of the black square")
+    quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = Field(
+        1, description="width of the white around it, in modules of the marker"
+    )
+    wall: str = Field(description="name of a wall")
+    side: Literal["left", "right"] = Field(
+        description="the face towards the wall's +y axis (left) or -y axis (right)"
+    )
+    offset_m: Finite = Field(0.0, description="along the wall's x axis, from its centre")
+    height_m: Finite = Field(description="of the marker's centre above the floor")
+
+    @property
+    def name(self) -> str:
+        """Of its entity, where a world's own marker hangs."""
+        return f"aruco_{self.id}"
+
+
+class Box(Document):
+    """Centred at its origin."""
+
+    kind: Literal["box"] = "box"
+    size_m: tuple[Positive, Positive, Positive]
+
+
+class Cylinder(Document):
+    """Along z, centred at its origin."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Cone(Document):
+    """Along z, centred at half its height, its tip at +z."""
+
+    kind: Literal["cone"] = "cone"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Capsule(Document):
+    """A cylinder along z with a half sphere on either end; `length_m` is the cylinder's."""
+
+    kind: Literal["capsule"] = "capsule"
+    radius_m: Positive
+    length_m: Positive
+
+
+class Sphere(Document):
+    """Centred at its origin."""
+
+    kind: Literal["sphere"] = "sphere"
+    radius_m: Positive
+
+
+class Ellipsoid(Document):
+    """Centred at its origin."""
+
+    kind: Literal["ellipsoid"] = "ellipsoid"
+    radii_m: tuple[Positive, Positive, Positive]
+
+
+class Plane(Document):
+    """A flat rectangle at z = 0, seen and solid from +z only."""
+
+    kind: Literal["plane"] = "plane"
+    size_m: tuple[Positive, Positive]
+
+
+class Polyline(Document):
+    """Simple polygons in the plane z = 0, raised to `height_m`; one within another is a hole."""
+
+    kind: Literal["polyline"] = "polyline"
+    polygons_m: tuple[tuple[Point2, ...], ...]
+    height_m: Positive
+
+
+class Mesh(Document):
+    """Triangles from an asset."""
+
+    kind: Literal["mesh"] = "mesh"
+    sha256: str = Field(description="asset of the triangles, as geometry.mesh_to_bytes writes them")
+    name: str = Field("", description="file, and submesh, that it came from, for people")
+    scale: Vector = Field((1.0, 1.0, 1.0), description="none is zero")
+
+
+Geometry = Annotated[
+    Box | Cylinder | Cone | Capsule | Sphere | Ellipsoid | Plane | Polyline | Mesh,
+    Field(discriminator="kind"),
+]
+
+
+class Shape(Document):
+    """A part of a body: what is seen, what is solid, or both."""
+
+    name: str
+    geometry: Geometry
+    position_m: Vector = Field((0.0, 0.0, 0.0), description="in the body's frame")
+    orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="body_from_shape")
+    material: str = Field("", description="name of a material of the world; empty: not seen")
+    solid: bool = Field(True, description="robot, lidar and map meet it")
+
+
+class Body(Document):
+    """A rigid thing of any shapes. Walls are not among them."""
+
+    name: str
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        0.0, description="0: it never moves"
+    )
+    shapes: tuple[Shape, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it can ever be elsewhere than at its pose."""
+        return self.mass_kg > 0.0
+
+
+class Room(Document):
+    """A named part of the floor."""
+
+    name: str
+    polygon_m: tuple[Point2, ...] = Field(description="its corners, in turn")
+    floor_material: str = Field("", description="empty: the world's")
+
+
+class Ceiling(Document):
+    """A flat ceiling over all walls."""
+
+    height_m: Positive
+    material: str
+
+
+class PointLight(Document):
+    """A lamp. At distance d within `range_m` its light is diffuse / (constant + linear d +
+    quadratic d^2), as in SDF; beyond, nothing.
+    """
+
+    name: str
+    position_m: Vector
+    diffuse: Rgba = (1.0, 1.0, 1.0, 1.0)
+    range_m: Positive = 10.0
+    constant: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 1.0
+    linear: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    quadratic: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+
+
+class World(Document):
+    """A resolved world: everything in it, with the hash that identifies it."""
+
+    name: str
+    recipe: str = Field(description="file name of the recipe it came from")
+    hash: str = Field(description="sha256 of everything else here, first 16 hex digits")
+    walls: tuple[Wall, ...]
+    materials: tuple[Material, ...]
+    markers: tuple[Marker, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    rooms: tuple[Room, ...] = ()
+    locations: tuple[Location, ...] = ()
+    start: Planar
+    map_resolution_m: Positive = 0.05
+    map_sha256: str = Field("", description="of a ready map's cells; empty: made from the world")
+    floor_material: str = Field("", description="name of a material; empty: a plain grey one")
+    ceiling: Ceiling | None = None
+    lights: tuple[PointLight, ...] = ()
+    sky: Rgba = (0.7, 0.7, 0.7, 1.0)
+    light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
+    light_ambient: Finite = 0.8
+    light_diffuse: Finite = 0.8
+
+    def content_hash(self) -> str:
+        """The hash that `hash` must hold."""
+        content = json.dumps(self.model_dump(mode="json", exclude={"hash"}), sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+
+class MarkerEntity(Document):
+    """An ArUco marker on its panel. Its pose is that of the panel's centre; its face looks along
+    +z, with +x to the right and +y up as one looks at it.
+    """
+
+    name: str
+    kind: Literal["marker"] = "marker"
+    position_m: Vector
+    orientation_xyzw: Quaternion
+    panel_side_m: Positive = Field(description="side of the panel, quiet zone and all")
+    texture_sha256: str
+    marker_id: int
+    marker_size_m: Positive = Field(description="side of the black square")
+    dictionary: str
+
+
+MAX_PATH_SPEED_M_S = 5.0
+
+
+class ScriptedPath(Document):
+    """A way that a body follows over and over, at one speed, looking ahead: from its pose to each
+    waypoint in turn, and then back to its pose (`loop`) or the same way back.
+    """
+
+    waypoints_m: tuple[Point2, ...] = Field(min_length=1, max_length=1000)
+    speed_m_s: Annotated[float, Field(gt=0.0, le=MAX_PATH_SPEED_M_S, allow_inf_nan=False)]
+    loop: bool = False
+    yields: bool = Field(True, description="waits while the robot is in its way")
+
+
+class BodyEntity(Document):
+    """A rigid thing of any shapes that was put into a world. Its pose is that of its origin."""
+
+    name: str
+    kind: Literal["body"] = "body"
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        0.0, description="0: only its path, if it has one, moves it"
+    )
+    shapes: tuple[Shape, ...] = Field(min_length=1)
+    materials: tuple[Material, ...] = Field((), description="those its shapes name")
+    path: ScriptedPath | None = Field(None, description="needs mass_kg 0")
+    placed: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="counts the times it was put at its pose: a new count puts there again what "
+        "has moved since",
+    )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it can be elsewhere than at its pose, but for being put there."""
+        return self.mass_kg > 0.0 or self.path is not None
+
+
+Entity = Annotated[MarkerEntity | BodyEntity, Field(discriminator="kind")]
+Thing = Body | BodyEntity
+
+
+class Refusal(Document):
+    """A thing that was refused, and why."""
+
+    name: str
+    reason: str
+
+
+class Entities(Document):
+    """A set of entities of one world: the desired set, or the set that exists."""
+
+    world_hash: str
+    revision: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="counts the desired sets; of the set that exists: which of them it answers. "
+        "0: the first set of a spawner that has just begun. Where a set exists already, all of it "
+        "stays as it is, and of this one only what was refused before is tried again",
+    )
+    entities: tuple[Entity, ...] = ()
+    refused: tuple[Refusal, ...] = ()
+
+    @property
+    def markers(self) -> tuple[MarkerEntity, ...]:
+        """Those of the entities that are markers, in order."""
+        return tuple(one for one in self.entities if isinstance(one, MarkerEntity))
+
+    @property
+    def bodies(self) -> tuple[BodyEntity, ...]:
+        """Those of the entities that are bodies, in order."""
+        return tuple(one for one in self.entities if isinstance(one, BodyEntity))
+
+
+class Contact(Document):
+    """The robot began to touch something that is not the floor."""
+
+    time_s: Finite = Field(description="simulation time, s")
+    robot_link: str = Field(description="link of the robot")
+    body: str = Field(description="what it touched: a wall, a body or an entity, by name")
+    position_m: tuple[Finite, Finite, Finite] = Field(description="x, y, z in `map`, m")
+    impulse_n_s: Finite = Field(description="impulse of the first step, N s")
+
+
+class SpawnEntity(Document):
+    """Asks for a thing to stand in the world. The same request again changes nothing."""
+
+    entity: Entity
+    allow_renaming: bool = Field(
+        False,
+        description="where another thing has the name, take the first that is free: `name_1`",
+    )
+    assets: dict[str, str] = Field(
+        default_factory=dict,
+        description="textures (PNG) and meshes (npz) of the entity, base64, by their sha256",
+    )
+
+
+class DeleteEntity(Document):
+    """Asks for a thing to be gone."""
+
+    name: str
+
+
+class SetEntityState(Document):
+    """Asks for a thing to be elsewhere."""
+
+    name: str
+    position_m: Vector
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class EntityReply(Document):
+    """What became of a request for an entity: where it is now, or why it is not."""
+
+    error: str = Field("", description="one line; empty: done")
+    name: str = Field("", description="under which it stands")
+    position_m: Vector = (0.0, 0.0, 0.0)
+    orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class GetEntities(Document):
+    """Asks for what stands in the world."""
+
+
+MIN_SPEED = 0.01
+"""The slowest that simulation time passes by a factor of real time."""
+
+
+def _as_fast_as_possible_or_a_factor(speed: float) -> float:
+    if 0.0 < speed < MIN_SPEED:
+        raise ValueError(f"must be 0 (as fast as possible) or at least {MIN_SPEED:g}")
+    return speed
+
+
+Speed = Annotated[
+    float,
+    Field(ge=0.0, le=1000.0, allow_inf_nan=False),
+    AfterValidator(_as_fast_as_possible_or_a_factor),
+]
+"""Simulated seconds a second; 0: as fast as possible."""
+
+
+class SimulationControl(Document):
+    """Asks the simulation to stand still, to go on, or to begin again. What is None stays as it is.
+
+    Of several things in one request, `reset` comes first, then the rest. The answer to `step` and
+    `run_until_s` comes when they are done; both leave the simulation paused.
+    """
+
+    pause: bool | None = None
+    step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
+        None, description="advance by so many steps"
+    )
+    run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
+        None, description="advance to this simulation time"
+    )
+    reset: Literal["all", "time"] | None = Field(
+        None,
+        description="`all`: everything is where it was at the start, at time 0; `time`: only the "
+        "clock begins again",
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        None, description="of the random streams from now on; needs `reset: all`"
+    )
+    speed: Speed | None = Field(
+        None, description="simulated seconds a second; 0: as fast as possible"
+    )
+
+
+class SimulationStats(Document):
+    """What the simulation has done so far. Holds nothing read from a wall clock."""
+
+    world_hash: str
+    sim_time_s: Finite
+    iterations: int
+    step_size_s: Positive
+    paused: bool = False
+    speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        1.0, description="simulated seconds a second asked for; 0: as fast as possible"
+    )
+    seed: int = Field(0, description="of the random streams")
+    epoch: int = Field(
+        0, description="counts the beginnings: load, reset, and every time the world was built anew"
+    )
+    entities: int = Field(0, description="how many stand in the world")
+    renderer: str = Field(
+        description="`cpu_rasterizer`, `moderngl (...)`, `tiny_renderer`, or `none`"
+    )
+    state_hash: str = Field(
+        description="chained hash of the states of robot and things after every step of this epoch"
+    )
+    image_hash: str = Field("", description="chained hash of the camera's pictures of this epoch")
+    watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+
+
+class SimulationControlReply(Document):
+    """How the simulation is after a request."""
+
+    error: str = Field("", description="one line; empty: done")
+    stats: SimulationStats | None = Field(None, description="None before there is a world")
+
+
+class NavigationStatus(Document):
+    """What localisation and navigation are doing."""
+
+    localization_active: bool
+    navigation_active: bool
+    state: Literal["idle", "planning", "controlling", "recovering"] = "idle"
+    goal: Planar | None = None
+    distance_remaining_m: Finite = 0.0
+    number_of_recoveries: int = 0
+
+
+class NavigationResult(Document):
+    """How a goal ended, with Nav2's error codes (0 is success)."""
+
+    goal: Planar
+    goal_stamp_ns: int = Field(
+        description="stamp of the goal's message: tells one goal from another"
+    )
+    error_code: int
+    error_msg: str = ""
+    start_time_s: Finite
+    end_time_s: Finite
+    number_of_recoveries: int = 0
+
+
+class CancelGoal(Document):
+    """Asks navigation to give up the goal to which it drives: the robot stops."""
+
+    goal_stamp_ns: int | None = Field(
+        None, description="stamp of the goal's message: that goal and no other; None: any"
+    )
+
+
+class CancelGoalReply(Document):
+    """What became of a request to cancel."""
+
+    error: str = Field("", description="one line; empty: canceled")
+    return_code: Literal[0, 2] = Field(
+        0, description="as in action_msgs/srv/CancelGoal: 0 canceled, 2 no such goal"
+    )
+    goal: Planar | None = Field(None, description="the goal that was given up")
+    goal_stamp_ns: int = Field(0, description="stamp of that goal's message")
+
+
+class Parameters(Document):
+    """The configuration with which a service runs."""
+
+    service: str
+    values: dict[str, JsonValue]
+
+
+class ErrorStatistics(Document):
+    """Mean, 95th percentile and maximum of an error; null where there was nothing to measure."""
+
+    mean: Finite | None = Field(None, description="in the unit of the error's name: m or rad")
+    p95: Finite | None = Field(None, description="95th percentile, in the same unit")
+    max: Finite | None = Field(None, description="in the same unit")
+
+
+class GoalReport(Document):
+    """One goal, judged by the ground truth."""
+
+    name: str = Field(
+        description="of the location whose pose it is; `home`: the start pose; `goal`: another pose"
+    )
+    reached: bool = Field(
+        description="navigation reports success, and the robot truly stands within 0.25 m and "
+        "0.25 rad of the goal"
+    )
+    time_s: Finite = Field(description="simulation time from start to end, s")
+    path_length_m: Finite = Field(description="length of the true path, m")
+    shortest_path_m: Finite | None = Field(
+        description="length of the shortest path for the robot's footprint, m; null: there is none"
+    )
+    goal_error_m: Finite = Field(
+        description="distance from the true pose at the end to the goal, m"
+    )
+    goal_error_rad: Finite = Field(description="angle between them, rad")
+    recoveries: int = Field(description="number of recovery behaviors")
+    error_code: int = Field(description="Nav2's error code; 0: success")
+    error_msg: str = Field("", description="the error in words; empty: success")
+    goal_stamp_ns: int = Field(0, description="stamp of the goal's message, ns of simulation time")
+    localisation_error_m: Finite | None = Field(
+        None,
+        description="mean distance between estimated and true pose on the way, m; null: there was "
+        "no estimate",
+    )
+    contacts: int = Field(0, description="number of contacts on the way")
+
+
+class Evaluation(Document):
+    """The run so far, judged by the ground truth."""
+
+    goals: tuple[GoalReport, ...] = Field((), description="the goals that have ended, oldest first")
+    contacts: tuple[Contact, ...] = Field((), description="the first 1,000 contacts, oldest first")
+    markers_seen: dict[str, int] = Field(
+        default_factory=dict,
+        description="number of images in which each marker of the world was detected, by its id",
+    )
+    localisation_error_m: ErrorStatistics = Field(
+        ErrorStatistics(), description="distance between estimated and true pose, m"
+    )
+    localisation_error_rad: ErrorStatistics = Field(
+        ErrorStatistics(), description="angle between estimated and true heading, rad"
+    )
+    marker_error_m: ErrorStatistics = Field(
+        ErrorStatistics(), description="distance between a marker as detected and as it hangs, m"
+    )
+    odometry_drift_m: Finite | None = Field(
+        None,
+        description="distance between the pose by wheel odometry alone and the true one at the "
+        "newest odometry message, m; null: no odometry or no ground truth",
+    )
+    recording: str = Field("", description="folder of the run, as the recorder knows it")

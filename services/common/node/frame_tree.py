@@ -1,0 +1,57 @@
+"""Which frame hangs on which, by the transforms that came so far."""
+
+from __future__ import annotations
+
+from services.common.frames import Array
+from services.common.node.messages import TFMessage, TransformStamped, chain_transforms, has_ring
+
+MAX_FRAMES = 2000
+"""Several times as many as a robot and the most bodies that may move have."""
+_TOO_MANY = "too many frames"
+
+
+class FrameNames:
+    """The frames that were heard of. A message by which there would be too many is refused."""
+
+    def __init__(self) -> None:
+        self._names: set[str] = set()
+
+    def add(self, message: TFMessage) -> str:
+        """Take in transforms; in a few words, why they are refused, or nothing."""
+        new = {entry.child_frame_id for entry in message.transforms} - self._names
+        if len(self._names) + len(new) > MAX_FRAMES:
+            return _TOO_MANY
+        self._names |= new
+        return ""
+
+
+class FrameTree:
+    """The newest transform of each frame. What would make a ring of them, or too many, is refused
+    as a whole, and changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self._entries: dict[str, TransformStamped] = {}
+
+    def add(self, message: TFMessage) -> str:
+        """Take in transforms; in a few words, why they are refused, or nothing."""
+        entries = self._entries
+        moved = [
+            entry
+            for entry in message.transforms
+            if entry.child_frame_id not in entries
+            or entries[entry.child_frame_id].header.frame_id != entry.header.frame_id
+        ]
+        if moved:
+            parents = {child: entry.header.frame_id for child, entry in entries.items()}
+            parents |= {entry.child_frame_id: entry.header.frame_id for entry in moved}
+            if len(parents) > MAX_FRAMES:
+                return _TOO_MANY
+            if has_ring(parents):
+                return "frames in a ring"
+        entries.update((entry.child_frame_id, entry) for entry in message.transforms)
+        return ""
+
+    def chain(self, parent_frame: str, child_frame: str) -> Array | None:
+        """Rigid (4, 4) `parent_from_child`; None where no transforms connect the two."""
+        return chain_transforms(self._entries.values(), parent_frame, child_frame)

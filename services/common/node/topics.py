@@ -1,0 +1,283 @@
+"""THE table: one row a topic. Subscriptions, publications, access, documentation and recording come
+from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Generic, TypeVar
+
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+
+M = TypeVar("M")
+
+SERVICES = (
+    "worldgen",
+    "physics",
+    "spawner",
+    "perception",
+    "navigation",
+    "recorder",
+    "bringup",
+)
+"""The services in table order: the order in which they step within one instant."""
+
+EDGE = "cli"
+"""Name under which people's tools publish."""
+
+
+class Delivery(Enum):
+    """How a topic's messages travel."""
+
+    LATEST = "latest"
+    """Dropped under pressure; a reader keeps the newest `depth`."""
+    EVERY = "every"
+    """Small; sent again to a reader that has missed it. A reader keeps all."""
+    LATCHED = "latched"
+    """As EVERY, and a late reader gets each publisher's last `depth`, and where that is gone, from
+    the other readers.
+    """
+
+
+@dataclass(frozen=True, eq=False)
+class Topic(Generic[M]):
+    """One row: a ROS topic, its type, its rate in simulation time, who writes and reads it, and how
+    it travels.
+    """
+
+    name: str
+    type: type[M]
+    owners: tuple[str, ...]
+    readers: tuple[str, ...]
+    delivery: Delivery
+    about: str
+    rate_hz: float | None = None
+    depth: int = 1
+    returned: bool = False
+    """Whether its owner, where it is started anew, gets its last message back from the readers."""
+    large: bool = False
+    """Whether a message may be so large that whoever asks for it late has to be waited for."""
+
+
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+
+@dataclass(frozen=True, eq=False)
+class Query(Generic[Q, A]):
+    """One row: what people's tools may ask a service, as a Zenoh query on the name's key. Services
+    ask each other nothing: they share state by topics.
+    """
+
+    name: str
+    request: type[Q]
+    response: type[A]
+    owner: str
+    about: str
+
+
+_LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
+
+CLOCK = Topic(
+    "/clock",
+    msg.Clock,
+    ("physics",),
+    ("recorder",),
+    _LATEST,
+    "simulation time; the loop of every service follows it",
+    rate_hz=60,
+)
+WORLD_REQUEST = Topic(
+    "/world/request", doc.WorldRequest, ("bringup",), ("worldgen", "recorder"), _LATCHED,
+    "the world that should run",
+)  # fmt: skip
+WORLD_STATUS = Topic(
+    "/world/status", doc.WorldStatus, ("worldgen",), ("bringup", "recorder"), _LATCHED,
+    "what became of the request",
+)  # fmt: skip
+ASSETS = Topic(
+    "/world/assets", msg.CompressedImage, ("worldgen", "spawner", "physics"),
+    ("physics", "spawner", "recorder"), _LATCHED,
+    "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes; from `physics`: "
+    "those of what stands, for a spawner that has just begun", depth=256, large=True,
+)  # fmt: skip
+WORLD = Topic(
+    "/world", doc.World, ("worldgen",),
+    ("physics", "spawner", "perception", "navigation", "recorder", "bringup"), _LATCHED,
+    "the resolved world", large=True,
+)  # fmt: skip
+MAP = Topic(
+    "/map", msg.OccupancyGrid, ("worldgen",), ("navigation", "recorder", "bringup"), _LATCHED,
+    "occupancy map rasterised from the walls", large=True,
+)  # fmt: skip
+DESIRED_ENTITIES = Topic(
+    "/entities/desired", doc.Entities, ("spawner",), ("physics", "recorder"), _LATCHED,
+    "what should stand in the world, and what was refused by its placement",
+)  # fmt: skip
+ENTITIES = Topic(
+    "/entities", doc.Entities, ("physics",),
+    ("spawner", "perception", "navigation", "recorder"), _LATCHED,
+    "what stands in the world, and what physics refused",
+)  # fmt: skip
+TF = Topic(
+    "/tf", msg.TFMessage, ("physics", "navigation"), ("spawner", "perception", "recorder"), _LATEST,
+    "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
+)  # fmt: skip
+TF_STATIC = Topic(
+    "/tf_static", msg.TFMessage, ("physics",), ("perception", "navigation", "recorder"), _LATCHED,
+    "the robot's fixed frames",
+)  # fmt: skip
+ODOM = Topic(
+    "/odom", msg.Odometry, ("physics",), ("navigation", "recorder"), _LATEST,
+    "wheel odometry: odom from base_footprint", rate_hz=30, depth=30,
+)  # fmt: skip
+JOINT_STATES = Topic(
+    "/joint_states", msg.JointState, ("physics",), ("recorder",), _LATEST,
+    "wheel angles and speeds", rate_hz=30,
+)  # fmt: skip
+IMU = Topic(
+    "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST,
+    "gyroscope and accelerometer", rate_hz=120, depth=10,
+)  # fmt: skip
+SCAN = Topic(
+    "/scan", msg.LaserScan, ("physics",), ("navigation", "recorder"), _LATEST,
+    "lidar, counter-clockwise from straight ahead", rate_hz=10,
+)  # fmt: skip
+CAMERA_IMAGE = Topic(
+    "/camera/color/image_raw", msg.Image, ("physics",), ("perception", "recorder"), _LATEST,
+    "rgb8 picture", rate_hz=10,
+)  # fmt: skip
+CAMERA_INFO = Topic(
+    "/camera/color/camera_info", msg.CameraInfo, ("physics",), ("perception", "recorder"), _LATEST,
+    "intrinsics of the picture with the same stamp", rate_hz=10,
+)  # fmt: skip
+CAMERA_COMPRESSED = Topic(
+    "/camera/color/image_raw/compressed", msg.CompressedImage, ("physics",), ("recorder",), _LATEST,
+    "the picture as JPEG, where that is asked for", rate_hz=10,
+)  # fmt: skip
+DEPTH_IMAGE = Topic(
+    "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("recorder",), _LATEST,
+    "32FC1, metres along the optical axis, of the same render as the picture; 0: nothing in range",
+    rate_hz=10,
+)  # fmt: skip
+DEPTH_INFO = Topic(
+    "/camera/depth/camera_info", msg.CameraInfo, ("physics",), ("recorder",), _LATEST,
+    "intrinsics of the depth image with the same stamp", rate_hz=10,
+)  # fmt: skip
+GROUND_TRUTH_ODOM = Topic(
+    "/ground_truth/odom", msg.Odometry, ("physics",), ("recorder",), _LATEST,
+    "true pose: map from base_footprint", rate_hz=30, depth=30,
+)  # fmt: skip
+CONTACTS = Topic(
+    "/contacts", doc.Contact, ("physics",), ("recorder",), _EVERY,
+    "the robot began to touch something",
+)  # fmt: skip
+SIMULATION_STATS = Topic(
+    "/simulation/stats", doc.SimulationStats, ("physics",), ("navigation", "recorder"), _LATCHED,
+    "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
+)  # fmt: skip
+DETECTIONS = Topic(
+    "/aruco/detections", msg.Detection3DArray, ("perception",), ("navigation", "recorder"), _LATEST,
+    "markers in the camera's optical frame; a second result is the other IPPE solution", rate_hz=10,
+    depth=10,
+)  # fmt: skip
+MAP_DETECTIONS = Topic(
+    "/aruco/detections_map", msg.Detection3DArray, ("perception",), ("recorder",), _LATEST,
+    "the same markers in the map frame, by the estimated pose of the robot", rate_hz=10, depth=10,
+)  # fmt: skip
+INITIAL_POSE = Topic(
+    "/initialpose", msg.PoseWithCovarianceStamped, (EDGE,), ("navigation", "recorder"), _EVERY,
+    "the initial pose set by the user",
+)  # fmt: skip
+GOAL_POSE = Topic(
+    "/goal_pose", msg.PoseStamped, ("bringup", EDGE), ("navigation", "recorder"), _EVERY,
+    "where to drive",
+)  # fmt: skip
+AMCL_POSE = Topic(
+    "/amcl_pose", msg.PoseWithCovarianceStamped, ("navigation",), ("recorder",), _LATEST,
+    "estimated pose: map from base_footprint", rate_hz=10,
+)  # fmt: skip
+PARTICLE_CLOUD = Topic(
+    "/particle_cloud", msg.PoseArray, ("navigation",), ("recorder",), _LATEST,
+    "particles of the localisation", rate_hz=2,
+)  # fmt: skip
+GLOBAL_COSTMAP = Topic(
+    "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "cost of each cell, 100 lethal, 99 inscribed", rate_hz=1,
+)  # fmt: skip
+PLAN = Topic(
+    "/plan", msg.Path, ("navigation",), ("recorder",), _LATEST, "the path being followed", rate_hz=1
+)
+CMD_VEL = Topic(
+    "/cmd_vel", msg.TwistStamped, ("navigation", EDGE), ("physics", "recorder"), _LATEST,
+    "velocity of base_footprint", rate_hz=20,
+)  # fmt: skip
+NAVIGATION_STATUS = Topic(
+    "/navigation/status", doc.NavigationStatus, ("navigation",), ("bringup", "recorder"), _LATCHED,
+    "what localisation and navigation do", rate_hz=2,
+)  # fmt: skip
+NAVIGATION_RESULT = Topic(
+    "/navigation/result", doc.NavigationResult, ("navigation",), ("bringup", "recorder"), _EVERY,
+    "how a goal ended",
+)  # fmt: skip
+EVALUATION = Topic(
+    "/evaluation", doc.Evaluation, ("recorder",), ("bringup",), _LATCHED,
+    "the run judged by the ground truth", rate_hz=1,
+)  # fmt: skip
+PARAMETERS = Topic(
+    "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
+    "the configuration with which each service runs",
+)  # fmt: skip
+DIAGNOSTICS = Topic(
+    "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
+    "state of each service, what it waits for, what it rejected", rate_hz=1, depth=20,
+)  # fmt: skip
+ROSOUT = Topic(
+    "/rosout", msg.Log, SERVICES, ("recorder",), _EVERY, "the log of every service"
+)  # fmt: skip
+
+SPAWN_ENTITY = Query(
+    "/spawn_entity", doc.SpawnEntity, doc.EntityReply, "spawner", "put a thing into the world"
+)
+DELETE_ENTITY = Query(
+    "/delete_entity", doc.DeleteEntity, doc.EntityReply, "spawner", "take a thing out of the world"
+)
+SET_ENTITY_STATE = Query(
+    "/set_entity_state", doc.SetEntityState, doc.EntityReply, "spawner", "put a thing elsewhere"
+)
+GET_ENTITIES = Query(
+    "/get_entities", doc.GetEntities, doc.Entities, "spawner", "what stands in the world"
+)
+SIMULATION_CONTROL = Query(
+    "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
+    "pause, go on, step, reset, seed, speed, run until",
+)  # fmt: skip
+CANCEL_GOAL = Query(
+    "/navigate_to_pose/_action/cancel_goal", doc.CancelGoal, doc.CancelGoalReply, "navigation",
+    "give up the goal that is being driven to",
+)  # fmt: skip
+
+QUERIES: tuple[Query[Any, Any], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Query)
+)
+TOPICS: tuple[Topic[object], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Topic)
+)
+BY_NAME: dict[str, Topic[object]] = {topic.name: topic for topic in TOPICS}
+
+
+def owned_by(service: str) -> list[Topic[object]]:
+    """The topics a service may write."""
+    return [topic for topic in TOPICS if service in topic.owners]
+
+
+def asked_of(service: str) -> list[Query[Any, Any]]:
+    """The queries a service answers."""
+    return [query for query in QUERIES if query.owner == service]
+
+
+def read_by(service: str) -> list[Topic[object]]:
+    """The topics a service reads."""
+    return [topic for topic in TOPICS if service in topic.readers]

@@ -1,0 +1,119 @@
+"""Where a round robot can stand on a map: the rule of Nav2's costmap, shared by what makes maps,
+what judges places in them and what plans on them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common import portable
+from services.common.frames import SE2
+from services.common.world.grids import connected_regions, distance_cells
+
+Cells = NDArray[np.int8]
+Clearance = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+ROBOT_RADIUS_M = 0.24
+"""Navigation's default `robot_radius`: of a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm to spare.
+"""
+OCCUPIED = 100
+"""From this value on a map's cell is a lethal obstacle; below 0 it is unknown."""
+START_TOLERANCE_M = 0.5
+"""Navigation's default `start_tolerance`: a start inside inflated cells moves to a free one this
+near.
+"""
+
+_STRAIGHT_RAD = 1e-6
+"""A map turned by less is not turned."""
+
+
+def clearance_m(lethal: Mask, resolution_m: float) -> Clearance:
+    """(rows, columns) float32, distance from a cell's centre to that of the nearest lethal cell; no
+    more than the grid's diagonal.
+    """
+    rows, columns = lethal.shape
+    far_m = math.hypot(rows, columns) * resolution_m
+    cells = np.asarray(distance_cells(lethal), np.float32)
+    return np.asarray(np.minimum(cells * resolution_m, far_m), np.float32)
+
+
+def inscribed(clearance: Clearance, robot_radius_m: float = ROBOT_RADIUS_M) -> Mask:
+    """(rows, columns): where the robot's circle would touch a lethal cell (cost 253 and more)."""
+    return np.asarray(clearance.astype(np.float64) - robot_radius_m <= 0.0)
+
+
+def traversable(
+    cells: Cells, resolution_m: float, robot_radius_m: float = ROBOT_RADIUS_M
+) -> tuple[Mask, Clearance]:
+    """(rows, columns) each: where a planner lets the robot's centre pass (known, cost below 253),
+    and the clearance. `cells` are occupancy: 100 occupied, -1 unknown.
+    """
+    clearance = clearance_m(cells >= OCCUPIED, resolution_m)
+    return ~inscribed(clearance, robot_radius_m) & (cells >= 0), clearance
+
+
+def reachable_from(free: Mask, row: int, column: int, tolerance_cells: float = 0.0) -> Mask:
+    """(rows, columns): the traversable cells to which a path leads from a cell.
+
+    Where the cell itself is not traversable, from the nearest that is within the tolerance; none
+    where there is none. Planners that go over cells' corners, but cut none, reach the same cells.
+    """
+    start = nearest_cell(free, row, column, tolerance_cells)
+    if start is None:
+        return np.zeros(free.shape, np.bool_)
+    regions = connected_regions(free)
+    return np.asarray(regions == regions[start])
+
+
+def nearest_cell(
+    where: Mask, row: int, column: int, within_cells: float = math.inf
+) -> tuple[int, int] | None:
+    """The chosen cell nearest to another; of several the first by row and column."""
+    rows, columns = np.nonzero(where)
+    if not len(rows):
+        return None
+    squares = portable.square(rows - row) + portable.square(columns - column)
+    best = int(np.argmin(squares))
+    if squares[best] > portable.square(within_cells):
+        return None
+    return int(rows[best]), int(columns[best])
+
+
+def straightened(resolution_m: float, origin: SE2, cells: Cells) -> tuple[SE2, Cells]:
+    """A map with its rows along the map's x axis: origin and (rows, columns) cells of one that may
+    be turned.
+
+    Each new cell has the value at its centre, but none of what is occupied gets lost between
+    centres; beyond the map is unknown.
+    """
+    if abs(origin.yaw_rad) <= _STRAIGHT_RAD or cells.size == 0 or not resolution_m > 0.0:
+        return origin, cells
+    rows, columns = cells.shape
+    c, s = portable.cos_sin(origin.yaw_rad)
+    corners = portable.product(
+        np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]), [[c, s], [-s, c]]
+    )
+    # In cells from the old origin, along the map's axes.
+    low, high = np.floor(corners.min(0) + 1e-6), np.ceil(corners.max(0) - 1e-6)
+    x, y = (np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True))
+
+    def at(dx: float, dy: float) -> Cells:
+        along, up = x[None, :] + dx, y[:, None] + dy
+        column = np.floor(c * along + s * up).astype(np.int64)
+        row = np.floor(c * up - s * along).astype(np.int64)
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        found = cells[row.clip(0, rows - 1), column.clip(0, columns - 1)]
+        return np.where(inside, found, np.int8(-1))
+
+    turned = at(0.0, 0.0)
+    # However it is turned, the middle of some new cell's quarter lies in every old cell.
+    for dx, dy in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
+        turned = np.where((near := at(dx, dy)) >= 100, near, turned)
+    moved = SE2(
+        origin.x_m + float(low[0]) * resolution_m, origin.y_m + float(low[1]) * resolution_m, 0.0
+    )
+    return moved, turned.astype(np.int8)

@@ -1,0 +1,74 @@
+"""The picture of an ArUco marker on white paper, as PNG with whole pixels a module."""
+
+from __future__ import annotations
+
+import functools
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common.node.documents import Marker
+
+MAX_SIDE_PX = 2048
+"""As large as a renderer takes."""
+
+# OpenCV has some of the AprilTag families under two spellings.
+_DICTIONARIES = {
+    name: int(getattr(cv2.aruco, name)) for name in dir(cv2.aruco) if name.startswith("DICT_")
+}
+
+
+@functools.cache
+def _predefined(name: str) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(_DICTIONARIES[name])
+
+
+def dictionary_of_bits(
+    bits: NDArray[np.uint8], max_correction_bits: int = 0
+) -> cv2.aruco.Dictionary:
+    """A dictionary of one's own of (markers, modules, modules) bits, 1 white, borders left out."""
+    rows = [cv2.aruco.Dictionary.getByteListFromBits(marker) for marker in bits]
+    return cv2.aruco.Dictionary(np.concatenate(rows), bits.shape[1], max_correction_bits)
+
+
+def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> str:
+    """Why there is no such marker; empty where there is.
+
+    Here and below `dictionary` is the one that the marker's name of it means, where that is none of
+    OpenCV's own.
+    """
+    if dictionary is None and marker.dictionary not in _DICTIONARIES:
+        return f"dictionary: {marker.dictionary!r:.60}: must be one of {', '.join(_DICTIONARIES)}"
+    count = len((dictionary or _predefined(marker.dictionary)).bytesList)
+    if marker.id >= count:
+        return f"id: {marker.id}: must be less than {count} in {marker.dictionary}"
+    return ""
+
+
+def modules(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> int:
+    """Modules along the side of the black square, its border of one on each side among them."""
+    return int((dictionary or _predefined(marker.dictionary)).markerSize) + 2
+
+
+def panel_side_m(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> float:
+    """Side of the panel: the black square and the quiet zone around it."""
+    black = modules(marker, dictionary)
+    return marker.size_m * (black + 2 * marker.quiet_zone_modules) / black
+
+
+def draw(marker: Marker, module_px: int, dictionary: cv2.aruco.Dictionary | None = None) -> bytes:
+    """PNG of a marker that exists, its top row up as one looks at it.
+
+    Each module is `module_px` pixels a side, or as many as `MAX_SIDE_PX` leaves room for.
+    """
+    black, quiet = modules(marker, dictionary), marker.quiet_zone_modules
+    module_px = min(module_px, MAX_SIDE_PX // (black + 2 * quiet))
+    square = cv2.aruco.generateImageMarker(
+        dictionary or _predefined(marker.dictionary), marker.id, black * module_px, borderBits=1
+    )
+    paper = np.pad(square, quiet * module_px, constant_values=255)
+    done, data = cv2.imencode(".png", cv2.cvtColor(paper, cv2.COLOR_GRAY2BGR))
+    if not done:
+        raise RuntimeError("OpenCV cannot write PNG")
+    return bytes(data.tobytes())

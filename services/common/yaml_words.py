@@ -1,0 +1,43 @@
+"""What is wrong with a text that is not YAML, in words for whoever wrote it."""
+
+from __future__ import annotations
+
+import yaml
+
+_WORDS = {
+    "mapping values are not allowed": "a second `: ` in one line, or more indentation than above",
+    "cannot start any token": "a tab as indentation, or text that begins with @, ` or % unquoted",
+    "could not find expected ':'": "a field without a colon behind its name",
+    "did not find expected ',' or ']'": "a list that is not closed: `,` or `]` is missing",
+    "did not find expected ',' or '}'": "a mapping that is not closed: `,` or `}` is missing",
+    "unexpected end of stream": "a quote that is not closed",
+    "expected node content": "a value that is missing, or a bracket that is not closed",
+    "did not find expected key": "another indentation than the lines above, or a bracket too many",
+    "did not find expected '-' indicator": "a field among the items of a list",
+    "block sequence entries are not allowed": "a list item (`- `) where none can stand",
+    "undefined alias": "an alias (*name): must be written out",
+    "duplicate anchor": "an anchor (&name) given twice",
+    "constructor for the tag": "a tag (!name): must be left out",
+    "unknown escape character": "a backslash within double quotes: use single ones",
+    "unhashable key": "a name of a field that is no text",
+    "found another document": "a second document: must be one, without `---` between",
+    "expected <document start>": "a bracket too many, or text behind the end",
+    "expected comment or line break": "text right behind `|` or `>`: must begin in the next line",
+    "directive": "text that begins with % unquoted",
+    "for merging": "`<<` without a mapping behind it",
+    "too deep": "more levels than can be read",
+}
+"""By a part of what libyaml and PyYAML say."""
+
+
+def line_and_words(error: Exception) -> tuple[int, str]:
+    """The line of what a YAML parser stumbled over, from 1 (0: none is known), and what it is."""
+    if isinstance(error, yaml.reader.ReaderError):
+        return 0, f"a control character (code {error.character}) at position {error.position}"
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return 0, f"a value that cannot be: {' '.join(str(error).split()):.200}"
+    mark = error.problem_mark
+    said = error.problem or ""
+    plain = next((words for part, words in _WORDS.items() if part in said), said)
+    where = f"column {mark.column + 1}: " if mark else ""
+    return (mark.line + 1 if mark else 0), where + plain

@@ -1,0 +1,48 @@
+"""When the robot begins to touch something."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from services.common.node.documents import Contact
+from services.physics.bodies.bodies import Touch
+
+
+class ContactEvents:
+    """Tells of a touch once: again only where link and body had been apart for `debounce_ns`."""
+
+    def __init__(self, debounce_ns: int = 200_000_000) -> None:
+        self._debounce_ns = debounce_ns
+        self._last_ns: dict[tuple[str, str], int] = {}
+
+    def restart_clock(self, now_ns: int) -> None:
+        """Time goes on from 0 instead of `now_ns`; every touch keeps its age."""
+        self._last_ns = {pair: last_ns - now_ns for pair, last_ns in self._last_ns.items()}
+
+    def begun(self, touches: Iterable[Touch], now_ns: int, step_s: float) -> list[Contact]:
+        """The touches that begin in the step that ends at `now_ns`: one for each link and body.
+
+        The position is that of the point pressed most, the impulse that of all points in this step.
+        Nothing bounces, so that it is the whole momentum which a wall takes from the robot: between
+        m v and, with what the tyres and turning wheels add, a tenth or a seventh more.
+        """
+        pairs: dict[tuple[str, str], list[Touch]] = {}
+        for touch in touches:
+            pairs.setdefault((touch.robot_link, touch.body), []).append(touch)
+        contacts = []
+        for pair, points in pairs.items():
+            last_ns = self._last_ns.get(pair)
+            self._last_ns[pair] = now_ns
+            if last_ns is not None and now_ns - last_ns < self._debounce_ns:
+                continue
+            strongest = max(points, key=lambda point: point.force_n)
+            contacts.append(
+                Contact(
+                    time_s=now_ns * 1e-9,
+                    robot_link=pair[0],
+                    body=pair[1],
+                    position_m=strongest.position_m,
+                    impulse_n_s=sum(point.force_n for point in points) * step_s,
+                )
+            )
+        return contacts

@@ -1,0 +1,190 @@
+"""How each topic's messages are drawn: a function a topic, on entities named like the topics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import rerun as rr
+
+from services.common.node import messages as msg
+from services.common.node.topics import (
+    AMCL_POSE,
+    ASSETS,
+    CAMERA_COMPRESSED,
+    CAMERA_IMAGE,
+    CAMERA_INFO,
+    CLOCK,
+    CMD_VEL,
+    CONTACTS,
+    DEPTH_IMAGE,
+    DEPTH_INFO,
+    DESIRED_ENTITIES,
+    DETECTIONS,
+    DIAGNOSTICS,
+    ENTITIES,
+    GLOBAL_COSTMAP,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    IMU,
+    INITIAL_POSE,
+    JOINT_STATES,
+    MAP,
+    MAP_DETECTIONS,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    ODOM,
+    PARAMETERS,
+    PARTICLE_CLOUD,
+    PLAN,
+    ROSOUT,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    Topic,
+)
+from services.recorder.drawing import palette
+from services.recorder.drawing.canvas import LATCH_NS, Canvas
+from services.recorder.drawing.navigation_drawing import (
+    draw_amcl_pose,
+    draw_detections,
+    draw_global_costmap,
+    draw_goal_pose,
+    draw_initial_pose,
+    draw_map,
+    draw_map_detections,
+    draw_navigation_result,
+    draw_navigation_status,
+    draw_particle_cloud,
+    draw_plan,
+)
+from services.recorder.drawing.picture_drawing import (
+    draw_camera_compressed,
+    draw_camera_image,
+    draw_camera_info,
+    draw_depth_image,
+    draw_depth_info,
+)
+from services.recorder.drawing.robot_drawing import (
+    draw_cmd_vel,
+    draw_contact,
+    draw_ground_truth_odom,
+    draw_imu,
+    draw_joint_states,
+    draw_odom,
+    draw_robot,
+    draw_scan,
+    draw_tf,
+    draw_tf_static,
+)
+from services.recorder.drawing.text_drawing import (
+    draw_diagnostics,
+    draw_parameters,
+    draw_rosout,
+    draw_simulation_stats,
+    draw_world_request,
+    draw_world_status,
+)
+from services.recorder.drawing.world_drawing import (
+    draw_asset,
+    draw_desired_entities,
+    draw_entities,
+    draw_world,
+    place_what_stands,
+)
+
+SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
+    "error/localisation_m": ("localisation", palette.ESTIMATE),
+    "error/odometry_m": ("odometry drift", palette.SECOND),
+    "error/marker_m": ("marker", palette.MARKER),
+    "error/localisation_deg": ("heading", palette.ESTIMATE),
+    "cmd_vel/linear_m_s": ("commanded", palette.PLAN),
+    "odom/linear_m_s": ("odometry", palette.SECOND),
+    "ground_truth/odom/linear_m_s": ("true", palette.TRUTH),
+    "cmd_vel/angular_rad_s": ("commanded", palette.PLAN),
+    "odom/angular_rad_s": ("odometry", palette.SECOND),
+    "ground_truth/odom/angular_rad_s": ("true", palette.TRUTH),
+    "imu/angular_velocity_z_rad_s": ("yaw rate", palette.PLAN),
+    "imu/linear_acceleration_x_m_s2": ("forward", palette.ESTIMATE),
+    "imu/linear_acceleration_y_m_s2": ("left", palette.TRUTH),
+    "joint_states/left_rad_s": ("left wheel", palette.ESTIMATE),
+    "joint_states/right_rad_s": ("right wheel", palette.TRUTH),
+    "clock/real_time_factor": ("real time factor", palette.TRUTH),
+    "simulation/stats/watchdog_stops": ("watchdog stops", palette.BAD),
+    "navigation/status/distance_remaining_m": ("distance remaining", palette.PLAN),
+    "navigation/status/number_of_recoveries": ("recoveries", palette.BAD),
+    "aruco/detections/count": ("markers in view", palette.MARKER),
+}
+"""Entities that are numbers over time, with their name and colour in the plots."""
+
+
+def draw_start(canvas: Canvas) -> None:
+    """Draw what no message brings: the robot, twice, and the looks of the plots and states."""
+    log = canvas.recording.log
+    draw_robot(canvas)
+    for path, (name, color) in SERIES.items():
+        log(path, rr.SeriesLines(colors=[color], names=[name], widths=[1.5]), static=True)
+    states = rr.StateConfiguration(
+        values=list(palette.STATES), colors=list(palette.STATES.values())
+    )
+    for path in ("navigation/status/state", "navigation/status/localization"):
+        log(path, states, static=True)
+
+
+def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
+    """Simulated seconds a second of wall time, once a second of wall time."""
+    now_s = canvas.wall_clock_s()
+    if canvas.entities is not None and canvas.due("entities", canvas.now_ns, LATCH_NS):
+        place_what_stands(canvas)
+    if canvas.real_time is None:
+        canvas.real_time = now_s, canvas.now_ns
+        return
+    wall_s, sim_ns = canvas.real_time
+    if now_s - wall_s >= 1.0:
+        factor = (canvas.now_ns - sim_ns) * 1e-9 / (now_s - wall_s)
+        canvas.real_time = now_s, canvas.now_ns
+        canvas.recording.scalar("clock/real_time_factor", factor)
+
+
+DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
+    CLOCK: draw_clock,
+    WORLD_REQUEST: draw_world_request,
+    WORLD_STATUS: draw_world_status,
+    PARAMETERS: draw_parameters,
+    ASSETS: draw_asset,
+    WORLD: draw_world,
+    MAP: draw_map,
+    DESIRED_ENTITIES: draw_desired_entities,
+    ENTITIES: draw_entities,
+    TF: draw_tf,
+    TF_STATIC: draw_tf_static,
+    ODOM: draw_odom,
+    JOINT_STATES: draw_joint_states,
+    IMU: draw_imu,
+    SCAN: draw_scan,
+    CAMERA_IMAGE: draw_camera_image,
+    CAMERA_INFO: draw_camera_info,
+    CAMERA_COMPRESSED: draw_camera_compressed,
+    DEPTH_IMAGE: draw_depth_image,
+    DEPTH_INFO: draw_depth_info,
+    GROUND_TRUTH_ODOM: draw_ground_truth_odom,
+    CONTACTS: draw_contact,
+    SIMULATION_STATS: draw_simulation_stats,
+    DETECTIONS: draw_detections,
+    MAP_DETECTIONS: draw_map_detections,
+    INITIAL_POSE: draw_initial_pose,
+    GOAL_POSE: draw_goal_pose,
+    AMCL_POSE: draw_amcl_pose,
+    PARTICLE_CLOUD: draw_particle_cloud,
+    GLOBAL_COSTMAP: draw_global_costmap,
+    PLAN: draw_plan,
+    CMD_VEL: draw_cmd_vel,
+    NAVIGATION_STATUS: draw_navigation_status,
+    NAVIGATION_RESULT: draw_navigation_result,
+    DIAGNOSTICS: draw_diagnostics,
+    ROSOUT: draw_rosout,
+}

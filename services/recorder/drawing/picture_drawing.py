@@ -1,0 +1,118 @@
+"""How the camera's pictures and depths are drawn, each in the plane of its pinhole."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import rerun as rr
+
+from services.common.node import messages as msg
+from services.recorder.drawing import palette
+from services.recorder.drawing.canvas import Canvas
+
+IMAGE_FRAME = "camera_image"
+"""The plane of the camera's picture, in pixels."""
+DEPTH_FRAME = "camera_depth"
+"""The plane of the depth image, in pixels."""
+
+_DEPTH_NS = 480_000_000
+_DEPTH_RANGE_M = (0.0, 10.0)
+"""Of the depth image's colours."""
+
+_TO_BGR: dict[str, tuple[int, int | None]] = {
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgr8": (3, None),
+    "mono8": (1, None),
+}
+
+
+def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
+    """The picture, as JPEG; nothing where it comes as JPEG as well."""
+    canvas.at(image.header.stamp)
+    if canvas.comes_compressed:
+        return
+    channels, _ = _TO_BGR.get(image.encoding, (0, None))
+    if not 0 < channels * image.width <= image.step:
+        if canvas.changed("camera/color/image_raw/encoding", image.encoding):
+            text = f"cannot draw pictures in {image.encoding}"
+            canvas.say("camera/color/image_raw", text, "WARN")
+        return
+    quality = canvas.jpeg_quality
+    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
+    canvas.recording.log_later("camera/color/image_raw", lambda: _jpeg(image, quality), image.data)
+
+
+def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
+    """The picture, as it came."""
+    canvas.at(image.header.stamp)
+    canvas.comes_compressed = True
+    kind = "image/png" if "png" in image.format else "image/jpeg"
+    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
+    picture = rr.EncodedImage(contents=image.data.tobytes(), media_type=kind)
+    canvas.recording.log("camera/color/image_raw", picture)
+
+
+def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
+    """The pyramid through which the picture is seen, in the camera's frame."""
+    canvas.camera = info
+    _draw_pinhole(canvas, "camera/color/camera_info", info, IMAGE_FRAME)
+
+
+def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
+    """Depths twice a second, as PNG of millimetres: a picture, and points in the camera's frame."""
+    stamp_ns = canvas.at(image.header.stamp)
+    path = "camera/depth/image_rect_raw"
+    if image.encoding != "32FC1" or image.is_bigendian or not 0 < 4 * image.width <= image.step:
+        if canvas.changed(f"{path}/encoding", image.encoding):
+            canvas.say(path, f"cannot draw depths in {image.encoding}", "WARN")
+    elif canvas.due(path, stamp_ns, _DEPTH_NS):
+        canvas.frame(path, DEPTH_FRAME)
+        canvas.recording.log_later(path, lambda: _depth_png(image), image.data)
+
+
+def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:
+    """The pyramid through which the depths are seen, in the camera's frame."""
+    _draw_pinhole(canvas, "camera/depth/camera_info", info, DEPTH_FRAME)
+
+
+def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
+    channels, conversion = _TO_BGR[image.encoding]
+    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
+    pixels = rows.reshape(image.height, image.width, channels)
+    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+
+
+def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
+    """Millimetres in 16 bits; what is farther than 65 m is there."""
+    rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
+    depth_m = np.ascontiguousarray(rows).view(np.float32)
+    in_range_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)
+    millimetres = np.clip(np.round(1000.0 * in_range_m), 0, 65_535).astype(np.uint16)
+    _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return rr.EncodedDepthImage(
+        blob=png.tobytes(),
+        media_type=rr.components.MediaType.PNG,
+        meter=1000.0,
+        depth_range=[1000.0 * edge_m for edge_m in _DEPTH_RANGE_M],
+    )
+
+
+def _draw_pinhole(canvas: Canvas, path: str, info: msg.CameraInfo, image_frame: str) -> None:
+    value = (info.k.tobytes(), info.width, info.height, info.header.frame_id)
+    if canvas.changed(path, value):
+        canvas.recording.log(
+            path,
+            rr.Pinhole(
+                image_from_camera=info.k.reshape(3, 3),
+                resolution=(info.width, info.height),
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.5,
+                parent_frame=info.header.frame_id,
+                child_frame=image_frame,
+                color=palette.ESTIMATE,
+                line_width=0.004,
+            ),
+            static=True,
+        )

@@ -1,0 +1,135 @@
+"""What is told in words: the services' log, their states and parameters, the world asked for."""
+
+from __future__ import annotations
+
+import re
+
+import rerun as rr
+
+from services.common.goal_table import HEADINGS, error_lines, goal_rows
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.node.diagnostics import (
+    RATE_KEY,
+    REAL_TIME_FACTOR_KEY,
+    REJECTED_KEY,
+    WAITING_KEY,
+)
+from services.recorder.drawing import palette
+from services.recorder.drawing.canvas import Canvas, entity_part
+
+_SECOND_NS = 1_000_000_000
+_MOST_GOALS = 50
+"""In the table of results, the newest ones: a run may have thousands, and each makes a table."""
+_LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
+
+
+def draw_world_request(canvas: Canvas, request: doc.WorldRequest) -> None:
+    """The world asked for."""
+    canvas.recording.at(canvas.now_ns)
+    values = rr.AnyValues(
+        world_name=request.world_name,
+        use_aruco=request.use_aruco,
+        overrides=list(request.overrides),
+    )
+    canvas.recording.log("world/request", values)
+
+
+def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
+    """What became of a request."""
+    canvas.recording.at(canvas.now_ns)
+    name = status.request.world_name
+    values = rr.AnyValues(world_name=name, world_hash=status.world_hash, error=status.error)
+    canvas.recording.log("world/status", values)
+
+
+def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
+    """How a service is configured, as a document."""
+    lines = [f"- {name}: {value}" for name, value in parameters.values.items()]
+    text = "\n".join([f"# {parameters.service}", *lines])
+    path = f"parameters/{entity_part(parameters.service)}"
+    if canvas.changed(path, text):
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        canvas.recording.log(path, document, static=True)
+
+
+def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
+    """The state's hash, and the watchdog's stops."""
+    stamp_ns = round(stats.sim_time_s * 1e9)
+    canvas.recording.at(stamp_ns)
+    if canvas.due("simulation/stats", stamp_ns, _SECOND_NS):
+        canvas.recording.log(
+            "simulation/stats",
+            rr.AnyValues(
+                state_hash=stats.state_hash, iterations=stats.iterations, paused=stats.paused
+            ),
+        )
+        canvas.recording.scalar("simulation/stats/watchdog_stops", stats.watchdog_stops)
+    if stats.paused:
+        # A pause says nothing of how fast the simulation is.
+        canvas.real_time = None
+    if canvas.changed("simulation/stats/renderer", stats.renderer):
+        canvas.say("simulation/stats", f"renderer: {stats.renderer}")
+
+
+def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
+    """Each service's state over time, and each change in words."""
+    canvas.at(array.header.stamp)
+    for status in array.status:
+        path = f"diagnostics/{entity_part(status.name)}"
+        said = [
+            (v.key, v.value) for v in status.values
+            if v.value and not v.key.startswith((RATE_KEY, REAL_TIME_FACTOR_KEY))
+        ]  # fmt: skip
+        rejected = any(key.startswith(REJECTED_KEY) for key, _ in said)
+        waiting = status.message.startswith("waiting")
+        state = "waiting" if waiting else "rejecting" if rejected else "active"
+        if canvas.changed(f"{path}#states", True):
+            configuration = rr.StateConfiguration(
+                values=list(palette.STATES), colors=list(palette.STATES.values())
+            )
+            canvas.recording.log(path, configuration, static=True)
+        if canvas.changed(path, state):
+            canvas.recording.log(path, rr.StateChange(state=state))
+        if canvas.changed(f"{path}/text", (status.message, tuple(said))):
+            details = "; ".join(f"{key}: {value}" for key, value in said if key != WAITING_KEY)
+            text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
+            level = status.level if isinstance(status.level, int) else status.level[0]
+            canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
+
+
+def draw_rosout(canvas: Canvas, log: msg.Log) -> None:
+    """A line of a service's log."""
+    canvas.at(log.stamp)
+    canvas.recording.log(
+        f"rosout/{entity_part(log.name)}",
+        rr.TextLog(f"[{log.name}]: {log.msg}", level=_level(log.level)),
+    )
+
+
+def _level(level: int) -> str:
+    return next(name for least, name in _LEVELS if level >= least)
+
+
+def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = False) -> None:
+    """The table of the tour as a document: anew for each goal that ends, and at a run's end."""
+    rows = tuple(goal_rows(evaluation.goals[-_MOST_GOALS:]))
+    if not canvas.changed("evaluation", (len(evaluation.goals), rows)) and not final:
+        return
+    left_out = len(evaluation.goals) - len(rows)
+    reached = sum(goal.reached for goal in evaluation.goals)
+    lines = [f"# {reached} of {len(evaluation.goals)} goals reached" if rows else "# No goal yet"]
+    if rows:
+        lines += ["", _table_row(HEADINGS), "| --- " + "| ---: " * (len(HEADINGS) - 1) + "|"]
+        lines += [_table_row(row) for row in rows]
+    if left_out:
+        lines += ["", f"{left_out} earlier goals are in summary.json."]
+    lines += ["", *(f"- {line}" for line in error_lines(evaluation))]
+    canvas.recording.at(canvas.now_ns)
+    document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+    canvas.recording.log("evaluation", document)
+
+
+def _table_row(cells: tuple[str, ...]) -> str:
+    """In Markdown; a name may hold what would be taken for marks."""
+    return "| " + " | ".join(re.sub(r"([\\`*_\[\]<>|])", r"\\\1", cell) for cell in cells) + " |"

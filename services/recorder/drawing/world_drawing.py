@@ -1,0 +1,260 @@
+"""How the world, what stands in it, and their textures are drawn."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from services.common import png
+from services.common.frames import MAP_FRAME, Array
+from services.common.node import documents as doc
+from services.common.node import messages as msg
+from services.common.world.assets import assets_of
+from services.common.world.surfaces import PLAIN
+from services.recorder.drawing import palette
+from services.recorder.drawing.canvas import Canvas, entity_part
+from services.recorder.drawing.mesh import mesh_drawing, panel
+from services.recorder.drawing.room_names import name_places_m
+from services.recorder.drawing.scenery import Part, entity_parts, parts, plain_rgba, seen_meshes
+from services.recorder.judging.obstacles import read_meshes
+
+_TEXTURE_SIDE_PX = 512
+_MOST_GONE = 1000
+"""Of the entities taken away whose looks need not be drawn again when they return."""
+
+
+def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
+    """Draw what waits for a texture or a mesh."""
+    sha256 = asset.header.frame_id
+    if not canvas.changed(f"world/assets/{sha256}", True):
+        return
+    wanted = {mesh for body in canvas.world.bodies for mesh in seen_meshes(body)}
+    if sha256 in wanted:
+        # One drawing for all of them, once the last is there.
+        if wanted <= canvas.assets.keys():
+            draw_world(canvas, canvas.world)
+        return
+    materials = [m.name for m in canvas.world.materials if m.texture_sha256 == sha256]
+    for part in canvas.parts:
+        if part.material in materials:
+            _draw_world_part(canvas, part)
+    for entity in canvas.entities.entities if canvas.entities else ():
+        if sha256 in assets_of(entity):
+            _draw_looks(canvas, entity)
+
+
+def draw_world(canvas: Canvas, world: doc.World) -> None:
+    """Walls, floors, ceiling and bodies by material, rooms, named places and lamps.
+
+    The upper part of walls and of what stands, and the ceiling, are entities of their own.
+    """
+    canvas.parts = parts(world, read_meshes(world.bodies, canvas.assets))
+    for part in canvas.parts:
+        _draw_world_part(canvas, part)
+    log = canvas.recording.log
+    canvas.recording.at(canvas.now_ns)
+    for body in world.bodies:
+        if body.mass_kg > 0.0:
+            # Where it stands until the simulation tells of it.
+            path = f"tf/{entity_part(body.name)}"
+            pose = body.position_m, body.orientation_xyzw
+            canvas.recording.transform(path, *pose, MAP_FRAME, body.name)
+    outlines = [np.array([*room.polygon_m, room.polygon_m[0]]) for room in world.rooms]
+    log(
+        "world/rooms",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.LineStrips3D(
+            [_on_the_floor(line) for line in outlines], colors=palette.SECOND, radii=0.01
+        ),
+        static=True,
+    )
+    locations_m = np.array([(place.x_m, place.y_m) for place in world.locations]).reshape(-1, 2)
+    log(
+        "world/rooms/names",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            _on_the_floor(name_places_m(outlines, locations_m)),
+            labels=[room.name for room in world.rooms],
+            colors=palette.ROOM,
+            radii=0.01,
+        ),
+        static=True,
+    )
+    log(
+        "world/locations",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            _on_the_floor(locations_m),
+            labels=[place.name for place in world.locations],
+            colors=palette.LOCATION,
+            radii=0.05,
+        ),
+        static=True,
+    )
+    log(
+        "world/lights",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            [lamp.position_m for lamp in world.lights],
+            labels=[lamp.name for lamp in world.lights],
+            colors=[lamp.diffuse for lamp in world.lights],
+            radii=0.06,
+        ),
+        static=True,
+    )
+
+
+def _on_the_floor(points_m: Array) -> Array:
+    """(n, 3) of points (n, 2): above the floor by as much as it takes to be seen."""
+    return np.column_stack([points_m, np.full(len(points_m), 0.02)])
+
+
+def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
+    """How many entities should stand, and how many of them the placement refused."""
+    if entities.world_hash != canvas.world.hash:
+        return
+    counts = len(entities.entities), len(entities.refused)
+    if canvas.changed("entities/desired", counts):
+        canvas.recording.at(canvas.now_ns)
+        values = rr.AnyValues(entities=counts[0], refused=counts[1])
+        canvas.recording.log("entities/desired", values)
+
+
+def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
+    """The markers' panels and the bodies, where and as long as they stand.
+
+    Each has a frame of its own, which says where it is at which time; its looks hold at every one.
+    """
+    if entities.world_hash != canvas.world.hash:
+        return
+    before = {entity.name: entity for entity in canvas.entities.entities} if canvas.entities else {}
+    after = {entity.name: entity for entity in entities.entities}
+    canvas.entities = entities
+    for name, entity in before.items():
+        if name not in after or _frame_of(after[name]) != _frame_of(entity):
+            canvas.recording.at(canvas.now_ns)
+            _place(canvas, entity, shown=False)
+    for name, entity in after.items():
+        known = before.get(name)
+        if known == entity:
+            continue
+        if canvas.changed(f"entities/{name}#looks", _looks(entity)):
+            _draw_looks(canvas, entity)
+        if (
+            known is None
+            and canvas.now_ns > canvas.start_ns
+            and canvas.changed(_path_of(entity), 0)
+        ):
+            # Until now it was not there.
+            canvas.recording.at(canvas.start_ns)
+            _place(canvas, entity, shown=False)
+        canvas.recording.at(canvas.now_ns)
+        _place(canvas, entity)
+    gone = [name for name in canvas.drawn if name not in after]
+    for name in gone[: max(0, len(gone) - _MOST_GONE)]:
+        del canvas.drawn[name]
+        part = entity_part(name)
+        for path in (f"entities/{name}#looks", f"entities/{part}", f"tf/{part}"):
+            canvas.last.pop(path, None)
+
+
+def place_what_stands(canvas: Canvas) -> None:
+    """Say again where the entities are of which /tf tells nothing."""
+    canvas.recording.at(canvas.now_ns)
+    for entity in canvas.entities.entities if canvas.entities is not None else ():
+        if not _moves(entity):
+            _place(canvas, entity)
+
+
+def _draw_world_part(canvas: Canvas, part: Part) -> None:
+    material = next((m for m in canvas.world.materials if m.name == part.material), PLAIN)
+    _draw_part(canvas, "world", part, material)
+
+
+def _draw_part(canvas: Canvas, above: str, part: Part, material: doc.Material) -> None:
+    texture = _texture(canvas, material.texture_sha256) if part.textured else None
+    mesh = part.mesh
+    drawn = rr.Mesh3D(
+        vertex_positions=mesh.vertices_m.astype(np.float32),
+        vertex_normals=mesh.normals.astype(np.float32),
+        vertex_texcoords=None if texture is None else mesh.uvs.astype(np.float32),
+        triangle_indices=mesh.triangles.astype(np.uint32),
+        albedo_texture=texture,
+        albedo_factor=plain_rgba(material, part) if texture is None else None,
+    )
+    path = "/".join([above, *map(entity_part, part.path)])
+    canvas.recording.log(path, rr.CoordinateFrame(part.frame), drawn, static=True)
+
+
+def _frame_of(entity: doc.Entity) -> str:
+    """The frame that an entity is drawn in: that of /tf where it moves, or one of its own."""
+    return entity.name if _moves(entity) else f"entities/{entity.name}"
+
+
+def _path_of(entity: doc.Entity) -> str:
+    """Where the drawing says where an entity's frame is."""
+    name = entity_part(entity.name)
+    return f"tf/{name}" if _moves(entity) else f"entities/{name}"
+
+
+def _moves(entity: doc.Entity) -> bool:
+    """Whether /tf tells where an entity is."""
+    return isinstance(entity, doc.BodyEntity) and entity.moves
+
+
+def _looks(entity: doc.Entity) -> tuple[object, ...]:
+    """What an entity's drawing is made of, but for its place."""
+    if isinstance(entity, doc.MarkerEntity):
+        return entity.panel_side_m, entity.texture_sha256
+    return entity.shapes, entity.materials, entity.moves
+
+
+def _place(canvas: Canvas, entity: doc.Entity, shown: bool = True) -> None:
+    """Say where an entity is, or that it is nowhere. The time must be set."""
+    canvas.recording.transform(
+        _path_of(entity),
+        entity.position_m,
+        entity.orientation_xyzw,
+        MAP_FRAME,
+        _frame_of(entity),
+        shown,
+    )
+
+
+def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
+    """Draw an entity in its frame, in place of what had its name."""
+    above, frame = f"entities/{entity_part(entity.name)}", _frame_of(entity)
+    drawn: list[str] = []
+    if isinstance(entity, doc.MarkerEntity):
+        drawn.append(f"{above}/panel")
+        mesh = mesh_drawing(panel(entity.panel_side_m), _texture(canvas, entity.texture_sha256))
+        canvas.recording.log(drawn[-1], rr.CoordinateFrame(frame), mesh, static=True)
+    else:
+        materials = {material.name: material for material in entity.materials}
+        for part in entity_parts(entity, frame, canvas.assets):
+            drawn.append("/".join([above, *map(entity_part, part.path)]))
+            _draw_part(canvas, above, part, materials.get(part.material, PLAIN))
+    for path in canvas.drawn.get(entity.name, ()):
+        if path not in drawn:
+            canvas.recording.log(path, rr.Mesh3D(vertex_positions=[]), static=True)
+    canvas.drawn[entity.name] = drawn
+
+
+def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
+    """A texture that has come, as (h, w, 3) RGB of at most 512 pixels a side."""
+    data = canvas.assets.get(sha256)
+    if data is None:
+        return None
+    canvas.changed(f"world/assets/{sha256}", True)
+    try:
+        rgb = png.decode(data)
+    except ValueError:
+        return None
+    scale = _TEXTURE_SIDE_PX / max(rgb.shape[:2])
+    if scale < 1.0:
+        return np.asarray(
+            cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+        )
+    return rgb

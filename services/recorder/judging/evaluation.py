@@ -1,0 +1,450 @@
+"""A run judged by the ground truth: how well the robot localised, saw the markers, and drove."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common.error_codes import ErrorCode
+from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
+from services.common.node import messages as msg
+from services.common.node.documents import (
+    BodyEntity,
+    Contact,
+    Entities,
+    Evaluation,
+    GoalReport,
+    MarkerEntity,
+    NavigationResult,
+    World,
+)
+from services.common.node.messages import (
+    chain_transforms,
+    matrix_from_pose,
+    ns_from_time,
+    se2_from_pose,
+)
+from services.common.pose_history import PoseHistory
+from services.recorder.judging.driven_way import DrivenWay
+from services.recorder.judging.error_summary import ErrorSummary
+from services.recorder.judging.obstacles import obstacles, read_meshes
+from services.recorder.judging.recent_rows import RecentRows
+from services.recorder.judging.shortest_path import ShortestPath
+
+GOAL_TOLERANCE_M = 0.25
+"""A goal counts as reached within this distance, Nav2's `xy_goal_tolerance`."""
+GOAL_TOLERANCE_RAD = 0.25
+"""and within this angle, Nav2's `yaw_goal_tolerance`."""
+SAME_PLACE_M = 1e-3
+"""A goal nearer than this to a location has its name."""
+
+P = TypeVar("P")
+_Pending = deque[tuple[int, P]]
+# What waits for the truth, with its stamp.
+
+_TRUTH_DEPTH = 30 * 60
+_PENDING_DEPTH = 1000
+_RECENT_ESTIMATES = 10 * 60 * 15
+"""A quarter of an hour's: of a goal that took longer, the mean error may be that of the last ones.
+"""
+_MOST_CONTACTS = 1000
+"""That are told of one by one; the others are counted."""
+_GOALS_UNDER_WAY = 16
+
+
+_NONE_SET: set[str] = set()
+"""Shared, where pydantic would keep the names of a report's fields for each one."""
+
+
+@dataclass(slots=True)
+class _Judged:
+    """A goal that has ended, and what was seen on the way. Small: a run may have thousands."""
+
+    start_ns: int
+    end_ns: int
+    verdict: GoalReport
+    """The last report."""
+    errors: int = 0
+    error_sum_m: float = 0.0
+    contacts: int = 0
+    _is_told: bool = False
+    """Whether the verdict has all that was seen."""
+
+    def see_error(self, stamp_ns: int, error_m: float) -> None:
+        if self.start_ns <= stamp_ns <= self.end_ns:
+            self.errors += 1
+            self.error_sum_m += error_m
+            self._is_told = False
+
+    def see_contact(self, stamp_ns: int) -> None:
+        if self.start_ns <= stamp_ns <= self.end_ns:
+            self.contacts += 1
+            self._is_told = False
+
+    def report(self) -> GoalReport:
+        if not self._is_told:
+            mean_m = self.error_sum_m / self.errors if self.errors else None
+            seen = {"localisation_error_m": mean_m, "contacts": self.contacts}
+            self.verdict = GoalReport.model_construct(_NONE_SET, **dict(self.verdict) | seen)
+            self._is_told = True
+        return self.verdict
+
+
+class RunEvaluation:
+    """Judges one run in one world, from its messages in the order they came.
+
+    An estimate is held against the true pose at its own stamp, interpolated between the true poses
+    around it, as soon as both are there: the order in which topics arrive changes nothing.
+
+    What is measured:
+
+    - localisation error: distance and turn between an estimated pose and the true one, over all
+      estimates from the first on.
+    - marker error: distance between a marker's position as detected (the best solution, in the
+      camera's frame, carried into the map by the true pose of the robot) and its true position.
+    - odometry drift: distance between where wheel odometry alone puts the robot, counted from the
+      world's start pose, and where it is, at the newest odometry message.
+    - markers seen: the number of images in which each marker of the world was detected.
+    - a goal is reached where navigation says so and the robot truly stands within 0.25 m and
+      0.25 rad of it; its path is the true one, from the start to the end that navigation names,
+      and its shortest path leads from where the robot truly stood at its start, past the walls and
+      the bodies that stood still when the goal was sent.
+    """
+
+    def __init__(self, world: World, assets: Mapping[str, bytes] | None = None) -> None:
+        """`assets` by sha256 may still be coming: the world's meshes are looked for among them
+        when the first goal has ended.
+        """
+        self._world = world
+        self._assets = {} if assets is None else assets
+        self._truth = PoseHistory(_TRUTH_DEPTH)
+        self._way = DrivenWay()
+        self._entities: tuple[MarkerEntity, ...] = ()
+        self._standing: tuple[BodyEntity, ...] = ()
+        self._standing_at: dict[int, tuple[BodyEntity, ...]] = {}
+        """What stood in the way when a goal was sent, by its stamp."""
+        self._static: list[msg.TransformStamped] = []
+        self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
+        self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
+        self._detections: _Pending[msg.Detection3DArray] = deque(maxlen=_PENDING_DEPTH)
+        self._results: _Pending[NavigationResult] = deque(maxlen=_PENDING_DEPTH)
+        self._goals: list[_Judged] = []
+        self._goal_stamps_ns: set[int] = set()
+        self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
+        self._contacts: list[Contact] = []
+        self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
+        self._contact_count = 0
+        self._seen: Counter[str] = Counter()
+        self._recent_error_m = RecentRows(1, _RECENT_ESTIMATES, _RECENT_ESTIMATES * 11 // 10)
+        self._error_m, self._error_rad = ErrorSummary(), ErrorSummary()
+        self._marker_error_m = ErrorSummary()
+        self._drift_m: float | None = None
+
+    def set_entities(self, entities: Entities) -> None:
+        """Take in what stands in the world."""
+        self._entities = entities.markers
+        self._standing = tuple(body for body in entities.bodies if not body.moves)
+
+    def add_static_transforms(self, transforms: msg.TFMessage) -> None:
+        """Take in fixed frames of the robot."""
+        known = {entry.child_frame_id: entry for entry in (*self._static, *transforms.transforms)}
+        self._static = list(known.values())
+
+    def add_ground_truth(self, odometry: msg.Odometry) -> None:
+        """Take in the true pose, map from base_footprint; one older than the newest is left out."""
+        stamp_ns = ns_from_time(odometry.header.stamp)
+        pose = matrix_from_pose(odometry.pose.pose)
+        newest_ns = self._truth.newest_ns
+        if newest_ns is None or stamp_ns > newest_ns:
+            self._truth.add(stamp_ns, pose)
+            self._way.add(stamp_ns, _planar(pose))
+        self._settle()
+
+    def add_odometry(self, odometry: msg.Odometry) -> None:
+        """Take in wheel odometry, odom from base_footprint."""
+        stamp_ns = ns_from_time(odometry.header.stamp)
+        self._odometry.append((stamp_ns, se2_from_pose(odometry.pose.pose)))
+
+    def add_estimate(self, estimate: msg.PoseWithCovarianceStamped) -> None:
+        """Take in an estimated pose, map from base_footprint."""
+        stamp_ns = ns_from_time(estimate.header.stamp)
+        self._estimates.append((stamp_ns, se2_from_pose(estimate.pose.pose)))
+
+    def add_detections(self, detections: msg.Detection3DArray) -> None:
+        """Take in the markers detected in one image, in the camera's optical frame."""
+        classes = {d.results[0].hypothesis.class_id for d in detections.detections if d.results}
+        self._seen.update(sorted(classes))
+        if detections.detections:
+            self._detections.append((ns_from_time(detections.header.stamp), detections))
+
+    def add_contact(self, contact: Contact) -> None:
+        """Take in a contact."""
+        stamp_ns = _ns(contact.time_s)
+        self._contact_count += 1
+        if len(self._contacts) < _MOST_CONTACTS:
+            self._contacts.append(contact)
+        self._contact_stamps_ns.append(stamp_ns)
+        for judged in self._goals[-_GOALS_UNDER_WAY:]:
+            judged.see_contact(stamp_ns)
+
+    def add_goal(self, goal: msg.PoseStamped) -> None:
+        """Take in a goal that was sent."""
+        stamp_ns = ns_from_time(goal.header.stamp)
+        self._goal_stamps_ns.add(stamp_ns)
+        self._standing_at[stamp_ns] = self._standing
+        while len(self._standing_at) > _GOALS_UNDER_WAY:
+            del self._standing_at[next(iter(self._standing_at))]
+
+    def add_result(self, result: NavigationResult) -> None:
+        """Take in how a goal ended; one that its world took away was neither reached nor missed."""
+        if result.error_code == ErrorCode.WORLD_RESTARTED:
+            return
+        self._goal_stamps_ns.add(result.goal_stamp_ns)
+        self._results.append((_ns(result.end_time_s), result))
+
+    def evaluation(self, recording: str = "") -> Evaluation:
+        """The run so far.
+
+        A goal that ended after the newest true pose is judged by that pose, and again when a newer
+        one is there. Before the first true pose, no goal is judged.
+        """
+        self._settle()
+        return Evaluation(
+            goals=tuple(self._reports()),
+            contacts=tuple(self._contacts),
+            markers_seen={
+                class_id: self._seen[class_id]
+                for class_id in dict.fromkeys(str(entity.marker_id) for entity in self._entities)
+            },
+            localisation_error_m=self._error_m.statistics(),
+            localisation_error_rad=self._error_rad.statistics(),
+            marker_error_m=self._marker_error_m.statistics(),
+            odometry_drift_m=self._drift_m,
+            recording=recording,
+        )
+
+    def totals(self) -> dict[str, Any]:
+        """What the evaluation does not hold of the run as a whole, as JSON values.
+
+        `contacts` is their number, `distance_m` the length driven, None before the first true pose,
+        and `spl` success weighted by
+        path length, https://arxiv.org/abs/1807.06757: the mean over the goals that have ended of
+        reached x shortest / max(driven, shortest); None where no goal has.
+        """
+        self._settle()
+        reports = self._reports()
+        return {
+            "distance_m": None if self._truth.newest_ns is None else self._way.total_m,
+            "contacts": self._contact_count,
+            "goals_sent": len(self._goal_stamps_ns),
+            "goals_reached": sum(report.reached for report in reports),
+            "spl": sum(map(_path_efficiency, reports)) / len(reports) if reports else None,
+        }
+
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """What the verdict is made of so far, as JSON values and as arrays, for `restore()`.
+
+        What the world's latched messages tell is no part of it: they come again.
+        """
+        self._settle()
+        goals = [
+            {
+                "start_ns": judged.start_ns,
+                "end_ns": judged.end_ns,
+                "verdict": judged.report().model_dump(mode="json"),
+                "errors": judged.errors,
+                "error_sum_m": judged.error_sum_m,
+                "contacts": judged.contacts,
+            }
+            for judged in self._goals
+        ]
+        values = {
+            "goals": goals,
+            "results": [result.model_dump(mode="json") for _, result in self._results],
+            "goal_stamps_ns": sorted(self._goal_stamps_ns),
+            "contacts": [contact.model_dump(mode="json") for contact in self._contacts],
+            "contact_stamps_ns": list(self._contact_stamps_ns),
+            "contact_count": self._contact_count,
+            "seen": dict(self._seen),
+            "drift_m": self._drift_m,
+        }
+        arrays = {
+            "recent_error/stamps_ns": self._recent_error_m.stamps_ns,
+            "recent_error/rows": self._recent_error_m.rows,
+        }
+        for name, part in self._lasting():
+            arrays |= {f"{name}/{key}": array for key, array in part.state().items()}
+        return values, arrays
+
+    def restore(self, values: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from where `state()` was called.
+
+        Raises ValueError, KeyError, TypeError where that is none.
+        """
+        for name, part in self._lasting():
+            start = f"{name}/"
+            part.restore(
+                {key.removeprefix(start): arrays[key] for key in arrays if key.startswith(start)}
+            )
+        rows = zip(
+            arrays["recent_error/stamps_ns"].tolist(),
+            arrays["recent_error/rows"].tolist(),
+            strict=True,
+        )
+        for stamp_ns, row in rows:
+            self._recent_error_m.add(stamp_ns, row)
+        for goal in values["goals"]:
+            verdict = GoalReport.model_validate(goal["verdict"])
+            self._goals.append(_Judged(**{**goal, "verdict": verdict}))
+        for result in values["results"]:
+            self.add_result(NavigationResult.model_validate(result))
+        self._goal_stamps_ns.update(values["goal_stamps_ns"])
+        self._contacts = [Contact.model_validate(contact) for contact in values["contacts"]]
+        self._contact_stamps_ns.extend(values["contact_stamps_ns"])
+        self._contact_count = values["contact_count"]
+        self._seen.update(values["seen"])
+        self._drift_m = values["drift_m"]
+
+    def _lasting(self) -> tuple[tuple[str, DrivenWay | ErrorSummary], ...]:
+        """What holds arrays of its own."""
+        return (
+            ("way", self._way),
+            ("error_m", self._error_m),
+            ("error_rad", self._error_rad),
+            ("marker_error_m", self._marker_error_m),
+        )
+
+    def _reports(self) -> list[GoalReport]:
+        """The goals that have ended."""
+        provisional = [judged for _, result in self._results for judged in self._judge(result)]
+        return [judged.report() for judged in (*self._goals, *provisional)]
+
+    def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
+        """Of the robot's disc, past the walls and what stood still when the goal was sent."""
+        standing = self._standing_at.get(result.goal_stamp_ns, self._standing)
+        if self._paths is None or self._paths[0] != standing:
+            meshes = read_meshes((*self._world.bodies, *standing), self._assets)
+            shortest = ShortestPath(obstacles(self._world, meshes, standing))
+            self._paths = standing, shortest
+        return self._paths[1].length_m(start[:2], goal[:2])
+
+    def _settle(self) -> None:
+        """Hold what waits against the truth, as far as the truth goes."""
+        newest_ns = self._truth.newest_ns
+        if newest_ns is None:
+            return
+        for stamp_ns, estimate in _take_until(newest_ns, self._estimates):
+            true_pose = self._true_pose(stamp_ns)
+            if true_pose is not None:
+                error_m = estimate.distance_m(true_pose)
+                self._error_m.add(error_m)
+                self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
+                self._recent_error_m.add(stamp_ns, (error_m,))
+                for judged in self._goals[-_GOALS_UNDER_WAY:]:
+                    judged.see_error(stamp_ns, error_m)
+        map_from_start = self._world.start.se2()
+        for stamp_ns, odom_from_base in _take_until(newest_ns, self._odometry):
+            true_pose = self._true_pose(stamp_ns)
+            if true_pose is not None:
+                self._drift_m = (map_from_start @ odom_from_base).distance_m(true_pose)
+        for _, detections in _take_until(newest_ns, self._detections):
+            self._judge_detections(detections)
+        for _, result in _take_until(newest_ns, self._results):
+            self._goals.extend(self._judge(result))
+
+    def _true_pose(self, stamp_ns: int) -> SE2 | None:
+        matrix = self._truth.at(stamp_ns)
+        return None if matrix is None else _planar(matrix)
+
+    def _judge_detections(self, detections: msg.Detection3DArray) -> None:
+        map_from_base = self._truth.at(ns_from_time(detections.header.stamp))
+        base_from_camera = chain_transforms(
+            self._static, BASE_FOOTPRINT_FRAME, detections.header.frame_id
+        )
+        if map_from_base is None or base_from_camera is None:
+            return
+        map_from_camera = map_from_base @ base_from_camera
+        for detection in detections.detections:
+            entities = [
+                e for e in self._entities if f"{e.dictionary}:{e.marker_id}" == detection.id
+            ]
+            if detection.results and entities:
+                p = detection.results[0].pose.pose.position
+                seen_at = (map_from_camera @ np.array([p.x, p.y, p.z, 1.0]))[:3]
+                self._marker_error_m.add(
+                    min(float(np.linalg.norm(seen_at - e.position_m)) for e in entities)
+                )
+
+    def _judge(self, result: NavigationResult) -> list[_Judged]:
+        """A goal and its report; none before the first true pose."""
+        start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
+        at_start, at_end = self._way.at(start_ns), self._way.at(end_ns)
+        if at_start is None or at_end is None:
+            return []
+        (start, start_m), (end, end_m) = at_start, at_end
+        goal = result.goal.se2()
+        error_m = end.distance_m(goal)
+        error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
+        report = GoalReport(
+            name=self._name(goal),
+            reached=(
+                result.error_code == 0
+                and error_m <= GOAL_TOLERANCE_M
+                and error_rad <= GOAL_TOLERANCE_RAD
+            ),
+            time_s=result.end_time_s - result.start_time_s,
+            path_length_m=end_m - start_m,
+            shortest_path_m=self._shortest_path_m(result, start, goal),
+            goal_error_m=error_m,
+            goal_error_rad=error_rad,
+            recoveries=result.number_of_recoveries,
+            error_code=result.error_code,
+            error_msg=result.error_msg,
+            goal_stamp_ns=result.goal_stamp_ns,
+        )
+        judged = _Judged(start_ns, end_ns, report)
+        stamps_ns = self._recent_error_m.stamps_ns
+        on_the_way = (stamps_ns >= start_ns) & (stamps_ns <= end_ns)
+        judged.errors = int(np.count_nonzero(on_the_way))
+        judged.error_sum_m = float(self._recent_error_m.rows[on_the_way].sum())
+        for stamp_ns in self._contact_stamps_ns:
+            judged.see_contact(stamp_ns)
+        return [judged]
+
+    def _name(self, goal: SE2) -> str:
+        for location in self._world.locations:
+            if goal.distance_m(location.se2()) <= SAME_PLACE_M:
+                return location.name
+        return "home" if goal.distance_m(self._world.start.se2()) <= SAME_PLACE_M else "goal"
+
+
+def _planar(matrix: Array) -> SE2:
+    yaw_rad = math.atan2(float(matrix[1, 0]), float(matrix[0, 0]))
+    return SE2(float(matrix[0, 3]), float(matrix[1, 3]), yaw_rad)
+
+
+def _take_until(newest_ns: int, pending: _Pending[P]) -> list[tuple[int, P]]:
+    """Take out what is stamped no later than the newest truth."""
+    ready = [entry for entry in pending if entry[0] <= newest_ns]
+    if ready:
+        waiting = [entry for entry in pending if entry[0] > newest_ns]
+        pending.clear()
+        pending.extend(waiting)
+    return ready
+
+
+def _ns(time_s: float) -> int:
+    return round(time_s * 1e9)
+
+
+def _path_efficiency(goal: GoalReport) -> float:
+    if not goal.reached or goal.shortest_path_m is None:
+        return 0.0
+    longer_m = max(goal.path_length_m, goal.shortest_path_m)
+    return goal.shortest_path_m / longer_m if longer_m > 0.0 else 1.0

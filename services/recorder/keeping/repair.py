@@ -1,0 +1,176 @@
+"""Rewrites recordings: makes whole what a killed recorder left, and joins many small chunks."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import logging
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from services.recorder.keeping.progress import Progress, read_progress
+from services.recorder.keeping.run_folder import LOCK, PROGRESS, parts_of
+
+_LOG = logging.getLogger("recorder")
+TIMEOUT_S = 120.0
+LOOK_PERIOD_S = 20.0
+SPARE_S = 60.0
+"""Wall time for the others to be there again, where everything was started anew."""
+
+
+def rerun_binary() -> Path | None:
+    """The Rerun program itself; `bin/rerun` is a wrapper that leaves it running when killed."""
+    spec = importlib.util.find_spec("rerun_cli")
+    folders = list(spec.submodule_search_locations or ()) if spec else []
+    candidates = [Path(folder) / "rerun" for folder in folders]
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def leftovers(recordings_dir: Path) -> list[Path]:
+    """The run folders whose recorder is dead but never said that the run is whole, oldest first."""
+    return [lock.parent for lock in sorted(recordings_dir.glob(f"*/{LOCK}")) if _is_free(lock)]
+
+
+def interrupted(recordings_dir: Path) -> tuple[Path, Progress] | None:
+    """The newest of them of which is known how far it came, and that."""
+    for folder in reversed(leftovers(recordings_dir)):
+        progress = read_progress(folder)
+        if progress is not None:
+            return folder, progress
+    return None
+
+
+class Rewriting:
+    """Writes what can be read of a recording as a whole one of few chunks, in another process."""
+
+    def __init__(self, parts: Sequence[Path], binary: Path | None = None) -> None:
+        """Of several parts, the first one's file will be the whole."""
+        self._parts = parts
+        self._whole = parts[0].with_suffix(".whole")
+        self._binary = binary or rerun_binary()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    def run(self, timeout_s: float) -> str:
+        """Put the rewritten recording in the old one's place; what went wrong, or nothing."""
+        try:
+            problem = self._rewrite(timeout_s)
+            if not problem:
+                self._whole.replace(self._parts[0])
+                for part in self._parts[1:]:
+                    part.unlink(missing_ok=True)
+        except OSError as error:
+            problem = str(error.strerror)
+        if problem:
+            self._whole.unlink(missing_ok=True)
+        return problem
+
+    def stop(self) -> None:
+        """End at once; the recording stays as it was."""
+        self._stopped = True
+        if self._process is not None:
+            self._process.kill()
+
+    def _rewrite(self, timeout_s: float) -> str:
+        if self._binary is None:
+            return "the Rerun program is not installed"
+        command = [str(self._binary), "rrd", "optimize", *map(str, self._parts)]
+        with subprocess.Popen(
+            [*command, "-o", str(self._whole)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        ) as process:
+            self._process = process
+            if self._stopped:
+                process.kill()
+            try:
+                _, errors = process.communicate(timeout=timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                return f"not done within {timeout_s:.1f} s"
+        if self._stopped:
+            return "stopped"
+        if process.returncode == 0 and self._whole.is_file() and self._whole.stat().st_size > 0:
+            return ""
+        lines = errors.decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"exit code {process.returncode}"
+
+
+class Repair(threading.Thread):
+    """Repairs every leftover of a folder, one at a time, beside whatever else happens, and looks
+    for more now and then: one for which there was no room, or whose recorder has just died.
+    """
+
+    def __init__(self, recordings_dir: Path) -> None:
+        super().__init__(name="repair", daemon=True)
+        self.spared: Path | None = None
+        """A run that may go on yet, for a minute."""
+        self._start_s = time.monotonic()
+        self._recordings_dir = recordings_dir
+        self._stopped = threading.Event()
+        self._rewriting: Rewriting | None = None
+
+    def run(self) -> None:
+        """Repair what is left, again and again, until `stop()` is called."""
+        while not self._stopped.is_set():
+            self.repair_all()
+            self._stopped.wait(LOOK_PERIOD_S)
+
+    def repair_all(self) -> None:
+        """Repair what is left now, but for what there is no room for."""
+        for folder in leftovers(self._recordings_dir):
+            if self._stopped.is_set():
+                return
+            if self._is_spared(folder):
+                continue
+            lock = folder / LOCK
+            try:
+                # Held while at work, so that of two recorders one repairs.
+                with lock.open(encoding="utf-8") as held:
+                    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    if not self._is_spared(folder):
+                        self._repair(folder)
+            except OSError:
+                continue
+
+    def stop(self) -> None:
+        """End at once; what is half repaired stays as it was."""
+        self._stopped.set()
+        if self._rewriting is not None:
+            self._rewriting.stop()
+        if self.is_alive():
+            self.join(1.0)
+
+    def _is_spared(self, folder: Path) -> bool:
+        return folder == self.spared and time.monotonic() - self._start_s < SPARE_S
+
+    def _repair(self, folder: Path) -> None:
+        parts = parts_of(folder)
+        if parts:
+            needed_bytes = sum(part.stat().st_size for part in parts)
+            if shutil.disk_usage(folder).free < needed_bytes:
+                return
+            self._rewriting = Rewriting(parts)
+            problem = "" if self._stopped.is_set() else self._rewriting.run(TIMEOUT_S)
+            if self._stopped.is_set():
+                return
+            if problem:
+                _LOG.warning("%s cannot be repaired: %s", parts[0], problem)
+            else:
+                _LOG.info("repaired %s", parts[0])
+        (folder / PROGRESS).unlink(missing_ok=True)
+        (folder / LOCK).unlink(missing_ok=True)
+
+
+def _is_free(lock: Path) -> bool:
+    try:
+        with lock.open(encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,537 @@
+"""One run: its folder, its recording, its verdict."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from services.common.node import documents as doc
+from services.common.node.diagnostics import REJECTED_KEY
+from services.common.node.messages import ns_from_time
+from services.common.node.node import MAX_SOURCES, Envelope, TopicCounts
+from services.common.node.topics import (
+    AMCL_POSE,
+    CLOCK,
+    CONTACTS,
+    DETECTIONS,
+    DIAGNOSTICS,
+    ENTITIES,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    NAVIGATION_RESULT,
+    ODOM,
+    SIMULATION_STATS,
+    TF_STATIC,
+    Delivery,
+    Topic,
+)
+from services.common.root import ROOT
+from services.recorder.config import RecorderConfig
+from services.recorder.drawing.scenery import extent_of
+from services.recorder.judging.evaluation import RunEvaluation
+from services.recorder.judging.obstacles import read_meshes
+from services.recorder.judging.summary import build_summary, summary_text
+from services.recorder.judging.wall_time import WallTime
+from services.recorder.keeping.digests import DigestWriter
+from services.recorder.keeping.progress import Progress, write_progress
+from services.recorder.keeping.repair import Rewriting
+from services.recorder.keeping.run_folder import (
+    CONFIG,
+    DIGESTS,
+    RECORDING,
+    SUMMARY,
+    RunFolder,
+    write_atomically,
+)
+from services.recorder.stream.file_writer import RecordingError
+
+if TYPE_CHECKING:
+    from services.recorder.drawing.canvas import Canvas
+    from services.recorder.stream.live_feed import LiveFeed
+
+_LOG = logging.getLogger("recorder")
+
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""The one in C is ten times as fast, where there is one."""
+
+FLUSH_PERIOD_S = 0.5
+"""Wall time: what a killed recorder may lose."""
+SEND_PERIOD_S = 0.25
+"""Wall time by which the live view may lag."""
+SUMMARY_PERIOD_S = 5.0
+PROGRESS_PERIOD_S = 2.0
+"""Wall time by which the verdict of a run may lack what a killed recorder saw last."""
+SPACE_PERIOD_S = 2.0
+"""Wall time between looks at whether the folder is there, and at a disk that was full."""
+GO_ON_MIB = 16
+"""Room beyond the least, for the recording to go on with a part that is worth its beginning."""
+JOIN_TIMEOUT_S = 6.0
+"""Wall time at a run's end to make one recording of several, or of one without its end."""
+
+_MIB = 1024 * 1024
+_ROBOT = ROOT / "models" / "turtlebot3_waffle" / "model.urdf"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What every run of a recorder shares."""
+
+    config: RecorderConfig
+    wall_clock_s: Callable[[], float]
+    versions: Mapping[str, str]
+    live: LiveFeed | None = None
+    resumable: bool = False
+    """Whether a recorder that finds a run whose own died goes on with it."""
+    assets: dict[str, bytes] = field(default_factory=dict)
+    """Textures (PNG) and meshes (npz) by their sha256."""
+    fixed: dict[Topic[Any], Any] = field(default_factory=dict)
+    """The newest message of each topic whose messages hold until the next one."""
+
+
+class Run:
+    """One world, from one start of its simulation to its end."""
+
+    def __init__(
+        self,
+        setting: Setting,
+        make_folder: Callable[[], RunFolder],
+        world: doc.World,
+        now_ns: int,
+        progress: Progress | None = None,
+    ) -> None:
+        """`make_folder` is called again where somebody removes the run's folder; with `progress`
+        the run goes on from there. Raises OSError where no folder can be made.
+        """
+        self.world = world
+        self.folder = make_folder()
+        self._make_folder = make_folder
+        self.trouble: str | None = None
+        """What keeps the recording from being written."""
+        self._setting = setting
+        self._evaluation = RunEvaluation(world, setting.assets)
+        self._judge: dict[Topic[Any], Callable[[Any], None]] = {
+            ENTITIES: self._judge_entities,
+            TF_STATIC: self._evaluation.add_static_transforms,
+            GROUND_TRUTH_ODOM: self._evaluation.add_ground_truth,
+            ODOM: self._evaluation.add_odometry,
+            AMCL_POSE: self._evaluation.add_estimate,
+            DETECTIONS: self._evaluation.add_detections,
+            CONTACTS: self._evaluation.add_contact,
+            GOAL_POSE: self._evaluation.add_goal,
+            NAVIGATION_RESULT: self._evaluation.add_result,
+            SIMULATION_STATS: self._take_stats,
+            DIAGNOSTICS: self._take_diagnostics,
+        }
+        self._digests = self._open_digests()
+        self._canvas: Canvas | None = None
+        self._parts = 0
+        self._are_whole = True
+        """Whether every part so far has its end."""
+        self._content: Mapping[str, Any] = {}
+        self._stats: doc.SimulationStats | None = None
+        self._rebuilds = 0
+        self._wall_time = WallTime()
+        self._rejected: dict[tuple[str, str, str], int] = {}
+        self._counts: Mapping[str, TopicCounts] = {}
+        self._tick_ns: int | None = None
+        """What the clock told last."""
+        now_s = setting.wall_clock_s()
+        self._end: tuple[float, int] = (now_s, now_ns)
+        self._known: tuple[str, int] | None = None
+        """Where the simulation's messages come from, and its epoch."""
+        self._taken: dict[str, dict[str, int]] = {}
+        """By topic and source, the last message of those of which every one counts."""
+        self._carried: Mapping[str, Any] = {}
+        """Counts of the messages that a recorder before this one saw."""
+        if progress is not None:
+            self._go_on_from(progress)
+        self._kept_s = now_s
+        self._sent_s = self._flushed_s = self._summarised_s = self._looked_s = now_s
+        for topic, message in setting.fixed.items():
+            self._judge_one(topic, message)
+        self._open_recording(now_ns)
+
+    def take(self, topic: Topic[Any], arrival: tuple[Any, Envelope], now_ns: int) -> None:
+        """Judge, draw and digest one message, as Inbox.arrivals() has it."""
+        message, envelope = arrival
+        if topic.delivery is Delivery.EVERY and not self._is_new(topic, envelope):
+            return
+        self._end = self._setting.wall_clock_s(), now_ns
+        if topic is CLOCK:
+            self._tick_ns = ns_from_time(message.clock)
+        if topic is SIMULATION_STATS and message.world_hash == self.world.hash:
+            self._known = envelope.source, message.epoch
+        self._judge_one(topic, message)
+        if self._digests is not None:
+            self._digests.add(topic, message, envelope)
+        if self._canvas is not None:
+            self._draw(self._canvas, topic, message, now_ns)
+
+    def _is_new(self, topic: Topic[Any], envelope: Envelope) -> bool:
+        """Whether a message has not been taken in yet, here or by the recorder before this one."""
+        if not envelope.source:
+            return True
+        taken = self._taken.setdefault(topic.name, {})
+        is_new = envelope.sequence > taken.get(envelope.source, -1)
+        if is_new:
+            taken[envelope.source] = envelope.sequence
+            while len(taken) > MAX_SOURCES:
+                del taken[next(iter(taken))]
+        return is_new
+
+    def tick(self, now_ns: int, counts: Mapping[str, TopicCounts]) -> None:
+        """Bring what is due to the disk."""
+        self._counts = counts
+        now_s = self._setting.wall_clock_s()
+        if self._tick_ns is not None:
+            # The newest of those that waited: it alone came just now.
+            self._wall_time.tick(now_s, self._tick_ns)
+            self._tick_ns = None
+        if self._setting.live is not None and now_s - self._sent_s >= SEND_PERIOD_S:
+            self._sent_s = now_s
+            if self._canvas is not None:
+                self._canvas.recording.send_transforms()
+        if now_s - self._flushed_s >= FLUSH_PERIOD_S:
+            self._flushed_s = now_s
+            self._flush()
+        if now_s - self._looked_s >= SPACE_PERIOD_S:
+            self._looked_s = now_s
+            self._look_again(now_ns)
+        if now_s - self._summarised_s >= SUMMARY_PERIOD_S:
+            self._summarised_s = now_s
+            self._write_summary()
+        if now_s - self._kept_s >= PROGRESS_PERIOD_S:
+            self._kept_s = now_s
+            self.keep_progress()
+
+    def keep_progress(self) -> None:
+        """Keep what a recorder needs that has to go on with this run."""
+        if self._known is None or not self._setting.resumable or self.folder.is_gone:
+            return
+        source, epoch = self._known
+        run = {
+            "rebuilds": self._rebuilds,
+            "wall_time": asdict(self._wall_time),
+            "counts": {
+                topic: [counts.received, counts.sent, counts.lost, dict(counts.rejected)]
+                for topic, counts in self._all_counts().items()
+            },
+        }
+        verdict, arrays = self._evaluation.state()
+        progress = Progress(
+            *(self.world.hash, source, epoch, self._end[1], self._taken, run),
+            verdict=verdict,
+            arrays=arrays,
+        )
+        try:
+            write_progress(self.folder.path, progress)
+        except OSError as error:
+            _LOG.debug("%s: %s", self.folder.path, error.strerror)
+
+    def _go_on_from(self, progress: Progress) -> None:
+        """Take over what another recorder has seen of the run."""
+        run = progress.run
+        self._evaluation.restore(progress.verdict, progress.arrays)
+        self._rebuilds = run["rebuilds"]
+        self._wall_time = WallTime.restored(run["wall_time"])
+        self._end = self._setting.wall_clock_s(), progress.time_ns
+        self._known = progress.source, progress.epoch
+        self._carried = run["counts"]
+        self._taken = {topic: dict(numbers) for topic, numbers in progress.taken.items()}
+        self._parts = self.folder.last_part()
+        self._are_whole = False
+
+    def _all_counts(self) -> dict[str, TopicCounts]:
+        """What has come here on each topic, and to the recorder before."""
+        counts = dict(self._counts)
+        for topic, (received, sent, lost, rejected) in self._carried.items():
+            ours = counts.get(topic, TopicCounts())
+            counts[topic] = TopicCounts(
+                ours.received + received,
+                # A publisher's numbers tell what it sent before as well.
+                max(ours.sent, sent),
+                ours.lost + lost,
+                ours.rejected + Counter(rejected),
+                ours.last_sequence,
+            )
+        return counts
+
+    def evaluation(self) -> doc.Evaluation:
+        """The run so far, judged by the ground truth."""
+        return self._evaluation.evaluation(str(self.folder.path))
+
+    def show(self, evaluation: doc.Evaluation, final: bool = False) -> None:
+        """Draw the run's verdict."""
+        if self._canvas is not None:
+            from services.recorder.drawing.text_drawing import draw_evaluation  # noqa: PLC0415
+
+            draw_evaluation(self._canvas, evaluation, final)
+
+    def write_config(self, content: Mapping[str, Any]) -> None:
+        """Keep what the run was told."""
+        self._content = content
+        text = yaml.dump(dict(content), Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
+        self._write(CONFIG, [text.encode()])
+
+    def close(self) -> None:
+        """Write the summary, end the recording, and say that the run is whole."""
+        self._write_summary()
+        self.show(self.evaluation(), final=True)
+        self._write_digests(close=True)
+        canvas, self._canvas = self._canvas, None
+        if canvas is not None:
+            self._end_recording(canvas.recording.close)
+        if self._join_parts():
+            self.folder.release()
+        else:
+            # A recorder that finds it so makes it whole.
+            self.folder.let_go()
+
+    def _judge_one(self, topic: Topic[Any], message: Any) -> None:
+        judge = self._judge.get(topic)
+        if judge is not None:
+            judge(message)
+
+    def _judge_entities(self, entities: doc.Entities) -> None:
+        if entities.world_hash == self.world.hash:
+            self._evaluation.set_entities(entities)
+
+    def _take_stats(self, stats: doc.SimulationStats) -> None:
+        if stats.world_hash != self.world.hash:
+            return
+        before, self._stats = self._stats, stats
+        if before is not None and before.epoch != stats.epoch and stats.sim_time_s > 0.0:
+            self._rebuilds += abs(stats.epoch - before.epoch)
+        change = self._wall_time.pause if stats.paused else self._wall_time.resume
+        change(self._setting.wall_clock_s())
+
+    def _take_diagnostics(self, array: Any) -> None:
+        for status in array.status:
+            if status.name == "recorder":
+                continue
+            for value in status.values:
+                if value.key.startswith(REJECTED_KEY) and value.value.isdecimal():
+                    topic, _, reason = value.key.removeprefix(REJECTED_KEY).partition(": ")
+                    self._rejected[status.name, topic, reason] = int(value.value)
+
+    def _look_again(self, now_ns: int) -> None:
+        """Go on where something kept the recording from it, and does no longer."""
+        if self.folder.is_gone:
+            removed = self.folder.path
+            self._stop(f"{removed} was removed")
+            try:
+                folder = self._make_folder()
+            except OSError as error:
+                _LOG.error("%s was removed, and no other can be made: %s", removed, error.strerror)
+                return
+            _LOG.warning("going on in %s", folder.path)
+            self.folder.let_go()
+            self.folder, self._parts, self._are_whole = folder, 0, True
+            self._write_digests(close=True)
+            self._digests = self._open_digests()
+            self.write_config(self._content)
+            self._open_recording(now_ns)
+        elif self.trouble is not None and self._no_room(GO_ON_MIB) is None:
+            self._open_recording(now_ns)
+
+    def _open_recording(self, now_ns: int) -> None:
+        """Begin run.rrd, or its next part, with everything that holds already."""
+        is_kept = self._setting.config.record
+        trouble = self._no_room() if is_kept else None
+        if trouble is not None:
+            self._stop(trouble)
+        elif is_kept:
+            try:
+                self._begin_drawing(self.folder.part(self._parts + 1), now_ns)
+            except RecordingError as error:
+                self._stop(str(error))
+            else:
+                self._parts += 1
+                if self.trouble is not None:
+                    _LOG.info("recording goes on: %s", self.folder.part(self._parts))
+                self.trouble = None
+        if self._canvas is None and self._setting.live is not None:
+            self._begin_drawing(None, now_ns)
+
+    def _begin_drawing(self, path: Path | None, now_ns: int) -> None:
+        """Draw everything that holds already, into a file, to the live view, or both.
+
+        Raises RecordingError where the file cannot be made.
+        """
+        setting = self._setting
+        # Rerun is loaded only where something is drawn.
+        from services.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
+        from services.recorder.drawing.blueprint import run_blueprint  # noqa: PLC0415
+        from services.recorder.drawing.canvas import Canvas  # noqa: PLC0415
+        from services.recorder.drawing.mesh import robot_from_urdf  # noqa: PLC0415
+        from services.recorder.drawing.world_drawing import draw_world  # noqa: PLC0415
+        from services.recorder.stream.recording import Recording  # noqa: PLC0415
+
+        extent = extent_of(self.world, read_meshes(self.world.bodies, setting.assets))
+        recording = Recording(
+            self.folder.path.name,
+            path=path,
+            live=setting.live,
+            blueprint=run_blueprint(extent),
+            properties={
+                "world": self.world.name,
+                "world_hash": self.world.hash,
+                "seed": str(setting.config.seed),
+                **setting.versions,
+            },
+        )
+        before, self._canvas = self._canvas, None
+        if before is not None:
+            self._end_recording(before.recording.close)
+        self._canvas = canvas = Canvas(
+            recording=recording,
+            robot=robot_from_urdf(_ROBOT.read_text(encoding="utf-8")),
+            world=self.world,
+            assets=setting.assets,
+            wall_clock_s=setting.wall_clock_s,
+            jpeg_quality=setting.config.jpeg_quality,
+            now_ns=now_ns,
+        )
+        draw_start(canvas)
+        draw_world(canvas, self.world)
+        for topic, message in setting.fixed.items():
+            self._draw(canvas, topic, message, now_ns)
+
+    def _draw(self, canvas: Canvas, topic: Topic[Any], message: Any, now_ns: int) -> None:
+        from services.recorder.drawing.archetypes import DRAW  # noqa: PLC0415
+
+        canvas.now_ns = now_ns
+        DRAW[topic](canvas, message)
+
+    def _open_digests(self) -> DigestWriter | None:
+        if not self._setting.config.record:
+            return None
+        path = self.folder.path / DIGESTS
+        try:
+            return DigestWriter(path)
+        except OSError as error:
+            _LOG.error("%s: %s", path, error.strerror)
+            return None
+
+    def _write_digests(self, close: bool = False) -> None:
+        """Bring the digests to the disk; what it does not take is kept until it does."""
+        digests = self._digests
+        if digests is None:
+            return
+        path, had_trouble, lost = self.folder.path / DIGESTS, digests.waits, digests.lost
+        try:
+            if close:
+                digests.close()
+            else:
+                digests.flush()
+        except OSError as error:
+            if close or not had_trouble:
+                kept = "the rest of them is lost" if close else "kept until there is room"
+                _LOG.error("%s: %s; %s", path, error.strerror, kept)
+        else:
+            if had_trouble:
+                _LOG.info("%s: written again", path)
+        if digests.lost and not lost:
+            _LOG.error("%s: too many wait to be written; there will be a gap", path)
+
+    def _flush(self) -> None:
+        if self.folder.is_gone:
+            return
+        self._write_digests()
+        canvas = self._canvas
+        if canvas is None:
+            return
+        try:
+            canvas.recording.flush()
+        except RecordingError as error:
+            self._are_whole = False
+            self._stop(self._no_room() or str(error))
+            return
+        trouble = self._no_room()
+        if trouble is not None and self._setting.config.record:
+            self._stop(trouble)
+
+    def _stop(self, reason: str) -> None:
+        """End the file before its disk is full; the run goes on, judged, and shown live."""
+        recording = self.folder.path / RECORDING
+        trouble = f"room for {recording}: {reason}"
+        if trouble != self.trouble:
+            _LOG.error("recording stopped: %s: %s", recording, reason)
+        self.trouble = trouble
+        canvas = self._canvas
+        if canvas is None:
+            return
+        if self._setting.live is not None:
+            self._end_recording(canvas.recording.end_file)
+        else:
+            self._canvas = None
+            self._end_recording(canvas.recording.close)
+
+    def _end_recording(self, end: Callable[[], None]) -> None:
+        try:
+            end()
+        except RecordingError as error:
+            self._are_whole = False
+            _LOG.error("%s: %s", self.folder.part(self._parts), error)
+
+    def _join_parts(self) -> bool:
+        """Make one small run.rrd, quick to open, of all parts; whether it is whole."""
+        parts = self.folder.parts()
+        timeout_s = self._setting.config.compact_timeout_s
+        must = len(parts) > 1 or not self._are_whole
+        if not parts or (timeout_s <= 0.0 and not must):
+            return True
+        # One that takes longer is whole all the same where it is the only part, and stays as it is.
+        problem = Rewriting(parts).run(max(timeout_s, JOIN_TIMEOUT_S) if must else timeout_s)
+        if problem and must:
+            _LOG.warning(
+                "%s is left to the next recorder to be made whole: %s", self.folder.path, problem
+            )
+        return not (problem and must)
+
+    def _no_room(self, more_mib: int = 0) -> str | None:
+        """What keeps a file from being written, in words."""
+        minimum_mib = self._setting.config.min_free_mib + more_mib
+        try:
+            free_mib = self._free_mib()
+        except FileNotFoundError:
+            return f"{self.folder.path} was removed"
+        except OSError as error:
+            return f"{self.folder.path}: {error.strerror}"
+        return f"less than {minimum_mib} MiB are free" if free_mib < minimum_mib else None
+
+    def _free_mib(self) -> float:
+        return shutil.disk_usage(self.folder.path).free / _MIB
+
+    def _write_summary(self) -> None:
+        end_s, end_ns = self._end
+        summary = build_summary(
+            world=self.world,
+            seed=self._stats.seed if self._stats else self._setting.config.seed,
+            stats=self._stats,
+            rebuilds=self._rebuilds,
+            sim_time_s=end_ns * 1e-9 if end_ns or self._wall_time.ticked else None,
+            wall_time=self._wall_time,
+            now_s=end_s,
+            evaluation=self.evaluation(),
+            totals=self._evaluation.totals(),
+            counts=self._all_counts(),
+            rejected_elsewhere=self._rejected,
+            versions=self._setting.versions,
+        )
+        self._write(SUMMARY, summary_text(summary))
+
+    def _write(self, name: str, pieces: Iterable[bytes]) -> None:
+        if self.folder.is_gone:
+            return
+        try:
+            write_atomically(self.folder.path / name, pieces)
+        except OSError as error:
+            _LOG.error("%s: %s", self.folder.path / name, error.strerror)

@@ -1,0 +1,184 @@
+"""The folder of one run: its name, its lock, and what must hold before anything starts."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import tempfile
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+from typing import IO
+
+from services.common.config import ConfigError
+
+RECORDING = "run.rrd"
+DIGESTS = "digests.bin"
+SUMMARY = "summary.json"
+CONFIG = "config.yaml"
+PROGRESS = ".progress.npz"
+"""Stands in a run's folder until the run has ended: by it another recorder can go on with it."""
+LOCK = ".recording"
+"""Stands in a run's folder, locked, while its recorder lives; without the lock, it was killed."""
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """The files of a run's recording, oldest first: more than one while it is interrupted."""
+    numbered = [(_number(path.stem), path) for path in folder.glob("run*.rrd")]
+    return [path for number, path in sorted(numbered) if number > 0]
+
+
+def _number(stem: str) -> int:
+    """The number of a part by its name without `.rrd`; 0: it is none."""
+    if stem == "run":
+        return 1
+    number = stem.removeprefix("run_")
+    return int(number) if number.isdecimal() else 0
+
+
+def check_writable(folder: Path) -> None:
+    """Make a folder; raise ConfigError with one line where no file can be made in it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(f"recordings folder not writable: {folder}: {error.strerror}") from error
+
+
+def check_free(field: str, folder: Path) -> None:
+    """Raise ConfigError with one line, which begins with the field or flag, where a folder cannot
+    be that of a new run. Nothing is left of the try.
+    """
+    for name in (SUMMARY, RECORDING, CONFIG):
+        if os.path.exists(folder / name):  # noqa: PTH110 - False for a name that cannot be
+            raise ConfigError(f"{field}: {folder} holds a run already ({name}); name another one")
+    made: list[Path] = []
+    try:
+        for path in reversed((folder, *folder.parents)):
+            if not path.is_dir():
+                path.mkdir()
+                made.append(path)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except FileExistsError as error:
+        said = f"must be a new folder: {error.filename} is none"
+        raise ConfigError(f"{field}: {folder}: {said}") from error
+    except (OSError, ValueError) as error:
+        said = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(f"{field}: {str(folder)!r:.200}: cannot be made: {said}") from error
+    finally:
+        for path in reversed(made):
+            path.rmdir()
+
+
+class RunFolder:
+    """A run's own folder, locked until `release()`."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises FileExistsError where a run has the folder already."""
+        self.path = path
+        # Locked before it gets its name: nobody may find it unlocked and take the run for dead.
+        with tempfile.NamedTemporaryFile("w", dir=path, prefix=f"{LOCK}.", delete=False) as file:
+            lock = os.fdopen(os.dup(file.fileno()), "w", encoding="utf-8")
+        temporary = Path(file.name)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            (path / LOCK).hardlink_to(temporary)
+        except OSError:
+            lock.close()
+            raise
+        finally:
+            temporary.unlink()
+        self._lock: IO[str] | None = lock
+
+    @classmethod
+    def in_folder(cls, recordings_dir: Path, started: datetime, world: str) -> RunFolder:
+        """Make the folder of a run, `<time>_<world>`; a taken name gets a number."""
+        safe_world = re.sub(r"[^A-Za-z0-9_.-]+", "-", world).strip(".-") or "world"
+        name = f"{started:%Y-%m-%d_%H-%M-%S}_{safe_world}"
+        return cls._make(recordings_dir, name)
+
+    @classmethod
+    def exactly(cls, path: Path) -> RunFolder:
+        """Take a folder of that path, or beside it with a number where it holds a run already."""
+        path.mkdir(parents=True, exist_ok=True)
+        if not any((path / name).exists() for name in (LOCK, SUMMARY, RECORDING)):
+            with contextlib.suppress(FileExistsError):
+                return cls(path)
+        return cls._make(path.parent, path.name)
+
+    @classmethod
+    def _make(cls, parent: Path, name: str) -> RunFolder:
+        parent.mkdir(parents=True, exist_ok=True)
+        number = 1
+        while True:
+            path = parent / (name if number == 1 else f"{name}_{number}")
+            try:
+                # mkdir is atomic: of two recorders that start at once, one gets the next number.
+                path.mkdir()
+            except FileExistsError:
+                number += 1
+                continue
+            return cls(path)
+
+    @classmethod
+    def take_over(cls, path: Path) -> RunFolder:
+        """Take the folder of a run whose recorder died.
+
+        Raises OSError where it lives, or the run has ended.
+        """
+        lock = (path / LOCK).open("r+", encoding="utf-8")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise
+        folder = cls.__new__(cls)
+        folder.path, folder._lock = path, lock
+        return folder
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether somebody has removed the folder, or put another in its place."""
+        return self._lock is not None and os.fstat(self._lock.fileno()).st_nlink == 0
+
+    def part(self, number: int) -> Path:
+        """Where a part of the recording goes, counted from 1."""
+        return self.path / (RECORDING if number == 1 else f"run_{number}.rrd")
+
+    def parts(self) -> list[Path]:
+        """The files of the recording so far, oldest first."""
+        return parts_of(self.path)
+
+    def last_part(self) -> int:
+        """The number of the newest part; 0: there is none."""
+        return max((_number(path.stem) for path in self.parts()), default=0)
+
+    def release(self) -> None:
+        """Say that the run is whole."""
+        if self._lock is not None and not self.is_gone:
+            (self.path / PROGRESS).unlink(missing_ok=True)
+            (self.path / LOCK).unlink(missing_ok=True)
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Leave the folder as that of a run which is not whole."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+
+def write_atomically(path: Path, pieces: Iterable[bytes], sync: bool = True) -> None:
+    """Write a file so that a reader, or a crash, finds the old one or the new one, whole; `sync`:
+    also after a crash of the machine.
+    """
+    temporary = path.with_name(f".{path.name}.part")
+    with temporary.open("wb") as file:
+        file.writelines(pieces)
+        file.flush()
+        if sync:
+            os.fsync(file.fileno())
+    temporary.replace(path)

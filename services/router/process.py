@@ -1,0 +1,40 @@
+"""The process that is the router; the guard starts it."""
+
+import ctypes
+import logging
+import os
+import signal
+import sys
+
+from services.common.bus.bus import BusConfig
+from services.common.config import ConfigError, fail
+from services.common.load import load
+from services.common.node import log
+from services.router.config import RouterConfig
+from services.router.router import Router
+
+STOPS = (signal.SIGTERM, signal.SIGINT)
+_PR_SET_PDEATHSIG = 1
+
+
+def main(arguments: list[str]) -> None:
+    """Run the router until it is told to stop, or its guard ends."""
+    # Zenoh's threads inherit the mask, so that the signal comes to this one.
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    try:
+        config = load(RouterConfig, "router", arguments)
+        log.configure()
+        router = Router(config, load(BusConfig, "bus", []).prefix)
+    except ConfigError as error:
+        fail(str(error))
+    logging.getLogger("router").info("listening on %s", config.listen)
+    signal.sigwait(STOPS)
+    router.close()
+    sys.stdout.flush()
+    # Zenoh's threads have nothing left to do.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,97 @@
+"""What is left of a recipe without the parts that are wrong, so that the rest can be judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from services.worldgen.recipe.problems import Location
+from services.worldgen.recipe.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class SoundParts:
+    """A recipe's content with wrong parts left out, and what was left out."""
+
+    content: dict[str, Any]
+    dropped: frozenset[str]
+    """Fields left out whole; required ones hold something that does no harm."""
+    kept: Mapping[str, tuple[int, ...]]
+    """For each list that lost parts, the numbers that the others had before."""
+    lost_names: frozenset[str]
+    """Names of the parts left out."""
+
+    def explains(self, location: Location, value: object) -> bool:
+        """Whether something seems wrong at a place here only because of what was left out."""
+        about_material = "material" in str(location[-1]) or location[0] == "wall_materials"
+        return (
+            location[0] in self.dropped
+            or (isinstance(value, str) and value in self.lost_names)
+            or (about_material and "materials" in self.dropped)
+        )
+
+    @property
+    def lost_something_solid(self) -> bool:
+        """Then the floor may end elsewhere, and nothing new is in the way."""
+        solid = {"walls", "maze", "boxes", "cylinders", "meshes", "bodies", "wall_thickness_m"}
+        return not solid.isdisjoint((*self.dropped, *self.kept))
+
+    def before(self, location: Location) -> Location:
+        """A place here, as it was called before parts were left out."""
+        if len(location) > 1 and location[0] in self.kept and isinstance(location[1], int):
+            return (location[0], self.kept[str(location[0])][location[1]], *location[2:])
+        return location
+
+
+def sound_parts(content: Mapping[Any, Any], wrong: Iterable[Location], name: str) -> SoundParts:
+    """Leave out the part of a list or of a mapping by name that holds a wrong place, else the whole
+    field. `name` is what the recipe should be called.
+    """
+    left: dict[str, Any] = {
+        field: value for field, value in content.items() if field in Recipe.model_fields
+    }
+    dropped: set[str] = set()
+    indexes: dict[str, set[int]] = {}
+    lost: set[str] = set()
+    for place in wrong:
+        field, inner = str(place[0]) if place else "", place[1] if len(place) > 1 else None
+        value = left.get(field)
+        if isinstance(value, tuple) and isinstance(inner, int) and field != "sky":
+            indexes.setdefault(field, set()).add(inner)
+        elif isinstance(value, Mapping) and inner in value and _by_name(field):
+            lost.add(str(inner))
+            rest = {key: part for key, part in value.items() if key != inner}
+            # A material that is there, however it looks.
+            left[field] = {**rest, inner: {}} if field == "materials" and len(place) > 2 else rest
+        elif field in Recipe.model_fields:
+            dropped.add(field)
+    kept = {}
+    for field, gone in indexes.items():
+        if field in dropped:
+            continue
+        parts = left[field]
+        kept[field] = tuple(index for index in range(len(parts)) if index not in gone)
+        left[field] = tuple(parts[index] for index in kept[field])
+        for index in sorted(gone):
+            part = parts[index]
+            if isinstance(part, Mapping) and isinstance(part.get("name"), str):
+                lost.add(part["name"])
+    for field in dropped:
+        left.pop(field, None)
+    materials = left.get("materials") or {"": {}}
+    harmless = {
+        "name": name,
+        "wall_height_m": 1.0,
+        "materials": {},
+        "wall_materials": (next(iter(materials)) or "none",),
+    }
+    for field, value in harmless.items():
+        if not left.get(field):
+            left[field] = value
+            dropped.add(field)
+    return SoundParts(left, frozenset(dropped), kept, frozenset(lost))
+
+
+def _by_name(field: str) -> bool:
+    return field in ("materials", "rooms", "locations")

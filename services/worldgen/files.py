@@ -1,0 +1,118 @@
+"""A world by whatever names it: a recipe's name, a recipe's file, or one of Gazebo's files."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from services.common.config import ConfigError
+from services.worldgen.recipe.loader import (
+    DEFAULT_WORLDS_DIR,
+    LoadedWorld,
+    load_file,
+    load_world,
+    shown_path,
+)
+from services.worldgen.recipe.problems import Problem, WorldError
+
+SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
+RECIPE_SUFFIXES = (".yaml", ".yml")
+
+
+def is_sdf(path: Path) -> bool:
+    """Whether a path is one of Gazebo's files, by its name, or a folder of a model."""
+    try:
+        return path.suffix.lower() in SDF_SUFFIXES or (path / "model.config").is_file()
+    except OSError:
+        # A name that is too long, which reading will tell.
+        return False
+
+
+def is_file(world: str) -> bool:
+    """Whether a text means a file rather than a world's name."""
+    return os.sep in world or Path(world).suffix.lower() in (*SDF_SUFFIXES, *RECIPE_SUFFIXES)
+
+
+def world_name(file: Path) -> str:
+    """`tb3_house` for `a/tb3 house.sdf.xacro`: as a recipe may be called."""
+    stem = file.name.split(".")[0]
+    name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in stem)
+    return name.lstrip("_-") or "world"
+
+
+def load_any(
+    world: str,
+    use_aruco: bool = True,
+    worlds_dir: Path = DEFAULT_WORLDS_DIR,
+    texture_base: Path | None = None,
+    overrides: Sequence[str] = (),
+    arguments: Mapping[str, str] | None = None,
+    roots: Sequence[Path] = (),
+) -> LoadedWorld:
+    """Load a world by the name of its recipe, by its recipe's file, or by an SDF, URDF or xacro
+    file or a model's folder, which is imported and leaves nothing on the disk.
+
+    `arguments` are xacro's, `roots` folders of models; the rest is as in `load_world`. Raises
+    ConfigError where there is no such file, else WorldError.
+    """
+    path = Path(world)
+    if is_sdf(path):
+        check_there(path)
+        with imported_recipe(path, arguments or {}, roots) as recipe:
+            return load_file(recipe, use_aruco, overrides=overrides)
+    if is_file(world):
+        return load_file(path, use_aruco, texture_base, overrides)
+    return load_world(world, use_aruco, worlds_dir, texture_base, overrides)
+
+
+def check_there(file: Path) -> None:
+    """Raises ConfigError where there is no such file."""
+    if not os.path.lexists(file):
+        raise ConfigError(f"{file}: no such file, must be an SDF, URDF or xacro file or a folder")
+
+
+@contextmanager
+def imported_recipe(
+    path: Path, arguments: Mapping[str, str], roots: Sequence[Path], name: str = ""
+) -> Iterator[Path]:
+    """The recipe that a Gazebo file becomes, with what it needs beside it, for as long as it is
+    looked at. `name` is the world's where that is not the file's.
+
+    Raises WorldError with every mistake of the file.
+    """
+    # What reads XML takes long to import.
+    from services.worldgen.sdf.convert import to_recipe  # noqa: PLC0415
+    from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
+    from services.worldgen.sdf.recipe_file import write_recipe  # noqa: PLC0415
+
+    name = name or world_name(path)
+    sdf = read_sdf(path, roots, arguments)
+    report = sdf.report
+    if not report.errors:
+        imported = to_recipe(sdf, name)
+        report = imported.report
+    problems = []
+    for error in report.errors:
+        place = re.match(r"(?s)(.*?):(\d+)(?::\s*|\s+|$)(.*)", error.where)
+        problems.append(
+            Problem(
+                file=place[1] if place else error.where or shown_path(path),
+                line=int(place[2]) if place else 0,
+                field=place[3] if place else "",
+                must=f"{error.kind}: {error.message}",
+            )
+        )
+    if problems:
+        # What is left of the world would only give rise to more.
+        raise WorldError(problems)
+    with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
+        recipe = Path(folder) / f"{name}.yaml"
+        try:
+            write_recipe(imported, recipe)
+        except ConfigError as error:
+            raise WorldError([Problem(file=shown_path(path), must=str(error))]) from error
+        yield recipe

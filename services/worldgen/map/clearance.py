@@ -1,0 +1,249 @@
+"""Where the robot has room to stand, and how much of the floor it can come to: judged as navigation
+does, on the costmap of the map.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from services.common import portable
+from services.common.frames import SE2
+from services.common.node.documents import Planar, World
+from services.common.world.costmap import (
+    ROBOT_RADIUS_M,
+    START_TOLERANCE_M,
+    Cells,
+    Clearance,
+    Mask,
+    clearance_m,
+    inscribed,
+    nearest_cell,
+    reachable_from,
+    straightened,
+    traversable,
+)
+from services.common.world.footprint import footprints
+from services.common.world.geometry import TriangleMesh
+from services.common.world.grids import connected_regions
+from services.worldgen.map.occupancy import (
+    MARGIN_M,
+    OPEN_MARGIN_M,
+    Grid,
+    grid_of,
+    occupied_cells,
+    rasterise,
+)
+
+CORRIDOR_M = 0.7
+"""Mazes with corridors of this width are driven to the end; in narrower ones the robot gets stuck.
+"""
+POCKET_SHARE = 0.5
+"""A start on less of the floor than this share of the largest piece stands in a pocket."""
+
+_ROOM_M = 0.15
+"""Wanted around the robot where it starts by itself."""
+_AHEAD_M, _FAR_AHEAD_M = 1.0, 3.0
+"""Free way wanted ahead of it there, and the most that is looked at."""
+_HEADINGS = 24
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How much of the floor among what stands in a world the robot's centre can come to.
+
+    All of it is within the convex hull of everything solid, or within the map where nothing is.
+    """
+
+    reachable_m2: float
+    floor_m2: float
+    """Where the robot fits at all."""
+    largest_m2: float
+    """Of the largest piece that is connected."""
+    largest: Planar
+    """A place on it with room."""
+    open_floor: bool
+    """The floor goes on beyond the hull."""
+
+    @property
+    def share(self) -> float:
+        """Of the floor where the robot fits; 0 where it fits nowhere."""
+        return self.reachable_m2 / self.floor_m2 if self.floor_m2 > 0.0 else 0.0
+
+    @property
+    def is_pocket(self) -> bool:
+        """Whether the start is on a small piece of the floor."""
+        return self.reachable_m2 < POCKET_SHARE * self.largest_m2
+
+    def __str__(self) -> str:
+        """In a phrase: `25.1 m2 of floor (100 %) can be reached from the start`."""
+        more = ", and the open floor around it" if self.open_floor else ""
+        return (
+            f"{self.reachable_m2:.1f} m2 of floor ({100.0 * self.share:.0f} %) can be reached "
+            f"from the start{more}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Floor:
+    """Pieces of the floor on which a robot can stand."""
+
+    grid: Grid
+    clearance: Clearance
+    regions: NDArray[np.int32]
+    counted: Mask
+    """Cells that make up a piece's area."""
+    areas_m2: NDArray[np.float64]
+    """By the number of the piece; 0 of that which is none."""
+
+    @property
+    def largest(self) -> int:
+        """Number of the largest piece; of equals that with more floor in all; 0: there is none."""
+        if len(self.areas_m2) < 2:
+            return 0
+        sizes = np.bincount(self.regions.ravel())
+        sizes[0] = 0
+        return max(range(1, len(sizes)), key=lambda one: (self.areas_m2[one], sizes[one]))
+
+
+def reach(world: World, meshes: Mapping[str, TriangleMesh]) -> Reach:
+    """How much of the floor can be reached from a world's start. `meshes` are by sha256.
+
+    Raises KeyError where a mesh is not there, ValueError where the map has too many cells.
+    """
+    floor = _floor(world, meshes, 0.0)
+    cell = floor.grid.cell(world.start.x_m, world.start.y_m)
+    number = 0
+    if cell is not None:
+        near = START_TOLERANCE_M / floor.grid.resolution_m
+        free = nearest_cell(floor.regions > 0, *cell, near)
+        number = int(floor.regions[free]) if free is not None else 0
+    edge = np.concatenate(
+        [floor.regions[0], floor.regions[-1], floor.regions[:, 0], floor.regions[:, -1]]
+    )
+    return Reach(
+        reachable_m2=float(floor.areas_m2[number]) if number else 0.0,
+        floor_m2=float(floor.areas_m2[1:].sum()),
+        largest_m2=float(floor.areas_m2[floor.largest]) if floor.largest else 0.0,
+        largest=automatic_start(world, meshes),
+        open_floor=bool(number and (edge == number).any()),
+    )
+
+
+def automatic_start(world: World, meshes: Mapping[str, TriangleMesh]) -> Planar:
+    """Where a robot starts that is told nothing: on the largest connected piece of the floor, at
+    the world's start where it has room there, else at the place nearest to it, looking where the
+    way is free.
+
+    The pieces are those of navigation's costmap for a robot larger by a cell, so that no way
+    between them is too narrow to be driven. Where there is room nowhere it is the start all the
+    same. `meshes` are by sha256. Raises as `reach` does.
+    """
+    start = world.start
+    floor = _floor(world, meshes, world.map_resolution_m)
+    if not floor.largest:
+        floor = _floor(world, meshes, 0.0)
+    if not floor.largest:
+        return start
+    grid, clearance = floor.grid, floor.clearance
+    piece = floor.regions == floor.largest
+    if (piece & floor.counted).any():
+        piece &= floor.counted
+    wanted_m = min(ROBOT_RADIUS_M + _ROOM_M, float(clearance[piece].max()))
+    room = piece & (clearance >= wanted_m)
+    x_m, y_m = start.x_m, start.y_m
+    cell = grid.cell(x_m, y_m)
+    if cell is None or not room[cell]:
+        row, column = cell or _unbounded_cell(grid, start)
+        cell = nearest_cell(room, row, column)
+        assert cell is not None
+        # Rounded to what people would write; there is more room than that.
+        x_m = round(grid.origin.x_m + (cell[1] + 0.5) * grid.resolution_m, 3)
+        y_m = round(grid.origin.y_m + (cell[0] + 0.5) * grid.resolution_m, 3)
+    free = ~inscribed(clearance, ROBOT_RADIUS_M + grid.resolution_m)
+    return Planar(x_m=x_m, y_m=y_m, yaw_rad=_heading(free, cell, grid.resolution_m, start.yaw_rad))
+
+
+def rooms_to_stand(
+    cells: Cells, resolution_m: float, origin: SE2, start: Planar, places: Sequence[Planar]
+) -> list[tuple[float | None, bool]]:
+    """For each place how navigation's costmap of a map sees it: the distance to the nearest
+    obstacle where that is too near to stand there, in metres, else None; and whether a path leads
+    there from the start.
+
+    `cells` (rows, columns) are 0 free to 100 occupied, -1 unknown, with `origin` map_from_grid.
+    """
+    origin, cells = straightened(resolution_m, origin, cells)
+    free, clearance = traversable(cells, resolution_m)
+    rows, columns = cells.shape
+    grid = Grid(rows, columns, resolution_m, origin)
+    at = grid.cell(start.x_m, start.y_m)
+    near = START_TOLERANCE_M / resolution_m
+    reached = reachable_from(free, *at, near) if at is not None else np.zeros(free.shape, np.bool_)
+    touches = inscribed(clearance)
+    found: list[tuple[float | None, bool]] = []
+    for place in places:
+        cell = grid.cell(place.x_m, place.y_m)
+        if cell is None:
+            found.append((None, False))
+        else:
+            too_near = float(clearance[cell]) if touches[cell] else None
+            found.append((too_near, bool(reached[cell])))
+    return found
+
+
+def _floor(world: World, meshes: Mapping[str, TriangleMesh], margin_m: float) -> _Floor:
+    """The pieces for a robot that is larger by a margin."""
+    taken = footprints(world, meshes)
+    points = [stack.reshape(-1, 2) for one in taken for stack in one.polygons_m if stack.size]
+    grid = grid_of(world, meshes, MARGIN_M if points else OPEN_MARGIN_M)
+    clearance = clearance_m(occupied_cells(taken, grid), grid.resolution_m)
+    regions = connected_regions(~inscribed(clearance, ROBOT_RADIUS_M + margin_m))
+    counted = np.ones(regions.shape, np.bool_)
+    if points:
+        # Outside of a house is no piece of its floor, however wide the map.
+        hull = shapely.convex_hull(shapely.linestrings(np.concatenate(points)))
+        within = rasterise([np.array(shapely.get_coordinates(hull))[None]], grid)
+        if (regions[within] > 0).any():
+            counted = within
+    cells = np.bincount(regions.ravel(), weights=counted.ravel())
+    areas_m2 = np.asarray(cells * portable.square(grid.resolution_m), np.float64)
+    return _Floor(grid, clearance, regions, counted, areas_m2)
+
+
+def _unbounded_cell(grid: Grid, place: Planar) -> tuple[int, int]:
+    """Row and column of a place beyond the grid."""
+    return (
+        math.floor((place.y_m - grid.origin.y_m) / grid.resolution_m),
+        math.floor((place.x_m - grid.origin.x_m) / grid.resolution_m),
+    )
+
+
+def _heading(free: Mask, cell: tuple[int, int], resolution_m: float, yaw_rad: float) -> float:
+    """The heading given where the way ahead is free for a metre, else that of the longest free way;
+    of equals the one that is turned least.
+    """
+    steps = np.arange(1, math.ceil(2.0 * _FAR_AHEAD_M / resolution_m) + 1) / 2.0
+    best_m, best_rad = -1.0, yaw_rad
+    turns = sorted(range(_HEADINGS), key=lambda turn: (min(turn, _HEADINGS - turn), turn))
+    for turn in turns:
+        heading = math.remainder(yaw_rad + turn * math.tau / _HEADINGS, math.tau)
+        along, up = portable.cos_sin(heading)
+        rows = np.floor(cell[0] + 0.5 + steps * up).astype(np.int64)
+        columns = np.floor(cell[1] + 0.5 + steps * along).astype(np.int64)
+        inside = (rows >= 0) & (rows < free.shape[0]) & (columns >= 0) & (columns < free.shape[1])
+        # Beyond the map's edge the floor is open.
+        blocked = (
+            inside & ~free[rows.clip(0, free.shape[0] - 1), columns.clip(0, free.shape[1] - 1)]
+        )
+        ahead_m = float(np.argmax(blocked) if blocked.any() else len(steps)) * resolution_m / 2.0
+        if ahead_m > best_m + 1e-9:
+            best_m, best_rad = ahead_m, heading
+        if turn == 0 and ahead_m >= _AHEAD_M:
+            break
+    return round(best_rad, 4)

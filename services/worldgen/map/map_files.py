@@ -1,0 +1,467 @@
+"""Maps as Nav2's map_server reads and its map_saver writes them: a YAML file and a picture.
+
+The rules are those of nav2_map_server's map_io.cpp. One is told better than map_saver tells it: it
+writes unknown cells as grey 205 and `free_thresh: 0.25`, with which map_server reads them as free.
+Files written here say 0.196, as ROS 1 did, which keeps them unknown in map_server too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydantic import Field
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from services.common import portable
+from services.common.config import ConfigError
+from services.common.frames import SE2, Array
+from services.common.node.documents import Document, Finite
+from services.worldgen.folder_writing import write_file
+from services.worldgen.map.occupancy import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
+from services.worldgen.recipe.problems import Problem, WorldError
+from services.worldgen.recipe.yaml_source import Source, read_source
+
+Cells = NDArray[np.int8]
+Mode = Literal["trinary", "scale", "raw"]
+ImageFormat = Literal["pgm", "png", "bmp"]
+
+MAX_IMAGE_BYTES = 5 * MAX_CELLS
+_FORMATS = {"PPM": "PGM", "PNG": "PNG", "BMP": "BMP"}
+_MAX_COORDINATE_M = 1e6
+_OCCUPIED_THRESH = {"trinary": 0.65, "scale": 1.0, "raw": 0.65}
+_FREE_THRESH = {"trinary": 0.196, "scale": 0.0, "raw": 0.196}
+_GREY_FREE, _GREY_OCCUPIED, _GREY_UNKNOWN = 254, 0, 205
+_CLOSE_M = 0.05
+_MAX_OFFSET_M = 2.0
+_FAR_M = 0.5
+"""Walls farther apart are not the same ones: what one map alone has pulls no offset."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapFile:
+    """A map: (rows, columns) cells of 0 free to 100 occupied, -1 unknown, row 0 at the smallest y
+    of its own axes.
+    """
+
+    cells: Cells
+    resolution_m: float
+    origin: SE2
+    """map_from_grid, of the corner of cell (0, 0)."""
+
+
+class MapDisagreement(Document):
+    """How far a map is from the walls of the world that it is used in. Distances are from an
+    occupied cell of one to the nearest occupied cell of the other, both ways together.
+    """
+
+    mean_m: Finite
+    p95_m: Finite
+    max_m: Finite
+    share_within_5_cm: Finite
+    offset_x_m: Finite = Field(description="to add to the map's origin for the best agreement")
+    offset_y_m: Finite
+    mean_after_offset_m: Finite
+    share_contradicted: Finite = Field(
+        description="of the cells known in both: free in one, occupied in the other"
+    )
+
+    def __str__(self) -> str:
+        """One line for people."""
+        line = (
+            f"walls of map and world are {100 * self.mean_m:.1f} cm apart in the mean, "
+            f"{100 * self.p95_m:.0f} cm at the 95th percentile, {100 * self.max_m:.0f} cm at most; "
+            f"{100 * self.share_within_5_cm:.0f} % within 5 cm; "
+            f"{100 * self.share_contradicted:.1f} % of the cells contradict each other"
+        )
+        if self.mean_after_offset_m < 0.5 * self.mean_m:
+            line += (
+                f"; shifted by ({self.offset_x_m:+.3f}, {self.offset_y_m:+.3f}) m the map would "
+                f"be {100 * self.mean_after_offset_m:.1f} cm off"
+            )
+        return line
+
+
+def read_map(path: Path) -> MapFile:
+    """A map by its YAML file.
+
+    Raises WorldError, a ConfigError, with one line that names file, field and value.
+    """
+    source = read_source(path, str(path))
+    values = _Values(source)
+    name = values.text("image")
+    resolution_m = values.number("resolution", 1e-3, 100.0)
+    origin = values.origin()
+    occupied = values.number("occupied_thresh", 0.0, 1.0)
+    free = values.number("free_thresh", 0.0, 1.0)
+    if free >= occupied:
+        raise values.wrong("free_thresh", f"must be < occupied_thresh, which is {occupied:g}")
+    negate = values.flag("negate")
+    mode = values.mode()
+    folder = path.parent.resolve()
+    file = (folder / name).resolve()
+    if not file.is_relative_to(folder):
+        raise values.wrong("image", "must lie in the folder of the YAML file")
+    try:
+        grey, alpha = _read_image(file)
+    except ValueError as error:
+        raise values.wrong("image", str(error)) from error
+    cells = _cells(grey, alpha, mode, negate, occupied, free)
+    return MapFile(np.ascontiguousarray(cells[::-1]), resolution_m, origin)
+
+
+def write_map(
+    folder: Path,
+    name: str,
+    cells: Cells,
+    resolution_m: float,
+    origin: SE2,
+    mode: Mode = "trinary",
+    image_format: ImageFormat = "pgm",
+) -> Path:
+    """Write `name`.yaml and its picture as map_saver does; the YAML file's path.
+
+    Raises ConfigError where a mode or format is none, or cannot carry these cells, or the files
+    cannot be written. A file is either whole or not there.
+    """
+    if mode not in get_args(Mode):
+        raise ConfigError(f"mode: {mode!r:.60}: must be trinary, scale or raw")
+    if image_format not in get_args(ImageFormat):
+        raise ConfigError(f"image_format: {image_format!r:.60}: must be pgm, png or bmp")
+    if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name, re.ASCII):
+        raise ConfigError(f"name: {name!r:.60}: must be a file name without folders")
+    if cells.ndim != 2 or not cells.size:
+        raise ConfigError(f"cells: {cells.shape}: must be rows and columns of some cells")
+    if mode == "scale" and image_format != "png" and bool((cells < 0).any()):
+        raise ConfigError(
+            f"image_format: {image_format}: must be png, for the unknown cells of mode scale"
+        )
+    picture = io.BytesIO()
+    _image(np.ascontiguousarray(cells[::-1]), mode).save(picture, _PILLOW_FORMATS[image_format])
+    image = f"{name}.{image_format}"
+    lines = (
+        f"image: {image}",
+        f"mode: {mode}",
+        f"resolution: {float(resolution_m)!r}",
+        f"origin: [{', '.join(repr(float(value)) for value in origin)}]",
+        "negate: 0",
+        f"occupied_thresh: {_OCCUPIED_THRESH[mode]}",
+        f"free_thresh: {_FREE_THRESH[mode]}",
+    )
+    path = folder / f"{name}.yaml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # The picture first: a YAML file that is there names one that is.
+        write_file(folder / image, picture.getvalue())
+        write_file(path, ("\n".join(lines) + "\n").encode())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+    return path
+
+
+_PILLOW_FORMATS = {"pgm": "PPM", "png": "PNG", "bmp": "BMP"}
+
+
+def disagreement(ready: MapFile, own: MapFile) -> MapDisagreement:
+    """How far a ready map is from one made of the world's own walls.
+
+    Raises ValueError with a phrase where one of them has no occupied cell.
+    """
+    points = _occupied_points(ready)
+    own_points = _occupied_points(own)
+    for whose, found in (("the map", points), ("the world", own_points)):
+        if not len(found):
+            raise ValueError(f"{whose} has no occupied cell")
+    far = np.concatenate([_distances(points, own), _distances(own_points, ready)])
+    offset = _best_offset(points, own)
+    moved = MapFile(
+        ready.cells,
+        ready.resolution_m,
+        SE2(float(offset[0]), float(offset[1]), 0.0) @ ready.origin,
+    )
+    after = np.concatenate([_distances(points + offset, own), _distances(own_points, moved)])
+    return MapDisagreement(
+        mean_m=round(float(far.mean()), 6),
+        p95_m=round(float(np.percentile(far, 95.0)), 6),
+        max_m=round(float(far.max()), 6),
+        share_within_5_cm=round(float((far <= _CLOSE_M).mean()), 6),
+        offset_x_m=round(float(offset[0]), 6),
+        offset_y_m=round(float(offset[1]), 6),
+        mean_after_offset_m=round(float(after.mean()), 6),
+        share_contradicted=round(_contradicted(ready, own), 6),
+    )
+
+
+class _Values:
+    """The fields of a map's YAML file, each of the kind it must be."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def wrong(self, field: str, must: str) -> WorldError:
+        """The error to raise about a field."""
+        value = self._source.content.get(field)
+        return WorldError(
+            [
+                Problem(
+                    file=self._source.file,
+                    line=self._source.line_of((field,)),
+                    field=field,
+                    value=f"{value!r:.60}" if field in self._source.content else "",
+                    must=must,
+                )
+            ]
+        )
+
+    def _value(self, field: str) -> Any:
+        if field not in self._source.content:
+            raise self.wrong(field, "is missing")
+        return self._source.content[field]
+
+    def text(self, field: str) -> str:
+        value = self._value(field)
+        if not isinstance(value, str) or not value or "\0" in value:
+            raise self.wrong(field, "must be a file name")
+        return value
+
+    def number(self, field: str, low: float, high: float) -> float:
+        value = self._value(field)
+        if not _is_number(value) or not low <= value <= high:
+            raise self.wrong(field, f"must be a number from {low:g} to {high:g}")
+        return float(value)
+
+    def flag(self, field: str) -> bool:
+        value = self._value(field)
+        if value not in (0, 1):
+            raise self.wrong(field, "must be 0 or 1")
+        return bool(value)
+
+    def mode(self) -> Mode:
+        value = self._source.content.get("mode", "trinary")
+        lowered = value.lower() if isinstance(value, str) else ""
+        for mode in get_args(Mode):
+            if lowered == mode:
+                return mode  # type: ignore[no-any-return]
+        raise self.wrong("mode", "must be trinary, scale or raw")
+
+    def origin(self) -> SE2:
+        value = self._value("origin")
+        if (
+            not isinstance(value, list | tuple)
+            or len(value) != 3
+            or not all(_is_number(part) and abs(part) <= _MAX_COORDINATE_M for part in value)
+        ):
+            raise self.wrong("origin", "must be [x, y, yaw], metres and radians")
+        x_m, y_m, yaw_rad = (float(part) for part in value)
+        return SE2(x_m, y_m, yaw_rad)
+
+
+def _is_number(value: Any) -> bool:
+    # NaN is in no range.
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e9 < value < 1e9
+
+
+def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
+    """(rows, columns) brightness of 0 to 255, row 0 at the top, and opacity where there is any.
+
+    Raises ValueError with a phrase.
+    """
+    try:
+        if not file.is_file():
+            raise ValueError("no such file beside the YAML file")
+        with file.open("rb") as opened:
+            data = opened.read(MAX_IMAGE_BYTES + 1)
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror}") from error
+    if len(data) > MAX_IMAGE_BYTES:
+        raise ValueError(f"must have at most {MAX_IMAGE_BYTES} bytes")
+    if data[:2] == b"P2":
+        return _read_plain_pgm(data), None
+    with _no_warnings():
+        try:
+            image: Image.Image = Image.open(io.BytesIO(data), formats=tuple(_FORMATS))
+        except Image.DecompressionBombError as error:
+            raise ValueError(f"must have at most {MAX_CELLS} pixels") from error
+        except Exception as error:
+            raise ValueError("must be a PGM, PNG or BMP picture") from error
+        _check_size(*image.size)
+        if image.mode in ("P", "PA", "1") or "transparency" in image.info:
+            wanted = "RGBA" if "transparency" in image.info or image.mode == "PA" else "RGB"
+        elif image.mode in ("L", "LA", "RGB", "RGBA"):
+            wanted = image.mode
+        else:
+            raise ValueError("must have 8 bits a channel")
+        try:
+            pixels = np.asarray(image.convert(wanted))
+        except Exception as error:
+            # Damaged pictures make Pillow raise whatever its decoders please.
+            raise ValueError("is cut short or damaged") from error
+    alpha = pixels[..., -1] if wanted in ("LA", "RGBA") else None
+    if pixels.ndim == 2:
+        return pixels.astype(np.float64), alpha
+    colours = pixels[..., : 1 if wanted == "LA" else 3]
+    return colours.sum(-1, dtype=np.float64) / colours.shape[-1], alpha
+
+
+def _read_plain_pgm(data: bytes) -> Array:
+    """A PGM picture in digits, for which Pillow takes a second a megapixel."""
+    text = re.sub(rb"#[^\r\n]*", b"", data[2:])
+    if text.translate(None, b"0123456789 \t\r\n\v\f"):
+        raise ValueError("is cut short or damaged")
+    header = text.split(None, 3)
+    if len(header) < 4 or max(len(number) for number in header[:3]) > 9:
+        raise ValueError("is cut short or damaged")
+    columns, rows, most = (int(number) for number in header[:3])
+    _check_size(columns, rows)
+    if not 0 < most < 256:
+        raise ValueError("must have 8 bits a channel")
+    values = np.fromstring(header[3].decode(), np.int64, sep=" ")
+    if len(values) < rows * columns or values.min() < 0 or values.max() > most:
+        raise ValueError("is cut short or damaged")
+    grey = values[: rows * columns].reshape(rows, columns)
+    return np.asarray(grey if most == 255 else np.rint(grey * 255.0 / most), np.float64)
+
+
+def _check_size(columns: int, rows: int) -> None:
+    if not 0 < rows * columns <= MAX_CELLS:
+        raise ValueError(
+            f"has {columns} x {rows} pixels: must have at least 1 and at most {MAX_CELLS}"
+        )
+
+
+@contextlib.contextmanager
+def _no_warnings() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _cells(
+    grey: Array, alpha: NDArray[np.uint8] | None, mode: Mode, negate: bool,
+    occupied: float, free: float,
+) -> Cells:  # fmt: skip
+    """As loadMapFromFile of map_io.cpp, rounding and all."""
+    if mode == "raw":
+        value = np.floor(grey + 0.5)
+        return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
+    if mode == "trinary" and alpha is not None:
+        # map_server averages opacity in with three channels of colour, as it always has.
+        grey = (3.0 * grey + alpha) / 4.0
+    share = grey / 255.0 if negate else 1.0 - grey / 255.0
+    if mode == "trinary":
+        between: Array | int = UNKNOWN
+    else:
+        between = np.rint((share - free) / (occupied - free) * 100.0)
+    cells = np.where(share > occupied, OCCUPIED, np.where(share < free, FREE, between))
+    if mode == "scale" and alpha is not None:
+        cells = np.where(alpha < 255, UNKNOWN, cells)
+    return cells.astype(np.int8)
+
+
+def _image(cells: Cells, mode: Mode) -> Image.Image:
+    """The picture of (rows, columns) cells, row 0 at the top, as map_saver paints it."""
+    known = (cells >= 0) & (cells <= OCCUPIED)
+    if mode == "raw":
+        return Image.fromarray(np.where(known, cells, 255).astype(np.uint8))
+    if mode == "scale":
+        grey = np.where(known, np.rint((100.0 - cells) * 2.55), 128).astype(np.uint8)
+        if known.all():
+            return Image.fromarray(grey)
+        return Image.fromarray(np.stack([grey, np.where(known, 255, 0).astype(np.uint8)], axis=-1))
+    free = known & (cells <= round(100 * _FREE_THRESH[mode]))
+    occupied = known & (cells >= round(100 * _OCCUPIED_THRESH[mode]))
+    grey = np.where(free, _GREY_FREE, np.where(occupied, _GREY_OCCUPIED, _GREY_UNKNOWN))
+    return Image.fromarray(grey.astype(np.uint8))
+
+
+def _occupied_points(chart: MapFile) -> Array:
+    """(n, 2) centres of the occupied cells, in the map."""
+    rows, columns = np.nonzero(chart.cells > 50)
+    points = np.stack([columns + 0.5, rows + 0.5], axis=-1) * chart.resolution_m
+    return _turned(points, chart.origin.yaw_rad) + chart.origin[:2]
+
+
+def _turned(points: Array, yaw_rad: float) -> Array:
+    c, s = portable.cos_sin(yaw_rad)
+    return np.asarray(portable.product(points, np.array([[c, s], [-s, c]])))
+
+
+def _in_own(points: Array, chart: MapFile) -> Array:
+    """The points from the corner of cell (0, 0), along the chart's axes."""
+    return _turned(points - np.array(chart.origin[:2]), -chart.origin.yaw_rad)
+
+
+def _in_cells(points: Array, chart: MapFile) -> NDArray[np.int64]:
+    """(n, 2) of column and row; they may lie outside."""
+    return np.floor(_in_own(points, chart) / chart.resolution_m + 1e-9).astype(np.int64)
+
+
+def _field(chart: MapFile, margin_m: float) -> tuple[NDArray[np.float32], int]:
+    """Distance to the nearest occupied cell, and by how many cells it reaches beyond the map."""
+    margin = math.ceil(margin_m / chart.resolution_m)
+    # A map of many cells cannot have many more around it.
+    margin = min(margin, max(chart.cells.shape))
+    walls = np.pad(chart.cells > 50, margin)
+    return (distance_transform_edt(~walls) * chart.resolution_m).astype(np.float32), margin
+
+
+def _look_up(points: Array, chart: MapFile, field: NDArray[np.float32], margin: int) -> Array:
+    """Of points beyond the field, that of its nearest cell and the way there."""
+    cells = _in_cells(points, chart) + margin
+    near = cells.clip(0, np.array(field.shape[::-1]) - 1)
+    beyond = portable.hypot_each(*(cells - near).T) * chart.resolution_m
+    return np.asarray(field[near[:, 1], near[:, 0]] + beyond)
+
+
+def _distances(points: Array, chart: MapFile) -> Array:
+    return _look_up(points, chart, *_field(chart, _MAX_OFFSET_M))
+
+
+def _best_offset(points: Array, own: MapFile) -> Array:
+    """The translation of the points with the least mean distance to the own walls, to about a
+    tenth of a cell.
+    """
+    field, margin = _field(own, 2.0 * _MAX_OFFSET_M)
+    # As many points as tell it.
+    few = points[:: max(1, len(points) // 500)]
+
+    def cost(offset: Array, among: Array) -> float:
+        # Between the centres of cells too, or all offsets within a cell would be as good.
+        at = _in_own(among + offset, own) / own.resolution_m + (margin - 0.5)
+        far = map_coordinates(field, at.T[::-1], order=1, mode="nearest", prefilter=False)
+        return float(np.minimum(far, _FAR_M).mean())
+
+    best, step = np.zeros(2), 0.1
+    reach = round(_MAX_OFFSET_M / step)
+    steps = np.arange(-reach, reach + 1) * step
+    tried = [np.array((x, y)) for x in steps for y in steps]
+    # Of equals the shortest.
+    tried.sort(key=lambda offset: (round(float(portable.hypot_each(*offset)), 9), *offset.tolist()))
+    best = min(tried, key=lambda offset: cost(offset, few))
+    while step > 0.1 * own.resolution_m:
+        step /= 2.0
+        around = [best + step * np.array((i, j)) for i in (0, -1, 1) for j in (0, -1, 1)]
+        best = min(around, key=lambda offset: cost(offset, few))
+    # What is no better than to leave it is left.
+    return best if cost(best, points) < cost(np.zeros(2), points) else np.zeros(2)
+
+
+def _contradicted(ready: MapFile, own: MapFile) -> float:
+    rows, columns = np.nonzero(ready.cells >= 0)
+    points = np.stack([columns + 0.5, rows + 0.5], axis=-1) * ready.resolution_m
+    at = _in_cells(_turned(points, ready.origin.yaw_rad) + ready.origin[:2], own)
+    there = ((at >= 0) & (at < own.cells.shape[::-1])).all(1)
+    one, other = ready.cells[rows, columns][there], own.cells[at[there, 1], at[there, 0]]
+    known = other >= 0
+    differs = known & ((one > 50) != (other > 50))
+    return float(differs.sum() / max(1, known.sum()))

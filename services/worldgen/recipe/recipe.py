@@ -1,0 +1,328 @@
+"""What a world recipe (`worlds/*.yaml`) may say, and the mistakes that types cannot see.
+
+Everything is in the frame `map`: metres, radians, x and y on the floor, z up.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.common.node import documents as doc
+from services.common.node.documents import Marker, Quaternion
+
+MAX_COORDINATE_M = 1000.0
+MAX_ASSETS = 120
+"""Textures and meshes: with the markers', as many as a late reader is given again."""
+
+_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+
+Name = Annotated[str, Field(pattern=_NAME, max_length=64)]
+FileName = Annotated[str, Field(pattern=_NAME, max_length=128)]
+Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+Length = Annotated[float, Field(gt=0.0, le=MAX_COORDINATE_M)]
+Yaw = Annotated[float, Field(ge=-6.2832, le=6.2832)]
+Component = Annotated[float, Field(ge=0.0, le=1.0)]
+Colour = tuple[Component, Component, Component, Component]
+
+
+class Part(BaseModel):
+    """A mapping in a recipe: nothing is converted, unknown keys and NaN are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class PoseRecipe(Part):
+    """A planar pose."""
+
+    x_m: Coordinate = Field(description="along the map's x axis, metres")
+    y_m: Coordinate = Field(description="along the map's y axis, metres")
+    yaw_rad: Yaw = Field(0.0, description="heading, counter-clockwise from the x axis, radians")
+
+
+class MaterialRecipe(Part):
+    """How a surface looks."""
+
+    texture: FileName | None = Field(
+        None, description="file name of a PNG in the folder of textures; none: plain colour"
+    )
+    texture_side_m: float = Field(
+        1.0,
+        ge=0.0,
+        le=MAX_COORDINATE_M,
+        description="length on a surface of one tile's side, metres; 0: stretched once over each "
+        "face, as Gazebo does. Meshes have texture coordinates of their own.",
+    )
+    ambient: Colour = Field(
+        (1.0, 1.0, 1.0, 1.0), description="share of ambient light sent back: r, g, b, a in 0..1"
+    )
+    diffuse: Colour = Field(
+        (1.0, 1.0, 1.0, 1.0), description="colour where there is no texture: r, g, b, a in 0..1"
+    )
+
+
+class CoveringRecipe(Part):
+    """A stretch of a wall's face, from the floor to the top, with a material of its own."""
+
+    side: Literal["left", "right"] = Field(
+        description="the face towards the wall's +y axis (left) or -y axis (right)"
+    )
+    from_m: Coordinate = Field(description="along the wall's x axis from its centre, metres")
+    to_m: Coordinate = Field(description="greater than from_m, metres")
+    material: Name = Field(description="name of a material")
+
+
+class WallRecipe(Part):
+    """An upright box on the floor, x along its length, y across its thickness."""
+
+    name: Name = Field(description="unique in the world")
+    length_m: Length = Field(description="along the wall's own x axis, metres")
+    x_m: Coordinate = Field(description="of its centre, metres")
+    y_m: Coordinate = Field(description="of its centre, metres")
+    yaw_rad: Yaw = Field(description="of its x axis, counter-clockwise, radians")
+    thickness_m: Length | None = Field(
+        None, description="metres; none: the recipe's wall_thickness_m"
+    )
+    height_m: Length | None = Field(None, description="metres; none: the recipe's wall_height_m")
+    material: Name | None = Field(
+        None, description="name of a material; none: the next of wall_materials"
+    )
+    coverings: tuple[CoveringRecipe, ...] = Field(
+        (),
+        max_length=100,
+        description="stretches of its faces that look otherwise; they win over the rooms'",
+    )
+
+
+class PlacedRecipe(Part):
+    """A thing that stands, lies or hangs somewhere."""
+
+    name: Name = Field(description="unique among walls and bodies")
+    x_m: Coordinate = Field(description="of its origin, metres")
+    y_m: Coordinate = Field(description="of its origin, metres")
+    z_m: Coordinate | None = Field(
+        None, description="of its origin, metres; none: it stands on the floor"
+    )
+    roll_rad: Yaw = Field(0.0, description="about x, first")
+    pitch_rad: Yaw = Field(0.0, description="about y, second")
+    yaw_rad: Yaw = Field(0.0, description="about z, last")
+    material: Name | None = Field(None, description="name of a material; none: the first of all")
+    mass_kg: float = Field(0.0, ge=0.0, le=10_000.0, description="0: it never moves")
+
+
+class BoxRecipe(PlacedRecipe):
+    """A box, its origin at its centre."""
+
+    size_m: tuple[Length, Length, Length] = Field(description="along x, y, z, metres")
+
+
+class CylinderRecipe(PlacedRecipe):
+    """A cylinder along its z axis, its origin at its centre."""
+
+    radius_m: Length = Field(description="metres")
+    height_m: Length = Field(description="along its z axis, metres")
+
+
+class MeshRecipe(PlacedRecipe):
+    """Triangles of a file: DAE, OBJ, STL or GLB.
+
+    Without a `material` it has those of the file; each becomes the world's as `file.part`, where
+    the recipe has none of that name.
+    """
+
+    file: FileName = Field(description="file name in the folder of meshes")
+    submesh: str | None = Field(None, max_length=128, description="the one part of the file to use")
+    scale: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (1.0, 1.0, 1.0), description="along x, y, z; none is zero"
+    )
+
+
+class MeshGeometry(Part):
+    """Triangles of a file, as the geometry of a shape."""
+
+    kind: Literal["mesh"] = "mesh"
+    file: FileName = Field(description="file name in the folder of meshes")
+    submesh: str | None = Field(None, max_length=128, description="the one part of the file to use")
+    center: bool = Field(False, description="put the submesh's middle at the origin")
+    scale: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (1.0, 1.0, 1.0), description="along x, y, z; none is zero"
+    )
+
+
+GeometryRecipe = Annotated[
+    doc.Box
+    | doc.Cylinder
+    | doc.Cone
+    | doc.Capsule
+    | doc.Sphere
+    | doc.Ellipsoid
+    | doc.Plane
+    | doc.Polyline
+    | MeshGeometry,
+    Field(discriminator="kind"),
+]
+
+
+class ShapeRecipe(Part):
+    """A part of a body: what is seen, what is solid, or both."""
+
+    name: str = Field(min_length=1, max_length=256, description="unique in the body")
+    geometry: GeometryRecipe
+    position_m: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (0.0, 0.0, 0.0), description="in the body's frame, metres"
+    )
+    orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="of unit length")
+    material: Name | None = Field(
+        None,
+        description="name of a material; the file name of its mesh: the mesh's own; none: it is "
+        "not seen",
+    )
+    solid: bool = Field(True, description="robot, lidar and map meet it")
+
+
+class BodyRecipe(Part):
+    """A rigid thing of any shapes, as imports have them."""
+
+    name: str = Field(min_length=1, max_length=256, description="unique among walls and bodies")
+    position_m: tuple[Coordinate, Coordinate, Coordinate] = Field(description="metres")
+    orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="of unit length")
+    mass_kg: float = Field(0.0, ge=0.0, le=1e6, description="0: it never moves")
+    shapes: tuple[ShapeRecipe, ...] = Field(min_length=1, max_length=1000)
+
+
+class RoomRecipe(Part):
+    """A named part of the floor, and how it looks."""
+
+    polygon_m: tuple[tuple[Coordinate, Coordinate], ...] = Field(
+        min_length=3, max_length=1000, description="its corners in turn, metres"
+    )
+    wall_material: Name | None = Field(
+        None,
+        description="of the faces of walls that look into it, but of walls that have a material "
+        "of their own; none: as wall_materials has it",
+    )
+    floor_material: Name | None = Field(None, description="none: the world's")
+
+
+class CeilingRecipe(Part):
+    """A flat ceiling over all walls."""
+
+    material: Name = Field(description="name of a material")
+    height_m: Length | None = Field(None, description="metres; none: wall_height_m")
+
+
+class MarkerCoverRecipe(Part):
+    """Markers put where they are seen: as few as cover a share of the free floor."""
+
+    share: float = Field(
+        0.9, gt=0.0, le=1.0, description="of the free floor from which one must be in sight"
+    )
+    first_id: int = Field(0, ge=0, le=100_000, description="ids count up from it")
+    dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
+    size_m: Length = Field(0.3, description="side of the black square, metres")
+    height_m: Length = Field(0.25, description="of the markers' centres above the floor, metres")
+    max_markers: int = Field(100, ge=1, le=1000, description="more are a mistake")
+
+
+class MazeRecipe(Part):
+    """Walls, start and the location `goal`, generated. The start is at (0, 0)."""
+
+    algorithm: Literal["wilson", "recursive_backtracker", "rooms"] = Field(
+        "wilson",
+        description="wilson: every perfect maze is as likely; recursive_backtracker: long winding "
+        "corridors; rooms: rooms joined by corridors",
+    )
+    rows: int = Field(8, ge=2, le=200, description="cells along y")
+    columns: int = Field(8, ge=2, le=200, description="cells along x")
+    cell_m: float = Field(
+        1.0, ge=0.6, le=10.0, description="from the middle of a cell to the next one's, metres"
+    )
+    braiding: Component = Field(
+        0.0, description="share of the dead ends that are opened: 0 has no loop, 1 no dead end"
+    )
+    seed: int = Field(0, ge=0, description="same seed, same maze")
+
+
+class LightRecipe(Part):
+    """The one sun, and the light from everywhere."""
+
+    direction: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (-0.5, 0.1, -0.9), description="in which the sun's light travels: x, y, z of any length"
+    )
+    ambient: Component = Field(0.8, description="strength of the light from everywhere, 0..1")
+    diffuse: Component = Field(0.8, description="strength of the sun, 0..1")
+
+
+class PointLightRecipe(Part):
+    """A lamp, with the attenuation of SDF."""
+
+    name: Name = Field(description="unique among lights")
+    position_m: tuple[Coordinate, Coordinate, Coordinate] = Field(description="metres")
+    diffuse: Colour = Field((1.0, 1.0, 1.0, 1.0), description="colour and strength")
+    range_m: Length = Field(10.0, description="farther away it gives no light, metres")
+    constant: float = Field(1.0, ge=0.0, le=1e6, description="of diffuse / (c + l d + q d^2)")
+    linear: float = Field(0.0, ge=0.0, le=1e6, description="a metre")
+    quadratic: float = Field(0.0, ge=0.0, le=1e6, description="a square metre")
+
+
+class Recipe(Part):
+    """A whole recipe, after what it extends has been put under it."""
+
+    name: Name = Field(description="the world's name: the file's name without `.yaml`")
+    about: str = Field("", max_length=200, description="one line for people")
+    extends: FileName | None = Field(
+        None,
+        description="file name of another recipe in the same folder; mappings are merged key by "
+        "key, everything else given here replaces what is given there",
+    )
+    wall_height_m: Length = Field(description="of every wall that has none of its own, metres")
+    wall_thickness_m: Length = Field(
+        0.15, description="of every wall that has none of its own, metres"
+    )
+    walls: tuple[WallRecipe, ...] = Field(
+        (), max_length=5000, description="upright boxes on the floor"
+    )
+    maze: MazeRecipe | None = Field(None, description="more walls, generated")
+    boxes: tuple[BoxRecipe, ...] = Field((), max_length=5000, description="solid and seen")
+    cylinders: tuple[CylinderRecipe, ...] = Field((), max_length=5000, description="solid and seen")
+    meshes: tuple[MeshRecipe, ...] = Field(
+        (), max_length=1000, description="of files, solid and seen"
+    )
+    bodies: tuple[BodyRecipe, ...] = Field((), max_length=5000, description="of any shapes")
+    materials: dict[Name, MaterialRecipe] = Field(description="by name")
+    wall_materials: tuple[Name, ...] = Field(
+        min_length=1,
+        description="materials given in turn to the walls, in the order of `walls`, then the "
+        "maze's",
+    )
+    floor_material: Name | None = Field(
+        None, description="name of a material; none: a plain grey one"
+    )
+    ceiling: CeilingRecipe | None = Field(None, description="none: the sky is seen")
+    rooms: dict[Name, RoomRecipe] = Field(
+        default_factory=dict, max_length=500, description="by name; none overlap"
+    )
+    markers: tuple[Marker, ...] = Field(
+        (), max_length=1000, description="ArUco markers, by the wall they hang on"
+    )
+    marker_cover: MarkerCoverRecipe | None = Field(None, description="more markers, placed")
+    locations: dict[Name, PoseRecipe] = Field(
+        default_factory=dict, max_length=1000, description="named places to drive to"
+    )
+    start: PoseRecipe | None = Field(
+        None,
+        description="where the robot stands at the start; none: the maze's, or the place nearest "
+        "to (0, 0) where it has room, on the largest connected piece of the floor",
+    )
+    map: FileName | None = Field(
+        None,
+        description="a ready map: file name of a map_server YAML in the folder of maps; none: made "
+        "from what is solid",
+    )
+    map_resolution_m: float = Field(
+        0.05, ge=0.01, le=1.0, description="side of a cell of the map, metres"
+    )
+    sky: Colour = Field((0.7, 0.7, 0.7, 1.0), description="colour where there is nothing")
+    light: LightRecipe = Field(LightRecipe(), description="sun, and light from everywhere")
+    lights: tuple[PointLightRecipe, ...] = Field((), max_length=8, description="lamps")

@@ -1,0 +1,48 @@
+"""All services in processes of their own round a router, for commands that need a running stack."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from services.cli.loopback_router import running_router
+
+FLAGS: dict[str, tuple[str, ...]] = {
+    "worldgen": (),
+    "physics": ("--camera-enabled", "false"),
+    "spawner": (),
+    "perception": (),
+    "navigation": (),
+}
+TOUR = ("--world-name", "sim_house_enhanced", "--goal", "[0.5, 0.0, 0.0]")
+
+
+@contextmanager
+def running_stack(pace: str = "4") -> Iterator[str]:
+    """The endpoint of a stack in the enhanced world, active, with its first goal reached.
+
+    Raises AssertionError, with what the services said, where it does not come up.
+    """
+    with running_router() as endpoint, tempfile.TemporaryFile("w+") as log:
+        environment = {
+            **os.environ,
+            "MAZEBOT_BUS_CONNECT": endpoint,
+            "MAZEBOT_BUS_PACE": pace,
+        }
+
+        def start(name: str, *flags: str) -> subprocess.Popen[bytes]:
+            command = [sys.executable, "-m", f"services.{name}", *flags]
+            return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
+
+        processes = [start(name, *flags) for name, flags in FLAGS.items()]
+        try:
+            code = start("bringup", *TOUR).wait(timeout=90)
+            log.seek(0)
+            assert code == 0, log.read()
+            yield endpoint
+        finally:
+            for process in processes:
+                process.kill()
+                process.wait()

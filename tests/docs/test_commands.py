@@ -1,0 +1,177 @@
+"""Every command of the pages works as it stands there, or with a shorter one in its place where it
+would take minutes; none is left out.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+
+import cv2
+import pytest
+
+from services.cli.session import ask
+from services.common.bus.bus import BusConfig, open_session
+from services.common.node.documents import SimulationControl
+from services.common.node.topics import SIMULATION_CONTROL
+from services.common.root import ROOT
+from tests.docs.pages import Example, commands
+from tests.docs.stack import running_stack
+
+COMMANDS = commands()
+ON_A_STACK = {
+    *("goal", "cancel", "sim", "spawn", "move", "remove", "entities", "topic", "waypoints"),
+}
+ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view")
+SHORTER = {"--count 100": "--count 2"}
+PLACEHOLDERS = {"RUN": ("one", "two"), "NAME": ("den",)}
+
+
+def program(example: Example) -> list[str]:
+    """The words after the variables that are set before a command."""
+    words = shlex.split(example.text, comments=True)
+    while re.match(r"[A-Z_]+=", words[0]):
+        words.pop(0)
+    return [words[0].removeprefix(".venv/bin/"), *words[1:]]
+
+
+def kind(example: Example) -> str:
+    words = program(example)
+    if words[0] == "mazebot":
+        return "stack" if words[1] in ON_A_STACK else "alone"
+    return words[0]
+
+
+def some(wanted: str) -> list[Example]:
+    return [example for example in COMMANDS if kind(example) == wanted]
+
+
+def test_there_is_a_test_for_each_kind_of_command() -> None:
+    assert {kind(example) for example in COMMANDS} <= {
+        "alone", "stack", "docker", "make", "python", "source"
+    }  # fmt: skip
+    assert len(some("alone")) > 10
+    assert len(some("stack")) > 10
+
+
+@pytest.mark.parametrize("example", some("make"), ids=str)
+def test_a_target_of_make_exists(example: Example) -> None:
+    done = subprocess.run(
+        ["make", "--dry-run", *program(example)[1:]],
+        cwd=ROOT, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def environment(**more: str) -> dict[str, str]:
+    # `source .venv/bin/activate` does no more than this.
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return {**os.environ, "PATH": path, "COLUMNS": "200", **more}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the commands name: worlds, a Gazebo world, a dictionary, two runs."""
+    folder = tmp_path_factory.mktemp("person")
+    shutil.copytree(ROOT / "worlds", folder / "worlds")
+    run("mazebot world export original --out house", folder)
+    (model,) = (folder / "house").glob("*.sdf")
+    shutil.copy(model, folder / "house.sdf.xacro")
+    dictionary = cv2.aruco.extendDictionary(8, 4)
+    storage = cv2.FileStorage(str(folder / "mine.yml"), cv2.FILE_STORAGE_WRITE)
+    dictionary.writeDictionary(storage)
+    storage.release()
+    for name in PLACEHOLDERS["RUN"]:
+        goal = "--goal 0.5 0 0 --no-camera --world original"
+        run(f"mazebot demo {goal} --out recordings/{name}", folder)
+    return folder
+
+
+def run(command: str, folder: Path, **more: str) -> str:
+    for long, short in SHORTER.items():
+        command = command.replace(long, short)
+    endless = any(words in command for words in ENDLESS)
+    process = subprocess.Popen(
+        ["bash", "-c", f"exec {command}"],
+        cwd=folder, env=environment(**more),
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    try:
+        said, _ = process.communicate(timeout=6.0 if endless else 110.0)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=10.0)
+        assert endless, f"{command}: {said}"
+        assert said.strip(), f"{command}: says nothing"
+        assert "Traceback" not in said
+        return said
+    assert process.returncode == 0, f"{command}: {said}"
+    assert "Traceback" not in said
+    return said
+
+
+def filled(example: Example) -> str:
+    text = " ".join(shlex.quote(word) for word in program(example))
+    for placeholder, values in PLACEHOLDERS.items():
+        for value in values:
+            text = re.sub(rf"\b{placeholder}\b", value, text, count=1)
+    return text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", some("alone"), ids=str)
+def test_a_command_that_needs_nothing_else_works(example: Example, folder: Path) -> None:
+    run(filled(example), folder)
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    with running_stack() as running:
+        yield running
+
+
+@pytest.mark.slow
+def test_a_running_stack_does_what_each_command_says(
+    endpoint: str, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    page = None
+    for example in some("stack"):
+        with subtests.test(str(example)):
+            if example.page != page:
+                page = example.page
+                control(endpoint, reset="all", pause=False, speed=4.0)
+            with a_goal(endpoint) if "cancel" in program(example) else nullcontext():
+                run(filled(example), tmp_path, MAZEBOT_BUS_CONNECT=endpoint)
+            # Where a command has stopped time, the next one needs it.
+            if "sim" in example.text:
+                control(endpoint, pause=False, speed=4.0)
+
+
+@contextmanager
+def a_goal(endpoint: str) -> Iterator[None]:
+    """The robot is on its way, as somebody else's goal has it."""
+    process = subprocess.Popen(
+        ["bash", "-c", "exec mazebot goal -1.678 -1.178 0"],
+        env=environment(MAZEBOT_BUS_CONNECT=endpoint),
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    with process.stdout as said:
+        assert said.readline().startswith("driving to")
+        yield
+        assert process.wait(20.0) != 0
+
+
+def control(endpoint: str, **fields: object) -> None:
+    session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
+    try:
+        reply = ask(session, SIMULATION_CONTROL, SimulationControl.model_validate(fields), 20.0)
+        assert reply.error == ""
+    finally:
+        session.close()  # type: ignore[no-untyped-call]

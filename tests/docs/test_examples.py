@@ -1,0 +1,55 @@
+"""What the pages show works as it stands there."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services.common.root import ROOT
+from tests.docs.pages import Example, blocks
+from tests.docs.stack import running_stack
+
+PYTHON = blocks("python")
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    with running_stack() as running:
+        yield running
+
+
+def run(code: str, folder: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "example", [one for one in PYTHON if "zenoh.open" not in one.text], ids=str
+)
+def test_a_program_in_the_pages_runs(example: Example, tmp_path: Path) -> None:
+    said = run(example.text, tmp_path)
+    if "wall_follower" in example.text:
+        assert said.startswith("0 contacts"), said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", [one for one in PYTHON if "zenoh.open" in one.text], ids=str)
+def test_a_program_in_the_pages_drives_a_running_stack(
+    example: Example, endpoint: str, tmp_path: Path
+) -> None:
+    said = run(example.text.replace("tcp/127.0.0.1:7447", endpoint), tmp_path)
+    ahead_m = float(said.split()[1])
+    # It has driven up to something and stopped there.
+    assert 0.3 < ahead_m < 0.55, said

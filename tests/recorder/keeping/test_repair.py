@@ -1,0 +1,190 @@
+"""A recorder that is killed leaves what it had, and the next one makes it whole."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from services.common.node import documents as doc
+from services.common.node import topics as table
+from services.common.root import ROOT
+from services.recorder.config import RecorderConfig
+from services.recorder.keeping.digests import read_digests
+from services.recorder.keeping.repair import Repair, leftovers
+from services.recorder.keeping.run_folder import LOCK, RunFolder
+from services.recorder.node import RecorderNode
+from tests.recorder.synthetic import Bench, driving, opening, room
+from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
+
+KILLED = """
+import os, signal, sys, time
+from pathlib import Path
+from services.common.node import documents as doc
+from services.common.node import topics as table
+from services.recorder.config import RecorderConfig
+from services.recorder.keeping.digests import read_digests
+from services.recorder.node import RecorderNode
+from tests.recorder.synthetic import Bench, driving, opening, room
+node = RecorderNode(RecorderConfig(recordings_dir=Path(sys.argv[1])))
+bench, world = Bench(node), room()
+bench.say(opening(world))
+bench.say(driving(world, 2.0))
+time.sleep(0.1)
+bench.node._run._flush()
+print("driving", flush=True)
+signal.pause()
+"""
+
+
+def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"driving\n"
+        assert leftovers(tmp_path) == []  # its recorder lives
+        process.send_signal(signal.SIGKILL)
+    (run,) = tmp_path.iterdir()
+    with pytest.raises(AssertionError, match="footer"):
+        verify(run / "run.rrd")
+    assert leftovers(tmp_path) == [run]
+    (run / "summary.json").touch()
+    node = recorder(tmp_path, record=False)
+    Bench(node).say(opening(room("another")))
+    node.close()
+    Repair(tmp_path).repair_all()
+    assert leftovers(tmp_path) == []
+    verify(run / "run.rrd")
+    drawn = entities_of(run / "run.rrd")
+    assert "/camera/color/image_raw: " in drawn
+    assert "/ground_truth/odom: " in drawn
+    assert {path.name for path in run.iterdir()} == {
+            "run.rrd", "config.yaml", "summary.json", "digests.bin",
+        }  # fmt: skip
+
+
+def test_a_recorder_that_comes_back_goes_on_with_the_run(tmp_path: Path) -> None:
+    script = KILLED.replace(
+        'print("driving"',
+        'bench.say(driving(world, 1.0, 2_000_000_000)); bench.node._run._flush()\nprint("driving"',
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"driving\n"
+        process.send_signal(signal.SIGKILL)
+    (run,) = tmp_path.iterdir()
+    digests = read_digests(run / "digests.bin").rows
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    bench.say([(3_000_000_000, topic, message) for _, topic, message in opening(world)])
+    assert bench.node.waiting_for() == "a world"  # the simulation has not told how it is
+    bench.say(driving(world, 2.0, 3_000_000_000))
+    verdicts = [message for topic, message in bench.put if topic is table.EVALUATION]
+    bench.node.close()
+    assert [path for path in tmp_path.iterdir() if path.is_dir()] == [run]
+    assert {path.name for path in run.iterdir()} == {
+        "run.rrd", "config.yaml", "summary.json", "digests.bin",
+    }  # fmt: skip
+    verify(run / "run.rrd")
+    assert isinstance(verdicts[-1], doc.Evaluation)
+    assert [goal.goal_stamp_ns for goal in verdicts[-1].goals] == [0, 2 * 10**9, 3 * 10**9]
+    assert [goal.path_length_m for goal in verdicts[-1].goals] == pytest.approx(
+        [0.4, 0.2, 0.4], abs=0.02
+    )
+    summary = summary_of(run)
+    assert summary["goals_sent"] == 3
+    assert summary["sim_time_s"] == pytest.approx(5.0, abs=0.01)
+    # The simulation tells how it is once a second: what came before is of no known run.
+    assert summary["markers_seen"]["60"] >= 39
+    assert summary["messages"]["/scan"]["received"] == 50
+    whole = read_digests(run / "digests.bin").rows
+    assert (whole[: len(digests)] == digests).all()
+    assert len(whole) > len(digests) + 200
+
+
+@pytest.mark.parametrize("fields", [{"sim_time_s": 0.5}, {"epoch": 2}])
+def test_another_simulation_of_the_same_world_is_another_run(
+    tmp_path: Path, fields: dict[str, float]
+) -> None:
+    world = room()
+    first = Bench(recorder(tmp_path, record=False))
+    first.say(opening(world))
+    first.say(driving(world, 2.0))
+    assert isinstance(first.node, RecorderNode)
+    assert first.node._run is not None
+    first.node._run.folder.let_go()  # as if it had been killed
+    second = Bench(recorder(tmp_path, record=False))
+    second.say(opening(world))
+    told = stats(world, **{"time_s": 2.5, **{k.replace("sim_", ""): v for k, v in fields.items()}})
+    second.say([(0, table.SIMULATION_STATS, told)])
+    assert second.node.waiting_for() is None
+    second.node.close()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_sigterm_ends_a_recording_whole(tmp_path: Path) -> None:
+    script = KILLED.replace(
+        "signal.pause()",
+        # A signal that comes before it is waited for must count as well.
+        "import threading; told = threading.Event()\n"
+        "signal.signal(signal.SIGTERM, lambda *_: told.set()); print('ready', flush=True)\n"
+        "while not told.wait(0.05): pass\n"
+        "node.close()",
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"driving\n"
+        assert process.stdout.readline() == b"ready\n"
+        process.terminate()
+        start_s = time.monotonic()
+        assert process.wait(10.0) == 0
+    assert time.monotonic() - start_s < 5.0
+    (run,) = tmp_path.iterdir()
+    verify(run / "run.rrd")
+    assert not (run / LOCK).exists()
+
+
+def test_what_cannot_be_read_is_left_as_it_is(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    (folder / LOCK).touch()
+    (folder / "run.rrd").write_bytes(b"nothing of Rerun's" * 100)
+    Repair(tmp_path).repair_all()
+    assert (folder / "run.rrd").read_bytes().startswith(b"nothing of Rerun's")
+    assert "cannot be repaired" in caplog.text
+    assert leftovers(tmp_path) == []  # nobody tries again
+
+
+def test_a_folder_is_locked_until_its_run_is_whole(tmp_path: Path) -> None:
+    folder = RunFolder.exactly(tmp_path / "run")
+    assert leftovers(tmp_path) == []
+    other = RunFolder.exactly(tmp_path / "run")
+    assert other.path.name == "run_2"
+    folder.release()
+    other.release()
+    assert list(tmp_path.glob(f"*/{LOCK}")) == []
+
+
+def test_repair_can_be_told_to_leave_the_folder_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "left"
+    folder.mkdir()
+    (folder / LOCK).touch()
+    node = RecorderNode(RecorderConfig(recordings_dir=tmp_path, repair=False))
+    node.close()
+    assert leftovers(tmp_path) == [folder]
