@@ -47,9 +47,9 @@ class Stack:
     subscriptions: list[Any] = field(default_factory=list)
     listeners: list[threading.Thread] = field(default_factory=list)
 
-    def start(self, name: str, endpoint: str) -> None:
+    def start(self, name: str, endpoint: str, *options: str) -> None:
         process = subprocess.Popen(
-            [sys.executable, "-m", f"services.{name}", *SERVICES[name]],
+            [sys.executable, "-m", f"services.{name}", *SERVICES[name], *options],
             env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -91,7 +91,9 @@ def wait_until(
 
 
 @pytest.fixture
-def stack() -> Iterator[Stack]:
+def stack(request: pytest.FixtureRequest) -> Iterator[Stack]:
+    """All services, physics with the options that are the fixture's parameter."""
+    physics: tuple[str, ...] = getattr(request, "param", ())
     with running_router() as endpoint:
         session = open_session(BusConfig(connect=endpoint), timeout_s=5.0)
         stack = Stack(session)
@@ -99,7 +101,7 @@ def stack() -> Iterator[Stack]:
         stack.keep(DIAGNOSTICS, stack.reports)
         try:
             for name in SERVICES:
-                stack.start(name, endpoint)
+                stack.start(name, endpoint, *(physics if name == "physics" else ()))
             yield stack
         finally:
             for process in stack.processes.values():
@@ -151,6 +153,8 @@ def test_a_pause_in_mid_drive_alarms_nobody_and_jumps_in_no_command(stack: Stack
             assert abs(change) <= limit * elapsed_s + 0.02, (before, after)
 
 
+# So long that nothing else can stop the robot, however busy the machine is.
+@pytest.mark.parametrize("stack", [("--cmd-vel-timeout-s", "5.0")], indirect=True)
 @pytest.mark.timeout(200)
 def test_a_killed_navigation_is_missed_before_its_commands_are(stack: Stack) -> None:
     wait_until(lambda: speed(stack) > 0.15, stack.lines)

@@ -10,7 +10,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Container
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Any, TypeVar, cast
 
 import zenoh
@@ -245,7 +245,7 @@ class Bus:
 
     def _hears_from(self) -> datetime:
         from_s = self._node.hears_from_s
-        return self._begun if from_s is None else datetime.fromtimestamp(from_s, timezone.utc)
+        return self._begun if from_s is None else datetime.fromtimestamp(from_s, UTC)
 
     def keep(self, declare: Callable[[zenoh.Session], Any]) -> None:
         """Make a declaration beside those of the table, and make it again on each new session."""

@@ -243,6 +243,38 @@ def test_a_reader_that_starts_gets_nothing_that_was_sent_before(
     del subscription
 
 
+def test_a_node_hears_what_was_sent_from_the_time_that_it_names(
+    opened: Callable[[], zenoh.Session],
+) -> None:
+    publisher = publish(opened(), NAVIGATION_RESULT)
+    place = doc.Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0)
+    result = doc.NavigationResult(
+        goal=place, goal_stamp_ns=0, error_code=0, start_time_s=0.0, end_time_s=1.0
+    )
+
+    def say(number: int) -> None:
+        attachment = pack_attachment(NAVIGATION_RESULT, Envelope(SOURCE, number, 0, ""))
+        publisher.put(encode(NAVIGATION_RESULT, result), attachment=attachment)
+
+    for number in range(3):
+        say(number)
+    time.sleep(0.01)
+    between_s = time.time()
+    for number in range(3, 5):
+        say(number)
+    reader = Recorder()
+    reader.hears_from_s = between_s
+    inbox = Inbox(reader)
+    bus = Bus(opened(), reader, inbox)
+    wait_until(lambda: inbox.counts[NAVIGATION_RESULT.name].received >= 2, "what was sent")
+    reader.hears_from_s = None
+    say(5)
+    wait_until(lambda: inbox.counts[NAVIGATION_RESULT.name].received >= 3, "the last")
+    arrivals = inbox.arrivals(NAVIGATION_RESULT)
+    assert [envelope.sequence for _, envelope in arrivals] == [3, 4, 5]
+    bus.close()
+
+
 def test_a_bus_goes_on_with_another_session(opened: Callable[[], zenoh.Session]) -> None:
     node, reader = Worldgen(), Recorder()
     inbox, heard = Inbox(node), Inbox(reader)

@@ -13,13 +13,14 @@ import pytest
 
 from services.common.node import documents as doc
 from services.common.node import topics as table
+from services.common.node.topics import Delivery
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping.digests import read_digests
 from services.recorder.keeping.repair import Repair, leftovers
 from services.recorder.keeping.run_folder import LOCK, RunFolder
 from services.recorder.node import RecorderNode
-from tests.recorder.synthetic import Bench, driving, opening, room
+from tests.recorder.synthetic import Bench, Said, driving, opening, room
 from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
 
 KILLED = """
@@ -75,20 +76,42 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
         }  # fmt: skip
 
 
-def test_a_recorder_that_comes_back_goes_on_with_the_run(tmp_path: Path) -> None:
-    script = KILLED.replace(
-        'print("driving"',
-        'bench.say(driving(world, 1.0, 2_000_000_000)); bench.node._run._flush()\nprint("driving"',
-    )
-    command = [sys.executable, "-c", script, str(tmp_path)]
+def sent_again(world: doc.World, *drives: tuple[float, int]) -> list[Said]:
+    """Of those drives, what a recorder that starts later is sent again."""
+    said = [one for seconds, start_ns in drives for one in driving(world, seconds, start_ns)]
+    return [one for one in said if one[1].delivery is Delivery.EVERY]
+
+
+def killed_run(folder: Path, goes_on: str) -> Path:
+    """The folder of a run of 2 s whose recorder was killed after it had done what is told."""
+    script = KILLED.replace('print("driving"', f'{goes_on}\nprint("driving"')
+    command = [sys.executable, "-c", script, str(folder)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"driving\n"
         process.send_signal(signal.SIGKILL)
-    (run,) = tmp_path.iterdir()
+    (run,) = folder.iterdir()
+    return run
+
+
+@pytest.mark.parametrize(
+    "end",
+    ["bench.node._run._flush()", ""],
+    ids=["kept", "died with"],
+)
+def test_a_recorder_that_comes_back_goes_on_with_the_run(tmp_path: Path, end: str) -> None:
+    # Its second goal ends after the progress was kept, or just before.
+    goes_on = (
+        "said = list(driving(world, 1.0, 2_000_000_000)); bench.say(said[:-1]);"
+        f"bench.node._run._flush(); bench.say(said[-1:]); {end}"
+    )
+    run = killed_run(tmp_path, goes_on)
     digests = read_digests(run / "digests.bin").rows
     world = room()
-    bench = Bench(recorder(tmp_path))
+    node = recorder(tmp_path)
+    assert node.hears_from_s == pytest.approx(time.time() - 10.0, abs=5.0)
+    bench = Bench(node)
+    bench.say(sent_again(world, (2.0, 0), (1.0, 2_000_000_000)))
     bench.say([(3_000_000_000, topic, message) for _, topic, message in opening(world)])
     assert bench.node.waiting_for() == "a world"  # the simulation has not told how it is
     bench.say(driving(world, 2.0, 3_000_000_000))
@@ -133,6 +156,22 @@ def test_another_simulation_of_the_same_world_is_another_run(
     assert second.node.waiting_for() is None
     second.node.close()
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_what_is_sent_again_of_a_simulation_that_has_ended_is_not_judged(tmp_path: Path) -> None:
+    killed_run(tmp_path, "")
+    world = room()
+    bench = Bench(recorder(tmp_path, record=False))
+    bench.say(sent_again(world, (2.0, 0)))
+    bench.say(opening(world))
+    bench.say([(0, table.SIMULATION_STATS, stats(world, time_s=0.5))])
+    assert bench.node.waiting_for() is None
+    assert bench.node.hears_from_s is None
+    bench.say(driving(world, 1.0, 500_000_000))
+    verdicts = [message for topic, message in bench.put if topic is table.EVALUATION]
+    bench.node.close()
+    assert isinstance(verdicts[-1], doc.Evaluation)
+    assert [goal.goal_stamp_ns for goal in verdicts[-1].goals] == [500_000_000]
 
 
 def test_sigterm_ends_a_recording_whole(tmp_path: Path) -> None:
