@@ -160,7 +160,8 @@ def test_a_killed_navigation_is_missed_before_its_commands_are(stack: Stack) -> 
     wait_until(lambda: speed(stack) > 0.15, stack.lines)
     stack.processes["navigation"].kill()
     wait_until(lambda: any("stopping the robot" in line for line in stack.lines), stack.lines)
-    assert any("who sent velocity commands is gone" in line for line in stack.lines)
+    said = "".join(stack.lines)
+    assert "who sent velocity commands is gone" in said, said
 
 
 @pytest.mark.timeout(200)

@@ -167,6 +167,7 @@ def test_rests_at_once_where_the_one_who_commands_is_gone(
     assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == [
         "who sent velocity commands is gone: stopping the robot"
     ]
+    robot.inbox.come_back("test")
     robot.drive(0.3, 0.0, 1.0)
     assert robot.speeds[0] == pytest.approx(0.3, abs=0.01)
 
@@ -208,6 +209,17 @@ def test_where_the_one_who_commands_is_gone_another_one_may_at_once(robot: Drive
     robot.wait(0.15)
     assert robot.speeds[0] == pytest.approx(0.2, abs=0.03)
     assert not robot.inbox.counts[CMD_VEL.name].rejected
+
+
+def test_a_command_that_comes_later_than_the_end_of_its_source_moves_nothing(
+    robot: Driver, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot.drive(0.3, 0.0, 1.0)
+    robot.inbox.leave("test")
+    robot.command(0.3)
+    robot.wait(0.15)
+    assert robot.speeds[0] == pytest.approx(0.0, abs=0.01)
+    assert "who sent velocity commands is gone" in caplog.text
 
 
 def test_keeps_going_while_commands_come(robot: Driver) -> None:

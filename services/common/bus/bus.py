@@ -253,6 +253,18 @@ class Bus:
             self._extras.append(declare)
             self._kept.append(declare(self._session))
 
+    def watch_sources(self) -> None:
+        """Tell the inbox from now on which sources of messages end, and which come back."""
+
+        def declare(session: zenoh.Session) -> Any:
+            def on_change(source: str, is_there: bool) -> None:
+                if session is self._session:
+                    (self._inbox.come_back if is_there else self._inbox.leave)(source)
+
+            return watch_sources(session, on_change, self._prefix)
+
+        self.keep(declare)
+
     def announce(self) -> None:
         """Tell the others, by a liveliness token, that this node takes messages."""
         with self._lock:
@@ -651,20 +663,21 @@ def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> s
     return names
 
 
-def watch_leaving(
-    session: zenoh.Session, on_leaving: Callable[[str], None], prefix: str = ""
+def watch_sources(
+    session: zenoh.Session, on_change: Callable[[str, bool], None], prefix: str = ""
 ) -> Any:
-    """Tell the source of each service whose process ends; keep what is returned. `on_leaving` runs
-    on Zenoh's thread: it must only store.
+    """Tell of the source of each service whether it is there, now and whenever that changes; keep
+    what is returned. `on_change` runs on Zenoh's thread: it must only store.
     """
 
     def on_token(sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.DELETE:
-            on_leaving(service_and_source(sample.key_expr)[1])
+        source = service_and_source(sample.key_expr)[1]
+        on_change(source, sample.kind == zenoh.SampleKind.PUT)
 
     return session.liveliness().declare_subscriber(
         alive_key("*", "*", prefix),
         cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
+        history=True,
     )
 
 

@@ -22,7 +22,6 @@ from services.common.bus.bus import (
     give_turn,
     open_session,
     subscribe,
-    watch_leaving,
     watch_seats,
 )
 from services.common.bus.handover import Handover
@@ -192,7 +191,7 @@ class _Service:
         outbox = bus.outbox(self._node)
         self._report = SelfReport(self._node, inbox, outbox)
         self._rosout.outbox = outbox
-        bus.keep(lambda session: watch_leaving(session, inbox.leave, prefix))
+        bus.watch_sources()
         if not isinstance(self._node, ClockNode):
             bus.keep(lambda session: subscribe(session, CLOCK, self._on_clock, prefix))
         self._begin(bus, outbox)

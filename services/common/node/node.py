@@ -234,7 +234,6 @@ class Inbox:
         """
         name, source = topic.name, envelope.source
         with self._lock:
-            self._gone.discard(source)
             counts, queue = self.counts[name], self._queues[name]
             counts.take_in(source, envelope.sequence)
             queue.append((message, envelope))
@@ -253,12 +252,17 @@ class Inbox:
             self._on_delivery()
 
     def leave(self, source: str) -> None:
-        """Take in that a source of messages has ended; one that sends again is back."""
+        """Take in that a source of messages has ended. Its last messages may come after that."""
         with self._lock:
             self._gone.add(source)
 
+    def come_back(self, source: str) -> None:
+        """Take in that a source of messages is there, as far as it has ever been missed."""
+        with self._lock:
+            self._gone.discard(source)
+
     def is_gone(self, source: str) -> bool:
-        """Whether a source of messages has ended since its last one."""
+        """Whether a source of messages has ended, or is out of reach."""
         return source in self._gone
 
     def held(

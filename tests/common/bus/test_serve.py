@@ -24,7 +24,7 @@ from services.common.bus.bus import (
     put_once,
     subscribe,
     wait_until_alive,
-    watch_leaving,
+    watch_sources,
     watch_seats,
 )
 from services.common.bus.lockstep import HeldInbox, Turn
@@ -120,14 +120,17 @@ def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str)
 def test_a_service_that_is_killed_is_missed_by_its_source(endpoint: str) -> None:
     session = open_session(BusConfig(connect=endpoint))
     sources: queue.SimpleQueue[str] = queue.SimpleQueue()
-    left: queue.SimpleQueue[str] = queue.SimpleQueue()
+    changes: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
     subscription = subscribe(session, DIAGNOSTICS, lambda _, envelope: sources.put(envelope.source))
-    leaving = watch_leaving(session, left.put)
+    watching = watch_sources(session, lambda source, is_there: changes.put((source, is_there)))
     with service("worldgen", endpoint) as process:
         source = sources.get(timeout=DEADLINE_S)
+        while changes.get(timeout=DEADLINE_S) != (source, True):
+            pass
         process.kill()
-        assert left.get(timeout=DEADLINE_S) == source
-    del subscription, leaving
+        while changes.get(timeout=DEADLINE_S) != (source, False):
+            pass
+    del subscription, watching
     session.close()  # type: ignore[no-untyped-call]
 
 

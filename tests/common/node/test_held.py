@@ -10,7 +10,7 @@ import pytest
 
 from services.cli.loopback_router import running_router
 from services.common.bus import wire
-from services.common.bus.bus import Bus, BusConfig, open_session, watch_leaving
+from services.common.bus.bus import Bus, BusConfig, open_session
 from services.common.bus.handover import Handover
 from services.common.node.held import HeldMessage, HeldMessages, newest, wanted_by
 from services.common.node.node import Envelope, Inbox, Node, Outbox
@@ -88,7 +88,7 @@ class Process:
         self.inbox = Inbox(node)
         self.bus = Bus(self.session, node, self.inbox)
         self.outbox = self.bus.outbox(node)
-        self.bus.keep(lambda session: watch_leaving(session, self.inbox.leave))
+        self.bus.watch_sources()
         self.handover = Handover(self.bus, self.inbox)
         self.bus.announce()
 

@@ -133,15 +133,16 @@ def test_gaps_in_a_source_are_counted_as_lost() -> None:
     assert inbox.counts["/clock"].sent == 7
 
 
-def test_a_source_that_has_ended_is_gone_until_it_sends_again() -> None:
+def test_a_source_that_has_ended_is_gone_until_it_is_back_whatever_comes_late() -> None:
     inbox = Inbox(Recorder())
     inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(0))
     assert not inbox.is_gone("a")
     inbox.leave("a")
     assert inbox.is_gone("a")
-    inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(0, "b"))
-    assert inbox.is_gone("a")
+    inbox.come_back("b")
     inbox.deliver(CLOCK, SAMPLES[CLOCK], envelope(1))
+    assert inbox.is_gone("a")
+    inbox.come_back("a")
     assert not inbox.is_gone("a")
 
 
