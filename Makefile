@@ -1,19 +1,19 @@
-# `make` alone prints the targets. The environment in .venv is made on first use.
+# `make` alone prints the targets. The environment in .venv is created on first use.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
 WORLD ?= enhanced
 SEED ?= 7
-# `field=value` put over the world's recipe, with spaces between.
+# `field=value` overrides of the world's recipe, separated by spaces.
 SET ?=
 GOAL ?= 0.5 -0.9 0.0
 JSON ?= bench.json
 HOURS ?= 1
-# Anything: with the camera.
+# Any value: with the camera.
 CAMERA ?=
-# A local uv where the machine has none; `python3` must then be version 3.11.
+# A local uv if the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
-# Without byte code kept, each process compiles all that it imports anew: a second and more.
+# Without cached byte code, each process recompiles all its imports: a second and more.
 unexport PYTHONDONTWRITEBYTECODE
 PYTHON := .venv/bin/python
 comma := ,
@@ -26,7 +26,7 @@ SOURCES := services tests
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-env: $(STAMP) ## make the environment in .venv (other targets do this by themselves)
+env: $(STAMP) ## create the environment in .venv (other targets do this by themselves)
 
 .tools/bin/uv:
 	@echo "making the environment: no uv here, installing it into .tools"
@@ -60,19 +60,19 @@ down: ## stop the containers and close their recordings
 goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 	@.venv/bin/mazebot goal $(GOAL)
 
-recordings: $(STAMP) ## list what runs have left
+recordings: $(STAMP) ## list the recorded runs
 	@.venv/bin/mazebot recordings list
 
-view: $(STAMP) ## serve the newest recording, and open it in a browser where there is one
+view: $(STAMP) ## serve the newest recording, and open it in a browser if there is one
 	@.venv/bin/mazebot recordings view --open
 
-test: $(STAMP) ## pass the tests: no Docker, no network, no GPU
+test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
 
-test-slow: $(STAMP) ## pass the long tests: every world driven, two hundred mazes
+test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist worksteal -m slow
 
-test-compose: $(STAMP) image ## pass the tests of the containers (Docker) and of the viewer (Chromium)
+test-compose: $(STAMP) image ## run the tests of the containers (Docker) and of the viewer (Chromium)
 	@.venv/bin/pytest -m "compose or browser" --timeout 900 tests/compose tests/browser
 
 check: $(STAMP) ## lint, check formats, types, imports and generated files
@@ -86,16 +86,16 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 	done
 	@echo "check: all well"
 
-fix: $(STAMP) ## format, and mend what the linter can
+fix: $(STAMP) ## format, and fix what the linter can
 	@.venv/bin/ruff check --fix $(SOURCES)
 	@.venv/bin/ruff format $(SOURCES)
 
-generate: $(STAMP) ## write generated files anew
+generate: $(STAMP) ## regenerate the generated files
 	@for page in topics recipes parameters recordings; do \
 		.venv/bin/python -m services.cli.pages.$${page}_page > docs/$$page.md; \
 	done
 
-lock: $(STAMP) ## resolve the dependencies anew
+lock: $(STAMP) ## resolve the dependencies again
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock

@@ -1,13 +1,13 @@
-"""Runs a command as the person whose folder is mounted, with no capability left.
+"""Runs a command as the user who owns the mounted folder, with no capability left.
 
     as_owner.py REFERENCE FOLDER COMMAND...
 
-The container that writes recordings cannot know, before it starts, who has cloned the
-repository: Docker may be driven by root or by anyone of the group `docker`. So it starts as root,
-with no capability but CHOWN, SETGID and SETUID, learns the owner from a file of the clone
-(REFERENCE), gives FOLDER to that owner where Docker had to make it (then root owns it), and becomes
-the owner for good before anything of the service is loaded. Where the owner is root, the
-capabilities go all the same, and `no-new-privileges` keeps them from coming back.
+The container that writes recordings cannot know, before it starts, which user has cloned the
+repository: Docker may be run by root or by any member of the group `docker`. So it starts as root,
+with the capabilities CHOWN, SETGID and SETUID only, reads the owner of a file of the clone
+(REFERENCE), gives FOLDER to that owner if Docker had to create it (then root owns it), and switches
+to the owner permanently before any code of the service is loaded. If the owner is root, the
+capabilities are dropped too, and `no-new-privileges` keeps them from being regained.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _CAPABILITY_VERSION_3 = 0x20080522
 
 
 def main(arguments: list[str]) -> NoReturn:
-    """Become the owner, then the command."""
+    """Switch to the owner, then execute the command."""
     if len(arguments) < 3:
         _fail("usage: as_owner.py REFERENCE FOLDER COMMAND...")
     reference, folder, command = Path(arguments[0]), Path(arguments[1]), arguments[2:]
@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> NoReturn:
 def _drop_capabilities() -> None:
     """Empty the effective, permitted and inheritable sets.
 
-    Raises OSError where the kernel refuses.
+    Raises OSError if the kernel refuses.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)

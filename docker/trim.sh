@@ -1,5 +1,5 @@
 #!/bin/sh
-# Takes out of a site-packages folder what no service needs at run time. Half of what pip installs
+# Removes from a site-packages folder what no service needs at run time. Half of what pip installs
 # here is debug symbols, sample data, headers and other packages' tests.
 set -eu
 cd "$1"
@@ -8,19 +8,19 @@ cd "$1"
 rm -rf pybullet_data pybullet_envs pybullet_examples pybullet_robots pybullet_utils
 rm -rf eglRenderer.*.so
 
-# Arrow as Rerun uses it: columns in memory. No network, no object stores, no building against it.
+# Rerun uses Arrow only for columns in memory: no network, no object stores, no headers.
 rm -rf pyarrow/include pyarrow/src pyarrow/tests pyarrow/libarrow_flight.* \
   pyarrow/libarrow_python_flight.* pyarrow/_flight.* pyarrow/libarrow_s3.* \
   pyarrow/libarrow_python_parquet_encryption.* pyarrow/_pyarrow_cpp_tests.* \
   pyarrow/_azurefs.* pyarrow/_gcsfs.* pyarrow/_hdfs.* pyarrow/_s3fs.* pyarrow/_orc.* \
   pyarrow/_parquet*.so pyarrow/_dataset*.so pyarrow/_substrait.*
-# Each library is there under three names, and looked for by one.
+# Each library exists under three names, and only one is used.
 rm -f pyarrow/libarrow_python.so pyarrow/libarrow_python.so.*.*
 
-# rosbags as this uses it: types and their bytes. No bags.
+# rosbags is used only for message types and serialization, not for bags.
 rm -rf apsw lz4 ruamel
 
-# Of scipy: distances, neighbours, graphs and optimisation.
+# scipy is used for distances, neighbours, graphs and optimisation.
 rm -rf scipy/stats scipy/io scipy/signal scipy/integrate scipy/interpolate
 find pyarrow -name '*.pxi' -delete -o -name '*.pxd' -delete -o -name '*.pyx' -delete
 
@@ -31,7 +31,7 @@ find . -name '*.pyi' -delete
 strip --strip-unneeded pybullet.*.so rerun_bindings/*.so llvmlite/binding/*.so zenoh/*.so
 if [ -e rerun_cli/rerun ]; then strip --strip-unneeded rerun_cli/rerun; fi
 
-# What is left must still load.
+# The remaining packages must still import.
 cd /
 "$1/../../../bin/python" -c '
 import collada, cv2, lxml.etree, moderngl, networkx, numba, PIL.Image, pybullet

@@ -1,4 +1,4 @@
-"""`make bench`: what is said of speed and memory, measured on this machine, beside others."""
+"""`make bench`: speed and memory, measured on this machine, in comparison with other simulators."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _WIRE_DEADLINE_S = 120.0
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print tables, write JSON."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
-    parser.add_argument("--json", type=Path, default=Path("bench.json"), help="file of the figures")
-    parser.add_argument("--quick", action="store_true", help="few repeats: to see that it works")
+    parser.add_argument("--json", type=Path, default=Path("bench.json"), help="output file")
+    parser.add_argument("--quick", action="store_true", help="few repeats, as a smoke test")
     options = parser.parse_args(arguments)
     logging.disable(logging.INFO)
     console = Console()
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _sections(quick: bool) -> dict[str, Callable[[], list[Figure]]]:
-    """What to measure, in order. Whatever is fast is measured many times."""
+    """The measurements, in order. Fast operations are repeated many times."""
     few, many = (1, 3) if quick else (5, 200)
     episode_s, episodes = (1.0, 1) if quick else (30.0, 3)
     loaded = bench_parts.worlds()
@@ -71,7 +71,7 @@ def _sections(quick: bool) -> dict[str, Callable[[], list[Figure]]]:
 
 
 def wire(repeats: int) -> list[Figure]:
-    """Encoding, decoding, and there and back through a router in a process of its own."""
+    """Encoding, decoding, and a round trip through a router in its own process."""
     done = subprocess.run(
         [sys.executable, "-m", "services.cli.wire_speed", str(repeats)],
         capture_output=True, text=True, check=False, timeout=_WIRE_DEADLINE_S, cwd=ROOT,

@@ -1,4 +1,4 @@
-"""Measured figures: each with its spread, as a table for people and as JSON for machines."""
+"""Measured figures, each with its spread, as a text table and as JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PACKAGES = ("eclipse-zenoh", "moderngl", "numba", "numpy", "opencv-contrib-pyth
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure. Where it could not be measured, `count` is 0 and `note` says why."""
+    """One figure. If it could not be measured, `count` is 0 and `note` has the reason."""
 
     group: str
     name: str
@@ -50,7 +50,7 @@ def missing(group: str, name: str, unit: str, why: str) -> Figure:
 
 
 def timed_ms(work: Callable[[], object], repeats: int, warm: int = 1) -> list[float]:
-    """How long each of `repeats` goes takes, after some that load and compile."""
+    """Duration of each of `repeats` runs, after `warm` runs that load and compile."""
     for _ in range(warm):
         work()
     taken_ms = []
@@ -62,7 +62,7 @@ def timed_ms(work: Callable[[], object], repeats: int, warm: int = 1) -> list[fl
 
 
 def machine() -> dict[str, Any]:
-    """What the figures hold for: processor, memory, system and the versions of what runs."""
+    """Test conditions: processor, memory, system and software versions."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -76,7 +76,7 @@ def machine() -> dict[str, Any]:
 
 
 def tables(figures: Iterable[Figure]) -> list[Table]:
-    """A table a group, in the order in which the groups came."""
+    """One table per group, in order of appearance."""
     made: dict[str, Table] = {}
     for one in figures:
         if one.group not in made:
@@ -96,7 +96,7 @@ def tables(figures: Iterable[Figure]) -> list[Table]:
 
 
 def as_json(figures: Iterable[Figure], settings: dict[str, Any]) -> dict[str, Any]:
-    """All of it as JSON values."""
+    """All figures and settings as JSON values."""
     return {
         "machine": machine(),
         "settings": settings,
@@ -105,7 +105,7 @@ def as_json(figures: Iterable[Figure], settings: dict[str, Any]) -> dict[str, An
 
 
 def _shown(value: float) -> str:
-    """Three digits that count."""
+    """Three significant digits."""
     if abs(value) >= 100.0:
         return f"{value:.0f}"
     return (

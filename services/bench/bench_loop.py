@@ -1,5 +1,5 @@
-"""The whole loop, in a process of its own: how much faster than real time, how long each part of it
-takes, and how much memory. `python -m services.bench.bench_loop JSON` prints one episode.
+"""The whole loop in its own process: real time factor, duration of each part, and memory.
+`python -m services.bench.bench_loop JSON` prints one episode.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ LOOPS: dict[str, dict[str, Any]] = {
     "camera and recording": {},
 }
 WARM_UP_S = 1.0
-"""Simulation time in which the world is loaded and what is not compiled is."""
+"""Simulation time in which the world is loaded and missing kernels are compiled."""
 _DEADLINE_S = 600.0
 _DRIVES = "Begin navigating"
-"""What navigation says when it knows where it is and sets out for the first goal."""
+"""Log message of navigation when it is localised and starts towards the first goal."""
 
 
 def loops(episode_s: float, repeats: int) -> list[Figure]:
@@ -73,8 +73,8 @@ def whole_tour() -> list[Figure]:
 
 
 def starts(repeats: int) -> list[Figure]:
-    """From the start of the process of `mazebot demo` in the enhanced world, with recording, to the
-    first step of physics, and until the robot is localised and drives.
+    """Times from the start of the `mazebot demo` process in the enhanced world, with recording, to
+    the first step of physics, and until the robot is localised and drives.
     """
     group = "start of mazebot demo"
     figures = []
@@ -89,14 +89,14 @@ def starts(repeats: int) -> list[Figure]:
 
 
 def _bytecode_note() -> str:
-    """That the packages lack what `make env` compiles, if so: without it, a start is far longer."""
+    """A note if the packages lack the bytecode from `make env`: then a start takes far longer."""
     spec = importlib.util.find_spec("rerun")
     compiled = spec is not None and spec.cached is not None and Path(spec.cached).is_file()
     return "" if compiled else "packages not compiled to bytecode: make env"
 
 
 def _parts(episode: Measured, episode_s: float) -> list[Figure]:
-    """What the services and the costly parts in them take."""
+    """Durations of the services and of their expensive parts."""
     figures = []
     for name, taken_ms in episode["services_ms"].items():
         per_second = sum(taken_ms) / episode_s
@@ -110,13 +110,15 @@ def _parts(episode: Measured, episode_s: float) -> list[Figure]:
 
 
 def episode(options: dict[str, Any], episode_s: float | None) -> Measured:
-    """Drive the start of the enhanced tour, or with None all of it, and measure."""
+    """Drive `episode_s` seconds of the enhanced tour after a warm-up, or with None all of it, and
+    measure.
+    """
     services_ms: dict[str, list[float]] = defaultdict(list)
     parts_ms: dict[str, list[float]] = defaultdict(list)
     _time_method(Planner, "plan", parts_ms["planner, one plan"])
     _time_method(Controller, "step", parts_ms["controller, one step"])
     _time_method(Detector, "detect", parts_ms["marker detector, one picture 640x480"])
-    # Collections as in mazebot demo: none up to the first step, then without what that has made.
+    # Garbage collection as in mazebot demo: none up to the first step, then without older objects.
     with tempfile.TemporaryDirectory() as folder, collections_held_off():
         out_dir = Path(folder) / "run"
         nodes = build_nodes(DemoOptions(out_dir=out_dir, **options))
@@ -147,7 +149,7 @@ def episode(options: dict[str, Any], episode_s: float | None) -> Measured:
 
 
 def _time_method(owner: Any, name: str, taken_ms: list[float]) -> None:
-    """Have a method of an object, or of all objects of a class, note how long each call takes."""
+    """Make a method of an object, or of all objects of a class, record each call's duration."""
     method: Callable[..., Any] = getattr(owner, name)
 
     @functools.wraps(method)
@@ -162,7 +164,7 @@ def _time_method(owner: Any, name: str, taken_ms: list[float]) -> None:
 
 
 def episode_in_own_process(options: dict[str, Any], episode_s: float | None) -> Measured:
-    """An episode in a fresh process, whose memory is its own."""
+    """An episode in a fresh process, so that memory is measured separately."""
     request = json.dumps({"options": options, "episode_s": episode_s})
     done = subprocess.run(
         [sys.executable, "-m", "services.bench.bench_loop", request],
@@ -173,7 +175,7 @@ def episode_in_own_process(options: dict[str, Any], episode_s: float | None) -> 
 
 
 def _start_s(environment: dict[str, str], signs: list[str]) -> list[float]:
-    """Seconds from the start of the command's process until it says each of some words, in turn."""
+    """Seconds from the start of the command's process until it prints each sign, in order."""
     with tempfile.TemporaryDirectory() as folder:
         start_s = time.perf_counter()
         command = [sys.executable, "-m", "services.cli", "demo", "--out", f"{folder}/run"]

@@ -1,6 +1,4 @@
-"""The simulator's parts by themselves: steps, lidar, cameras, and how long it takes to have a
-world.
-"""
+"""The simulator's parts separately: steps, lidar, cameras, and world generation."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ _DRIVE = (0.3, 0.2)
 
 
 def worlds() -> dict[str, LoadedWorld]:
-    """The worlds that parts are measured in, by what to call them."""
+    """The worlds used for the measurements, by label."""
     maze = load_world("maze", overrides=THOUSAND_WALLS)
     return {"enhanced": load_world("enhanced"), f"{len(maze.world.walls)} walls": maze}
 
@@ -64,7 +62,7 @@ def simulation(loaded: dict[str, LoadedWorld], repeats: int) -> list[Figure]:
 
 
 def sensors_and_steps(loaded: LoadedWorld, seconds: float, repeats: int) -> Figure:
-    """Physics at 240 Hz with a scan ten times a second, and nothing else: what peers measure."""
+    """Physics at 240 Hz with a 10 Hz scan only, as measured for the other simulators."""
     every = steps_per_period(10.0)
     with _simulation(loaded) as simulated:
         steps = iter(range(1, 10_000_000))
@@ -83,7 +81,7 @@ def sensors_and_steps(loaded: LoadedWorld, seconds: float, repeats: int) -> Figu
 
 
 def cameras(loaded: dict[str, LoadedWorld], frames: int) -> list[Figure]:
-    """One picture, colour and depth, by profile and renderer, while the camera turns."""
+    """One image, colour and depth, by profile and renderer, while the camera turns."""
     return [
         camera(label, world, kind, profile, max(frames // 10, 3) if kind == "tiny" else frames)
         for label, world in loaded.items()
@@ -96,7 +94,7 @@ def cameras(loaded: dict[str, LoadedWorld], frames: int) -> list[Figure]:
 def camera(
     label: str, loaded: LoadedWorld, kind: RendererKind, profile: str, frames: int
 ) -> Figure:
-    """One renderer's pictures."""
+    """Rendering times of one renderer."""
     sensor = CAMERA_PROFILES[profile]
     width, height = sensor.camera_width_px, sensor.camera_height_px
     group, name = "camera, one picture", f"{label}, {profile} {width}x{height} RGB-D, {kind}"
@@ -123,7 +121,7 @@ def camera(
 
 
 def generation(repeats: int) -> list[Figure]:
-    """How long it takes to have a world."""
+    """Durations of world generation."""
     figures = []
     size = ("maze.rows=50", "maze.columns=50")
     for kind in ("algorithm=wilson", "algorithm=recursive_backtracker", "algorithm=rooms",

@@ -1,4 +1,4 @@
-"""What others take for the same: PyBullet as its manual has it, and ir-sim, in the same maze."""
+"""Other simulators in the same maze: PyBullet used as in its manual, and ir-sim."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DEADLINE_S = 120.0
 
 
 def plain_pybullet(world: World, seconds: float, repeats: int, frames: int) -> list[Figure]:
-    """PyBullet by its quick start guide: boxes, the robot's URDF, motors, `rayTestBatch`, and
+    """PyBullet as in its quick start guide: boxes, the robot's URDF, motors, `rayTestBatch`, and
     TinyRenderer by `getCameraImage`; no textures.
     """
     client = pybullet.connect(pybullet.DIRECT)
@@ -57,7 +57,7 @@ def plain_pybullet(world: World, seconds: float, repeats: int, frames: int) -> l
 
 
 def ir_sim(world: World, seconds: float, repeats: int) -> list[Figure]:
-    """ir-sim with a disc that drives, steps of 0.1 s, the same lidar and noise, nothing drawn."""
+    """ir-sim with a driving disc, steps of 0.1 s, the same lidar and noise, no rendering."""
     names = {
         "steps": ("ir-sim: 10 Hz and lidar", "x real time"),
         "scans": ("ir-sim: one scan", "ms"),
@@ -84,7 +84,7 @@ def ir_sim(world: World, seconds: float, repeats: int) -> list[Figure]:
 
 
 def _ask_ir_sim(request: dict[str, Any]) -> dict[str, Any]:
-    """Raises OSError, SubprocessError or ValueError where it does not answer."""
+    """Raises OSError, SubprocessError or ValueError where it gives no result."""
     done = subprocess.run(
         [str(IRSIM_PYTHON), str(_IRSIM_SCRIPT)], input=json.dumps(request),
         capture_output=True, text=True, check=True, timeout=_DEADLINE_S,
@@ -121,7 +121,7 @@ def _build(world: World, client: int) -> int:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """PyBullet warns, past Python, of every link without inertia."""
+    """PyBullet's C code prints a warning for every link without inertia."""
     sys.stdout.flush()
     kept = os.dup(1)
     with open(os.devnull, "wb") as nothing:  # noqa: PTH123 - not a path, a device
@@ -134,7 +134,7 @@ def _silence() -> Iterator[None]:
 
 
 def _drive(robot: int, client: int) -> None:
-    """In a narrow circle, so that nothing is met."""
+    """Drive in a narrow circle, without collisions."""
     pybullet.setJointMotorControlArray(
         robot, [1, 2], pybullet.VELOCITY_CONTROL,
         targetVelocities=[_WHEELS_RAD_S * 0.2, _WHEELS_RAD_S], forces=[1.0, 1.0],
@@ -149,7 +149,7 @@ def _scan(robot: int, client: int) -> object:
     start = np.array([place[0], place[1], _LIDAR_HEIGHT_M])
     rays = np.stack([np.cos(angles), np.sin(angles), np.zeros(_RAYS)], axis=1)
     starts = np.broadcast_to(start, rays.shape)
-    # From outside the robot's own bodies.
+    # The rays start outside of the robot's own bodies.
     hits = pybullet.rayTestBatch(
         (starts + 0.3 * rays).tolist(), (starts + _RANGE_M * rays).tolist(), numThreads=1,
         physicsClientId=client,

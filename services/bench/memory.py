@@ -1,4 +1,4 @@
-"""How much memory a process takes."""
+"""Memory use of the process."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _STATUS = Path("/proc/self/status")
 
 
 def resident_mb() -> float:
-    """Memory of this process in MB (10^6 bytes), after what is no longer used has been let go of.
+    """Resident memory of this process in MB (10^6 bytes), after a garbage collection.
 
-    Where there is no /proc, the most that it has ever had.
+    Without /proc, its peak memory.
     """
     gc.collect()
     if _STATM.is_file():
@@ -22,9 +22,9 @@ def resident_mb() -> float:
 
 
 def peak_mb() -> float:
-    """The most memory that this process has had, in MB (10^6 bytes)."""
+    """Peak memory of this process, in MB (10^6 bytes)."""
     if _STATUS.is_file():
-        # Linux counts in ru_maxrss what the process had that started this one.
+        # On Linux ru_maxrss includes the memory of the parent process.
         lines = (line.split() for line in _STATUS.read_text().splitlines())
         return next(int(line[1]) for line in lines if line[0] == "VmHWM:") * 1024 / 1e6
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

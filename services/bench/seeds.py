@@ -1,4 +1,4 @@
-"""`make seeds`: the tour of both worlds over ten seeds, judged by the ground truth."""
+"""`make seeds`: the tour of both worlds over ten seeds, evaluated against the ground truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Summary = dict[str, Any]
 
 
 def main() -> int:
-    """Drive and print; 0 where every goal was reached and nothing was touched."""
+    """Drive and print; return 0 if every goal was reached without a contact."""
     logging.disable(logging.INFO)
     console = Console()
     if not console.is_terminal:

@@ -1,5 +1,5 @@
-"""`make soak`: an hour of simulated driving to random goals that can be reached. Nothing may be
-touched, and memory may not grow.
+"""`make soak`: an hour of simulated driving to random reachable goals. Contacts and growing memory
+are failures.
 """
 
 from __future__ import annotations
@@ -45,28 +45,28 @@ from services.worldgen.map.occupancy import FREE
 from services.worldgen.recipe.loader import LoadedWorld, load_world
 
 CLEARANCE_M = 0.35
-"""Of a goal from everything, at least: the robot turns there, and maps are rounded to cells."""
+"""Minimum clearance of a goal: the robot turns there, and maps are rounded to cells."""
 LEAST_DRIVE_M = 1.0
-"""Between two goals, as the crow flies."""
+"""Minimum straight-line distance between two goals."""
 SLOPE_LIMIT_MB_H = 1.0
 SAMPLE_S = 10.0
 WARM_UP_SHARE = 0.25
-"""Of the drive, in which caches fill; not looked at."""
+"""Share of the drive that is ignored, because caches are filling."""
 LEAST_HOURS_JUDGED = 0.2
-"""What is left after it: in less, memory's steps say nothing of its slope."""
+"""Minimum time after the warm-up to judge the slope, since memory grows in steps."""
 _NOTHING_NEW_S = 300.0
-"""Simulation time without the end of a goal, after which the robot counts as stuck."""
+"""Simulation time without a goal result after which the robot counts as stuck."""
 
 
 class Sample(NamedTuple):
-    """How much memory the process had at a simulation time."""
+    """Memory of the process at a simulation time."""
 
     time_s: float
     memory_mb: float
 
 
 class Ended(NamedTuple):
-    """What is kept of a goal that has ended: little, since memory is what is looked at."""
+    """The data kept of a goal that has ended: little, since memory is being measured."""
 
     error_code: int
     number_of_recoveries: int
@@ -74,7 +74,7 @@ class Ended(NamedTuple):
 
 @dataclass
 class Drive:
-    """What came of it."""
+    """The result of a drive."""
 
     results: list[Ended] = field(default_factory=list)
     samples: list[Sample] = field(default_factory=list)
@@ -85,17 +85,17 @@ class Drive:
 
     @property
     def reached(self) -> int:
-        """Goals that were."""
+        """Number of goals reached."""
         return sum(result.error_code == 0 for result in self.results)
 
     @property
     def contacts(self) -> int:
-        """Times that the robot touched something."""
+        """Number of contacts of the robot."""
         return len(self.evaluation.contacts) if self.evaluation is not None else 0
 
     def slope_mb_h(self) -> tuple[float, float] | None:
-        """Memory's growth per simulated hour after the warm-up, by least squares, and the hours it
-        was seen for; None where these are too few.
+        """Memory growth per simulated hour after the warm-up, by least squares, and the hours
+        measured; None if these are too few.
         """
         if len(self.samples) < 2:
             return None
@@ -107,7 +107,7 @@ class Drive:
         return float(np.polyfit(times_s[late] / 3600.0, memory_mb[late], 1)[0]), hours
 
     def faults(self) -> list[str]:
-        """Why this drive is none that may be."""
+        """The reasons why this drive failed."""
         faults = []
         if self.contacts:
             faults.append(f"{self.contacts} contacts")
@@ -120,7 +120,7 @@ class Drive:
 
 
 class RandomGoals(Node):
-    """In the place of bringup: asks for a world, and drives to one goal after another in it."""
+    """Replaces bringup: requests a world, and drives to one goal after another in it."""
 
     name: ClassVar[str] = "bringup"
     _config = ServiceConfig()
@@ -136,7 +136,7 @@ class RandomGoals(Node):
         self.evaluation: Evaluation | None = None
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Send the next goal where the last one has ended."""
+        """Send the next goal when the last one has ended."""
         if not self._requested:
             self._requested = True
             outbox.put(WORLD_REQUEST, self._request)
@@ -158,8 +158,8 @@ class RandomGoals(Node):
 
 
 def reachable_goals(loaded: LoadedWorld, seed: int) -> Iterator[Planar]:
-    """Poses without end, on free floor that hangs together with the start, each some way from the
-    last. Raises ValueError where there are none.
+    """An infinite sequence of poses on free floor connected to the start, each at some distance
+    from the last. Raises ValueError where there are none.
     """
     free = np.asarray(loaded.map_cells) == FREE
     side_m = loaded.world.map_resolution_m
@@ -193,9 +193,9 @@ def _wander(places: Sequence[SE2], least_m: float, seed: int) -> Iterator[Planar
 
 
 def drive(options: DemoOptions, hours: float, console: Console) -> Drive:
-    """Drive for so many simulated hours.
+    """Drive for this number of simulated hours.
 
-    Raises ConfigError where the world cannot be had.
+    Raises ConfigError where the world cannot be loaded.
     """
     wanted = bringup_config(options)
     worlds_dir = {"worlds_dir": options.worlds_dir} if options.worlds_dir is not None else {}
@@ -279,13 +279,13 @@ def _table(done: Drive) -> Table:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Drive and print; 0 where nothing was touched and memory did not grow."""
+    """Drive and print; return 0 if the drive has no faults."""
     parser = argparse.ArgumentParser(prog="soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=1.0, help="simulated hours to drive")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--world", default="enhanced")
-    parser.add_argument("--camera", action="store_true", help="with pictures and markers")
-    parser.add_argument("--record", action="store_true", help="with a recording, thrown away")
+    parser.add_argument("--camera", action="store_true", help="with camera images and markers")
+    parser.add_argument("--record", action="store_true", help="with a recording, discarded")
     options = parser.parse_args(arguments)
     if not 0.0 < options.hours <= 1000.0:
         fail(f"--hours: must be more than 0, at most 1000 (got {options.hours:g})")

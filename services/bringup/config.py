@@ -1,4 +1,4 @@
-"""What `bringup` is told."""
+"""The configuration of `bringup`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from services.common.node.documents import Finite
 
 
 def _listed(value: object) -> object:
-    """A text as the list it stands for: JSON, or `field=value` with commas between."""
+    """The list given as text: JSON, or `field=value` separated by commas."""
     if not isinstance(value, str):
         return value
     if value.lstrip().startswith("["):
@@ -21,34 +21,34 @@ def _listed(value: object) -> object:
             return json.loads(value)
         except ValueError as error:
             raise ValueError("must be `field=value`, or a JSON list of them") from error
-    # Only where a field begins: a value such as {x_m: 1, y_m: 2} has commas of its own.
+    # Split only where a field begins: a value such as {x_m: 1, y_m: 2} contains commas.
     return re.split(r",(?=\s*[A-Za-z_][\w.]*=)", value) if value.strip() else ()
 
 
 class BringupConfig(ServiceConfig):
-    """Which world to ask for, and where to drive in it."""
+    """The world to request, and the goals in it."""
 
-    world_name: str = Field("sim_house_enhanced", description="the world to ask for")
+    world_name: str = Field("sim_house_enhanced", description="the world to request")
     use_aruco: bool = Field(True, description="keep the world's ArUco markers")
-    # A flag given twice arrives as one text, with a comma between.
+    # A flag given twice is passed as one text, separated by a comma.
     world_overrides: Annotated[tuple[str, ...], PlainText, BeforeValidator(_listed)] = Field(
         (),
-        description="put over the world's recipe: `maze.seed=3`; more after commas or as JSON",
+        description="overrides the world's recipe: `maze.seed=3`; several with commas or as JSON",
     )
     tour: tuple[str, ...] = Field(
         (),
-        description="names of locations to drive to, in order; `home` is the robot's start; none: "
-        "all of the world's, or places spread over its floor where it has none, then `home`",
+        description="names of the locations to drive to, in order; `home` is the robot's start; "
+        "none: all of the world's, or poses spread over its floor if it has none, then `home`",
     )
     goal: tuple[Finite, Finite, Finite] | None = Field(
-        None, description="x (m), y (m), yaw (rad) in the map frame: one goal in place of the tour"
+        None, description="x (m), y (m), yaw (rad) in the map frame: one goal instead of the tour"
     )
     bringup_timeout_s: float = Field(
-        60.0, gt=0, description="simulation time after which a stack that is not active has failed"
+        60.0, gt=0, description="simulation time within which the stack must become active"
     )
     resend_after_s: float = Field(
-        2.0, gt=0, description="simulation time without a sign of the goal; then it is sent again"
+        2.0, gt=0, description="simulation time after which a goal that navigation lost is resent"
     )
     only_ask: bool = Field(
-        False, description="end with the answer to the request: an error where another world runs"
+        False, description="exit after the reply to the request: an error if another world runs"
     )

@@ -1,4 +1,4 @@
-"""Asks for a world, waits until localisation and navigation are active, drives the tour, prints its
+"""Requests a world, waits until localisation and navigation are active, drives the tour, prints its
 table.
 """
 
@@ -44,11 +44,11 @@ EXIT_REFUSED = 2
 EXIT_NOT_ACTIVE = 3
 
 EVALUATION_PATIENCE_S = 5.0
-"""Simulation time to wait for the recorder's verdict before the tour ends without it."""
+"""Simulation time to wait for the recorder's evaluation before the tour ends without it."""
 
 
 class BringupNode(Node):
-    """The life of a run, from the request for a world to the table of its tour."""
+    """Controls a run, from the request for a world to the table of its tour."""
 
     name = "bringup"
     _config: BringupConfig
@@ -79,10 +79,10 @@ class BringupNode(Node):
         self._tour_end_ns = 0
         self._now_ns = 0
         self._began_anew = False
-        """Whether navigation has yet to tell how it is since the simulation began anew."""
+        """Whether no valid navigation status was received since the simulation was reset."""
 
     def waiting_for(self) -> str | None:
-        """What keeps the tour from beginning, service by service."""
+        """The services that the tour is waiting for, and why."""
         if all(self._active.values()) or self.exit_code is not None:
             return None
         missing = []
@@ -97,17 +97,17 @@ class BringupNode(Node):
 
     @property
     def progress(self) -> tuple[int, int, str]:
-        """Goals done, goals in all, and the name of the goal being driven to."""
+        """Number of goals done, number of all goals, and the name of the current goal."""
         name = self._goals[self._goal_index][0] if self._goal_index < len(self._goals) else ""
         return self._goal_index, len(self._goals) or len(self._config.tour), name
 
     @property
     def recording(self) -> str:
-        """The run's folder, as the recorder knows it; empty before it has told."""
+        """The run's folder, as reported by the recorder; empty before that."""
         return self._evaluation.recording if self._evaluation else ""
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take the run one stage further."""
+        """Advance the run."""
         if not self._requested:
             self._requested = True
             outbox.put(WORLD_REQUEST, self._request)
@@ -130,7 +130,7 @@ class BringupNode(Node):
         self._finish(evaluation)
 
     def _begin_anew(self) -> None:
-        """Drive the tour from its beginning: the goals so far were those of another run."""
+        """Restart the tour: the goals so far belong to another run."""
         if self._world is not None:
             _LOG.info("the simulation began anew: so does the tour")
         self._clock_seen_ns = None
@@ -171,7 +171,7 @@ class BringupNode(Node):
                 self._waiting[status_of.name] = values.get(WAITING_KEY, "")
         for navigation in inbox.new(NAVIGATION_STATUS):
             if self._began_anew and navigation.localization_active:
-                # Of before: navigation begins anew with not knowing where the robot is.
+                # From before the reset: navigation restarts without localisation.
                 continue
             self._began_anew = False
             self._navigation = navigation
@@ -195,7 +195,7 @@ class BringupNode(Node):
         )
 
     def _goals_in(self, world: World, grid: msg.OccupancyGrid) -> list[tuple[str, Planar]]:
-        """Raises ValueError where the tour leads nowhere."""
+        """Raises ValueError where the tour has no valid goals."""
         if self._config.goal is None:
             cells, origin = msg.cells_from_grid(grid), msg.se2_from_pose(grid.info.origin)
             return tour_goals(world, self._config.tour, cells, origin, self._config.seed)
@@ -209,7 +209,7 @@ class BringupNode(Node):
                 self._active[manager] = True
                 logging.getLogger(manager).info(_ACTIVE)
         if self._clock_seen_ns is None and now_ns > 0:
-            # The stack may have run for long before this demo was started.
+            # The stack may have run for a long time before this demo was started.
             self._clock_seen_ns = now_ns
         waited_ns = now_ns - (self._clock_seen_ns or now_ns)
         if not all(self._active.values()) and waited_ns > self._config.bringup_timeout_s * 1e9:
@@ -225,7 +225,7 @@ class BringupNode(Node):
             if result.goal_stamp_ns != self._goal_stamp_ns:
                 continue
             if result.error_code == ErrorCode.WORLD_RESTARTED:
-                # Navigation does not know the goal any more, and is told again.
+                # Navigation has lost the goal; it is sent again.
                 continue
             self._results.append(result)
             self._goal_index += 1
@@ -255,14 +255,14 @@ class BringupNode(Node):
         )
 
     def _judged(self) -> Evaluation | None:
-        """The recorder's verdict on those of our own goals that it has judged; others may send the
-        robot somewhere too.
+        """The recorder's evaluation, reduced to this node's goals, because others may send goals
+        too.
         """
         if self._evaluation is None:
             return None
         verdicts = {goal.goal_stamp_ns: goal for goal in self._evaluation.goals}
         ours = [verdicts.get(result.goal_stamp_ns) for result in self._results]
-        # The recorder knows the names of locations, not those of a default tour.
+        # The recorder knows only the names of locations, not those of a default tour.
         goals = tuple(
             goal.model_copy(update={"name": name})
             for goal, (name, _) in zip(ours, self._goals, strict=False)
@@ -271,7 +271,7 @@ class BringupNode(Node):
         return self._evaluation.model_copy(update={"goals": goals})
 
     def _finish(self, evaluation: Evaluation | None) -> None:
-        """End with the table; navigation's own word stands for what the recorder did not see."""
+        """End with the table; for goals that the recorder missed, navigation's result counts."""
         goals = evaluation.goals if evaluation is not None else ()
         if evaluation is not None and goals:
             _LOG.info("tour finished\n%s", tour_table(evaluation))

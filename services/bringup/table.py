@@ -11,7 +11,7 @@ from services.common.node.documents import Evaluation
 
 
 def tour_table(evaluation: Evaluation) -> str:
-    """The goals of a run as text, a row each, and the run's errors and contacts below."""
+    """The goals of a run as a text table, followed by the run's errors and contacts."""
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column(HEADINGS[0])
     for heading in HEADINGS[1:]:

@@ -1,4 +1,4 @@
-"""Which goals a tour has, in a world."""
+"""The goals of a tour in a world."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from services.common.node.node import random_generator
 HOME = "home"
 
 PLACES = 4
-"""Of a default tour, at most."""
+"""Maximum number of poses of a default tour, besides home."""
 APART_M = 0.5
-"""They are farther from each other, and from the start."""
+"""Minimum distance of these poses from each other, and from the start."""
 _ROOM_M = 0.1
-"""Wanted around the robot at such a place."""
+"""Preferred clearance around the robot at such a pose."""
 _BEYOND_M = 2.0
-"""How far from what stands in a world, on open floor, its places lie at most."""
+"""On open floor, maximum distance of these poses beyond the world's obstacles and start."""
 _CANDIDATES = 60
-"""Drawn from the floor: fewer would leave corners out, more would make all seeds alike."""
+"""Number of random candidates: fewer would miss corners, more would make all seeds alike."""
 
 Goals = list[tuple[str, Planar]]
 
 
 class NoLocationsError(ValueError):
-    """A world that has no place to drive to."""
+    """A world without a reachable goal."""
 
 
 def tour_goals(
@@ -38,10 +38,10 @@ def tour_goals(
     """The goals of a tour by name; without names, every location in the world's order, then home;
     in a world without locations its default tour.
 
-    Home is the robot's start, but in a world that has a location of that name. `cells`, `origin`
-    and `seed` are as in `default_tour`.
-    Raises ValueError with one line where the world has no location of a name, NoLocationsError
-    where there is nowhere to drive to.
+    Home is the robot's start, unless the world has a location of that name. `cells`, `origin` and
+    `seed` are as in `default_tour`.
+    Raises ValueError with one line where the world lacks a named location, NoLocationsError where
+    there is no reachable goal.
     """
     if not names and not world.locations:
         return default_tour(world, cells, origin, seed)
@@ -58,12 +58,12 @@ def tour_goals(
 
 
 def default_tour(world: World, cells: NDArray[np.int8], origin: SE2, seed: int) -> Goals:
-    """The tour of a world without locations: places over the floor that can be reached, as far from
-    each other as they can be, then home. The same seed gives the same tour.
+    """The tour of a world without locations: poses on the reachable floor, each chosen as far as
+    possible from the others, then home. The same seed gives the same tour.
 
     `cells` (rows, columns) are the map's, 0 free to 100 occupied, -1 unknown, with `origin`
-    map_from_grid. On open floor the places are near what stands there. Raises NoLocationsError
-    where the robot can come to no such place.
+    map_from_grid. On open floor the poses are near obstacles or the start. Raises NoLocationsError
+    where the robot can reach no such pose.
     """
     points = _drawn(world, cells, origin, seed)
     start = np.array([world.start.x_m, world.start.y_m])
@@ -80,7 +80,7 @@ def default_tour(world: World, cells: NDArray[np.int8], origin: SE2, seed: int) 
     goals: Goals = []
     here = start
     while chosen:
-        # The nearest first, so that no leg leads past a place still to come.
+        # The nearest first, so that no leg passes a later goal.
         nearest = min(range(len(chosen)), key=lambda i: float(portable.lengths(chosen[i] - here)))
         there = chosen.pop(nearest)
         yaw_rad = round(portable.atan2(there[1] - here[1], there[0] - here[0]), 3)
@@ -93,8 +93,8 @@ def default_tour(world: World, cells: NDArray[np.int8], origin: SE2, seed: int) 
 
 
 def _drawn(world: World, cells: NDArray[np.int8], origin: SE2, seed: int) -> Array:
-    """(n, 2) middles of cells with room for the robot that it can come to, drawn by the seed."""
-    # Most tours have names, and need not wait for OpenCV.
+    """(n, 2) centres of random reachable cells, with room for the robot where there are any."""
+    # Most tours have names, and need not import OpenCV.
     from services.common.world.costmap import (  # noqa: PLC0415
         ROBOT_RADIUS_M,
         START_TOLERANCE_M,

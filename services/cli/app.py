@@ -22,11 +22,11 @@ from services.common.garbage import collections_held_off
 
 app = App(
     name="mazebot",
-    help="The TurtleBot house maze with no ROS and no Gazebo.",
+    help="A TurtleBot house maze simulator without ROS or Gazebo.",
     pretty_exceptions_enable=False,
 )
-topics_app = App(help="Look at the topics of a running stack, and write to them.")
-recordings_app = App(help="Look at what runs have left.")
+topics_app = App(help="Inspect the topics of a running stack, and publish to them.")
+recordings_app = App(help="List and view the recordings of runs.")
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 app.add_typer(world.app, name="world")
@@ -77,20 +77,20 @@ def demo(
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", help="field=value put over the world's recipe; may be given again"),
+        typer.Option("--set", help="field=value, overrides the world's recipe; repeatable"),
     ] = None,
     arguments: Annotated[
         list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
     ] = None,
     path: Annotated[
         list[Path] | None,
-        typer.Option("--path", help="folder of models, before those of GZ_SIM_RESOURCE_PATH"),
+        typer.Option("--path", help="folder of models, searched before GZ_SIM_RESOURCE_PATH"),
     ] = None,
     worlds_dir: Annotated[
         Path | None, typer.Option(help="folder of the worlds [default: worlds]")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="the run's one seed [default: 7]")
+        int | None, typer.Option(min=0, help="the run's seed [default: 7]")
     ] = None,
     config: Annotated[
         Path | None,
@@ -102,7 +102,7 @@ def demo(
     ] = None,
     goal: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="x, y (m) and yaw (rad) in the map: drive there instead of the tour"),
+        typer.Option(help="x, y (m) and yaw (rad) in the map: one goal instead of the tour"),
     ] = None,
     use_aruco: Annotated[
         str | None,
@@ -119,17 +119,17 @@ def demo(
     ] = None,
     renderer: Annotated[
         Literal["auto", "gl", "cpu", "tiny", "none"] | None,
-        typer.Option(help="who draws the camera's pictures [default: auto]"),
+        typer.Option(help="renderer of the camera images [default: auto]"),
     ] = None,
     camera: Annotated[
-        bool | None, typer.Option("--camera/--no-camera", help="simulate it [default: camera]")
+        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
     ] = None,
     record: Annotated[
         bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
     ] = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Drive the tour of a world in this process, as fast as the machine allows."""
+    """Drive the tour of a world in a single process, as fast as possible."""
     said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
     known.check_not_for_make([option for option, value in said.items() if value])
     if goal is not None and not all(map(math.isfinite, goal)):
@@ -171,7 +171,7 @@ def diff(
     directory: RecordingsDir = None,
     as_json: Json = False,
 ) -> None:
-    """Name the first message in which two runs differ; exit code 0 where none does, else 1."""
+    """Print the first message in which two runs differ; exit code 0 if there is none, else 1."""
     from services.cli.diff import diff_runs  # noqa: PLC0415
 
     code = diff_runs(directory or Path("recordings"), first, second, as_json)
@@ -201,7 +201,7 @@ def goal(
 
 @app.command()
 def cancel(as_json: Json = False, connect: Connect = _ROUTER) -> None:
-    """Cancel the goal to which the robot of a running stack drives: it stops."""
+    """Cancel the current goal of a running stack: the robot stops."""
     from services.cli.goal import cancel_goal  # noqa: PLC0415
 
     cancel_goal(connect, as_json)
@@ -213,7 +213,7 @@ def topic_list(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="with types")] = False,
     as_json: Json = False,
 ) -> None:
-    """Name the topics that somebody publishes."""
+    """List the topics whose publishers are running."""
     from services.cli.topic import list_topics  # noqa: PLC0415
 
     list_topics(connect, verbose, as_json)
@@ -221,7 +221,7 @@ def topic_list(
 
 @topics_app.command("info")
 def topic_info(name: TopicName, as_json: Json = False, connect: Connect = _ROUTER) -> None:
-    """Say of which type a topic is, who writes and reads it, and which of them are there."""
+    """Print a topic's type, publishers and subscribers, and which of them are running."""
     from services.cli.topic import tell_topic  # noqa: PLC0415
 
     tell_topic(connect, name, as_json)
@@ -234,7 +234,7 @@ def topic_hz(
     window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to count")] = 5.0,
     as_json: Json = False,
 ) -> None:
-    """Measure how often a topic's messages come."""
+    """Measure the rate of a topic."""
     from services.cli.topic import measure_rate  # noqa: PLC0415
 
     measure_rate(connect, name, window_s, as_json)
@@ -266,21 +266,20 @@ def topic_pub(
         ),
     ],
     message: Annotated[
-        str, typer.Argument(metavar="MESSAGE", help="JSON or YAML; what is not said is zero")
+        str, typer.Argument(metavar="MESSAGE", help="JSON or YAML; missing fields are zero")
     ] = "{}",
     rate_hz: Annotated[
         float, typer.Option("--rate", "-r", min=0.01, max=1000.0, help="messages a second")
     ] = 1.0,
     once: Annotated[bool, typer.Option("--once", "-1", help="send one message")] = False,
     times: Annotated[
-        int | None, typer.Option("--times", "-t", min=1, help="send so many, then end")
+        int | None, typer.Option("--times", "-t", min=1, help="send this number of messages")
     ] = None,
     connect: Connect = _ROUTER,
 ) -> None:  # fmt: skip
-    """Write messages to a topic until Ctrl-C, as `ros2 topic pub` does.
+    """Publish messages to a topic until Ctrl-C, like `ros2 topic pub`.
 
-    A message without a stamp is stamped with the simulation's time, one without a frame is in that
-    of its topic.
+    A missing stamp is set to the simulation time, a missing frame to the topic's frame.
     """
     from services.cli.publishing import publish_messages  # noqa: PLC0415
 
@@ -301,12 +300,12 @@ def recordings_view(
         str, typer.Argument(help="a run's folder or its name", autocompletion=run_names)
     ] = "",
     directory: RecordingsDir = None,
-    port: Annotated[int, typer.Option(min=1, max=65534, help="of the web viewer")] = 9090,
+    port: Annotated[int, typer.Option(min=1, max=65534, help="port of the web viewer")] = 9090,
     open_browser: Annotated[
-        bool, typer.Option("--open", help="open it in a browser, where this machine has one")
+        bool, typer.Option("--open", help="open it in a browser, if this machine has one")
     ] = False,
 ) -> None:
-    """Serve a run (the newest one, without a name) to a browser."""
+    """Serve a run (by default the newest one) to a browser."""
     from services.cli.recordings import view_run  # noqa: PLC0415
 
     view_run(directory or Path("recordings"), name, port, open_browser)
@@ -329,12 +328,12 @@ def parse_bool(option: str, text: str) -> bool:
 
 @functools.cache
 def _command() -> Callable[..., object]:
-    """The command with all its options, made once."""
+    """The command with all its options, built once."""
     return typer.main.get_command(app)
 
 
 def main() -> NoReturn:
-    """Run the command; a mistake is one line on standard error, and not exit code 0."""
+    """Run the command; an error is one line on standard error and a nonzero exit code."""
     code: object = 0
     try:
         code = _command()(prog_name="mazebot", standalone_mode=False)

@@ -1,4 +1,4 @@
-"""How every command reads its words and tells what is wrong with them."""
+"""Argument parsing and usage errors of all commands."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from services.common.config import ConfigError, must
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# typer keeps click to itself: this is click's UsageError.
+# typer does not export click's UsageError.
 UsageMistake: type[Exception] = typer.BadParameter.__mro__[1]
 
 
 class Command(TyperCommand):
-    """A command that takes negative numbers as arguments, and no empty text for anything."""
+    """A command that accepts negative numbers as arguments, and refuses empty texts."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the arguments behind `--`, where nothing is taken for an option; parse as ever.
+        """Move the arguments behind `--`, so that none is parsed as an option; then parse.
 
         Raises ConfigError where an option or an argument is an empty text.
         """
         if ctx.resilient_parsing:
-            # Of words that somebody is about to complete.
+            # Incomplete arguments, for shell completion.
             return super().parse_args(ctx, args)
         takes = {
             name: 0 if getattr(param, "is_flag", False) else param.nargs
@@ -62,7 +62,7 @@ class Command(TyperCommand):
 
 
 class App(typer.Typer):
-    """A group of commands that prints its help where none of them is named."""
+    """A group of commands that prints its help if no command is given."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(invoke_without_command=True, **settings)
@@ -71,7 +71,7 @@ class App(typer.Typer):
     def command(  # type: ignore[override]
         self, name: str | None = None, *, cls: type[TyperCommand] = Command, **settings: Any
     ) -> Callable[[F], F]:
-        """As typer's, with the arguments of `Command`."""
+        """As typer's, with `Command` as the default class."""
         return super().command(name, cls=cls, **settings)
 
 
@@ -82,9 +82,7 @@ def overview(context: typer.Context) -> None:
 
 
 def in_one_line(error: Exception) -> str:
-    """What is wrong with the words of a command, of an error of UsageMistake: the option or
-    argument, its value, and what would be right.
-    """
+    """The text of a UsageMistake: the option or argument, its value, and what is allowed."""
     said: Any = error
     param, context = getattr(said, "param", None), said.ctx
     if param is not None and isinstance(error.__cause__, ValidationError):
@@ -109,7 +107,7 @@ def in_one_line(error: Exception) -> str:
 
 
 def is_number(word: str) -> bool:
-    """Whether a word is a number, of whichever sign."""
+    """Whether a word is a number, positive or negative."""
     try:
         float(word)
     except ValueError:

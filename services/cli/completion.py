@@ -1,4 +1,4 @@
-"""What the shell offers on TAB, where a command takes a name."""
+"""Shell completion of names."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def topic_names(incomplete: str) -> list[str]:
 
 
 def written_topic_names(incomplete: str) -> list[str]:
-    """The topics that people's tools may write."""
+    """The topics that the user's tools may publish."""
     from services.common.node.topics import EDGE, owned_by  # noqa: PLC0415
 
     mine = {topic.name for topic in owned_by(EDGE)}

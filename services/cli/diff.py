@@ -1,4 +1,4 @@
-"""`mazebot diff`: what two runs were told, and where they part."""
+"""`mazebot diff`: the settings of two runs, and their first differences."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from services.recorder.keeping.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
 _CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
 _MOST_LINES = 12
 _NO_MATTER = ("services.recorder.", "world_hash")
-"""Settings on which nothing that happens depends, and what the summary says better."""
+"""Settings without influence on the run, and one that the summary gives better."""
 
 
 def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -> int:
-    """Print what two runs, by folder or name, were told and said differently; 0: they said the
-    same, 1: they did not.
+    """Print the differences of two runs, by folder or name, in settings and messages; return 0 if
+    all messages are the same, else 1.
 
-    Raises ConfigError where one of them is no run, or has no digests.
+    Raises ConfigError where one of them is not a run, or has no digests.
     """
     folders = _find(directory, first), _find(directory, second)
     comparison = compare(_read(folders[0]), _read(folders[1]))
@@ -74,7 +74,7 @@ def _read(folder: Path) -> Digests:
 
 
 def _told(first: Path, second: Path) -> Iterator[str]:
-    """What the runs were made of."""
+    """The differences in the runs' settings."""
     one, other = _settings(first), _settings(second)
     same = True
     for name in dict.fromkeys((*one, *other)):
@@ -87,7 +87,7 @@ def _told(first: Path, second: Path) -> Iterator[str]:
 
 
 def _settings(folder: Path) -> dict[str, Any]:
-    """All that a run depends on, by name."""
+    """All settings of a run, by name."""
     summary = _mapping(folder / SUMMARY, json.loads)
     named = ("world", "world_hash", "seed", "renderer")
     settings = {name: summary[name] for name in named if name in summary}
@@ -100,7 +100,7 @@ def _settings(folder: Path) -> dict[str, Any]:
 
 
 def _mapping(path: Path, parse: Any) -> dict[str, Any]:
-    """What a file of a run holds; nothing where it is not there, as of one that was killed."""
+    """The content of a run's file; empty if it is missing, as in a run that was killed."""
     try:
         content = parse(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -128,7 +128,7 @@ def _text(settings: dict[str, Any], name: str) -> str:
 
 
 def _said(comparison: Comparison) -> Iterator[str]:
-    """What the runs said."""
+    """The differences in the runs' messages."""
     differences = comparison.differences
     first_ns, second_ns = comparison.ends_ns
     if differences:

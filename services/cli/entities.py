@@ -1,4 +1,4 @@
-"""`mazebot spawn`, `move`, `remove` and `entities`: what stands in the world of a running stack."""
+"""`mazebot spawn`, `move`, `remove` and `entities`: the entities of a running stack."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=doc.Document)
 
 _TILTED = 1e-6
-"""Sine of the angle from which on a thing does not stand upright."""
+"""Sine of the tilt angle from which an entity is not upright."""
 
-Timeout = Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait for an answer")]
+Timeout = Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait for a reply")]
 At = Annotated[str | None, typer.Option("--at", metavar="X Y [Z]", help="metres in the map")]
-Yaw = Annotated[float | None, typer.Option(help="heading, rad; of a marker: where it faces")]
+Yaw = Annotated[float | None, typer.Option(help="heading, rad; for a marker, of its face")]
 Rpy = Annotated[
     str | None, typer.Option(metavar="R P Y", help="roll, pitch and yaw, rad, instead of --yaw")
 ]
-Wall = Annotated[str | None, typer.Option(help="hang the marker on this wall")]
+Wall = Annotated[str | None, typer.Option(help="wall on which to place the marker")]
 Side = Annotated[str, typer.Option(help="left (towards the wall's +y axis) or right")]
 Offset = Annotated[float, typer.Option(help="along the wall's x axis, from its centre, m")]
 Height = Annotated[float, typer.Option(help="of the marker's centre above the floor, m")]
 
 
 def spawn(
-    name: Annotated[str, typer.Argument(help="under which it will stand")],
+    name: Annotated[str, typer.Argument(help="name of the entity")],
     box: Annotated[str | None, typer.Option(metavar="X Y Z", help="sides, m")] = None,
     cylinder: Annotated[
         str | None, typer.Option(metavar="R L", help="radius and length, m")
@@ -67,11 +67,11 @@ def spawn(
     ] = None,
     models: Annotated[
         list[Path] | None,
-        typer.Option(help="folder of models, as in GZ_SIM_RESOURCE_PATH; may be given again"),
+        typer.Option(help="folder of models, as in GZ_SIM_RESOURCE_PATH; repeatable"),
     ] = None,
     marker: Annotated[int | None, typer.Option(min=0, help="id of an ArUco marker")] = None,
     size_m: Annotated[float, typer.Option("--size", help="side of its black square, m")] = 0.3,
-    dictionary: Annotated[str, typer.Option(help="OpenCV's name of one")] = "DICT_4X4_100",
+    dictionary: Annotated[str, typer.Option(help="OpenCV's dictionary name")] = "DICT_4X4_100",
     at: At = None,
     yaw: Yaw = None,
     rpy: Rpy = None,
@@ -80,29 +80,29 @@ def spawn(
     offset: Offset = 0.0,
     height: Height = 0.4,
     mass: Annotated[
-        float | None, typer.Option(help="kg; 0: it never moves [default: 0, or the model's]")
+        float | None, typer.Option(help="kg; 0: static [default: 0, or the model's]")
     ] = None,
     colour: Annotated[str | None, typer.Option(metavar="R G B", help="0 to 1 each")] = None,
     texture: Annotated[Path | None, typer.Option(help="PNG, once over each face")] = None,
     path: Annotated[
         str | None,
-        typer.Option(metavar="X Y X Y ...", help="go from place to place, over and over"),
+        typer.Option(metavar="X Y X Y ...", help="waypoints of a path to follow repeatedly"),
     ] = None,
-    speed: Annotated[float, typer.Option(help="on the path, m/s")] = 0.5,
+    speed: Annotated[float, typer.Option(help="speed on the path, m/s")] = 0.5,
     loop: Annotated[
-        bool, typer.Option("--loop", help="from the last place to the first, not the same way back")
+        bool, typer.Option("--loop", help="close the path, instead of going back along it")
     ] = False,
     yields: Annotated[
-        bool, typer.Option("--yield/--no-yield", help="wait while the robot is in the way")
+        bool, typer.Option("--yield/--no-yield", help="stop while the robot blocks the path")
     ] = True,
     allow_renaming: Annotated[
-        bool, typer.Option("--allow-renaming", help="where the name is taken, take one like it")
+        bool, typer.Option("--allow-renaming", help="if the name is taken, use a similar one")
     ] = False,
     timeout_s: Timeout = 10.0,
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Put a thing into the world of a running stack, and print where it stands."""
+    """Spawn an entity in the world of a running stack, and print its pose."""
     what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
             "--model": model, "--marker": marker}  # fmt: skip
     given = [option for option, value in what.items() if value is not None]
@@ -156,7 +156,7 @@ def move(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Put a thing of a running stack elsewhere; what is not said stays as it is."""
+    """Move an entity of a running stack; values that are not given stay as they are."""
     from services.common.node.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
 
     pose = _Pose.of(at, yaw, rpy)
@@ -188,12 +188,12 @@ def move(
 def remove(
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="all but the world's own markers")
+        bool, typer.Option("--all", help="all entities except the world's own markers")
     ] = False,
     timeout_s: Timeout = 10.0,
     connect: Connect = ROUTER,
 ) -> None:
-    """Take things out of the world of a running stack."""
+    """Delete entities from the world of a running stack."""
     from services.common.node.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
 
     if bool(names) == everything:
@@ -219,7 +219,7 @@ def entities(
     timeout_s: Timeout = 10.0,
     connect: Connect = ROUTER,
 ) -> None:
-    """List what stands in the world of a running stack, and what was refused."""
+    """List the entities in the world of a running stack, and those that were refused."""
     from services.common.node.topics import GET_ENTITIES  # noqa: PLC0415
 
     with stack.connected(connect) as session:
@@ -240,14 +240,14 @@ def entities(
 
 
 def register(app: typer.Typer) -> None:
-    """Give the command what is here."""
+    """Add this module's commands to the app."""
     for command in (spawn, move, remove, entities):
         app.command(cls=NumbersCommand)(command)
 
 
 @dataclass(frozen=True)
 class _Pose:
-    """What a person says of a pose; None: not said."""
+    """A pose as given by the user; None: not given."""
 
     at_m: tuple[float, ...] | None = None
     yaw_rad: float | None = None
@@ -266,7 +266,7 @@ class _Pose:
         )
 
     def rotation(self, is_marker: bool) -> Array | None:
-        """(3, 3) map_from_thing; None where nothing is said of it."""
+        """(3, 3) map_from_thing; None where no rotation is given."""
         if self.rpy_rad is not None:
             return rotation_from_rpy(*self.rpy_rad)
         if self.yaw_rad is None:
@@ -278,7 +278,7 @@ class _Pose:
         return upright(self.yaw_rad)
 
     def map_from_thing(self, entity: doc.Entity) -> Array:
-        """(4, 4): as said, the rest as the entity stands."""
+        """(4, 4): as given, the rest from the entity's pose."""
         rotation = self.rotation(isinstance(entity, doc.MarkerEntity))
         if rotation is None:
             rotation = rotation_from_quaternion(*entity.orientation_xyzw)
@@ -288,7 +288,7 @@ class _Pose:
 
 @dataclass(frozen=True)
 class _WallPlace:
-    """A place on a wall, as a recipe's markers have it."""
+    """A position on a wall, given as for a recipe's markers."""
 
     wall: str | None
     side: str
@@ -304,7 +304,7 @@ class _WallPlace:
         )  # fmt: skip
 
     def map_from_panel(self, world: doc.World, size_m: float) -> Array:
-        """(4, 4). Raises ConfigError where there is no such wall."""
+        """(4, 4). Raises ConfigError if the wall does not exist."""
         from services.common.world.furnish import PanelStyle  # noqa: PLC0415
         from services.common.world.placement import hang  # noqa: PLC0415
 
@@ -318,7 +318,7 @@ class _WallPlace:
 
 @dataclass(frozen=True)
 class _MarkerAsked:
-    """An ArUco marker to hang."""
+    """A requested ArUco marker."""
 
     id: int
     size_m: float
@@ -326,7 +326,7 @@ class _MarkerAsked:
     quiet_zone: int
 
     def marker(self, pose: _Pose, place: _WallPlace) -> doc.Marker:
-        """The marker. Raises ConfigError where there is none such, or its place is not said."""
+        """The marker. Raises ConfigError where it does not exist, or its pose is not given."""
         from services.common.world import marker_picture  # noqa: PLC0415
 
         marker = place.marker(self.id, self.size_m, self.dictionary, self.quiet_zone)
@@ -407,7 +407,7 @@ def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Mod
 
 
 def _painted(made: Model, colour: str | None, texture: Path | None) -> Model:
-    """With one material for all that is seen, where a colour or a texture is given."""
+    """The model with one material for all visuals, if a colour or a texture is given."""
     from services.worldgen.model_entity import texture_asset  # noqa: PLC0415
 
     if colour is None and texture is None:
@@ -445,7 +445,7 @@ def _route(path: str, speed: float, loop: bool, yields: bool) -> doc.ScriptedPat
 
 
 def _body(name: str, made: Model, pose: _Pose, route: doc.ScriptedPath | None) -> doc.BodyEntity:
-    """The entity, on the floor where nothing is said of its height. Raises ConfigError."""
+    """The entity, on the floor if no height is given. Raises ConfigError."""
     from services.worldgen.model_entity import lowest_m  # noqa: PLC0415
 
     if pose.at_m is None:
@@ -489,7 +489,7 @@ def _none_of(standing: doc.Entities) -> str:
 
 
 def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
-    """Of a body's x axis, or of a marker's face, in the map."""
+    """Heading of a body's x axis, or of a marker's face, in the map."""
     if is_marker:
         normal = rotation_from_quaternion(*orientation_xyzw)[:, 2]
         return math.atan2(normal[1], normal[0])
@@ -513,7 +513,7 @@ def _row(entity: doc.Entity) -> tuple[str, ...]:
 
 
 def _tell(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
-    """Print where a thing stands. Raises ConfigError where it does not."""
+    """Print an entity's pose. Raises ConfigError where the request failed."""
     if reply.error:
         named = reply.error.startswith("name:")
         raise ConfigError(reply.error if named else f"{reply.name}: {reply.error}")

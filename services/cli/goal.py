@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     import zenoh
 
 PATIENCE_S = 5.0
-"""Time to wait for a navigation service, and for its answer."""
+"""Time to wait for a navigation service, and for its reply."""
 EXIT_NOT_REACHED = 1
 
 
 def send_goal(
     endpoint: str, goal: tuple[float, float, float], timeout_s: float | None, as_json: bool
 ) -> int:
-    """Send a goal (x and y in metres, yaw in radians) and wait until navigation says how it ended;
-    0 where it was reached. Ctrl-C, and the end of `timeout_s` of wall time, cancel it.
+    """Send a goal (x and y in metres, yaw in radians) and wait for its result; return 0 if it was
+    reached. Ctrl-C, and a timeout after `timeout_s` of wall time, cancel it.
 
-    Raises ConfigError where a number is not finite, nobody is there to drive, or the goal was not
+    Raises ConfigError where a number is not finite, navigation is not running, or the goal was not
     reached; as JSON, the last of these is exit code 1.
     """
     for name, value in zip(("X", "Y", "YAW"), goal, strict=True):
@@ -83,9 +83,9 @@ def send_goal(
 
 
 def cancel_goal(endpoint: str, as_json: bool) -> None:
-    """Cancel the goal that is being driven to, whoever sent it.
+    """Cancel the current goal, whoever sent it.
 
-    Raises ConfigError where there is none, or nobody who drives.
+    Raises ConfigError where there is none, or navigation is not running.
     """
     with connected(endpoint) as session:
         _await_navigation(session, "cancel")
@@ -111,11 +111,11 @@ def _cancel(session: zenoh.Session, stamp_ns: int | None) -> CancelGoalReply:
 def _await_result(
     results: queue.SimpleQueue[bytes], stamp_ns: int, timeout_s: float | None
 ) -> NavigationResult | None:
-    """How the goal with a stamp ended; None where the time was over before."""
+    """The result of the goal with this stamp; None on timeout."""
     end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
     while (left_s := end_s - time.monotonic()) > 0.0:
         try:
-            # Waiting in short turns lets Ctrl-C through.
+            # Waiting in short intervals lets Ctrl-C through.
             result = wire.decode(NAVIGATION_RESULT, results.get(timeout=min(left_s, 0.5)))
         except (queue.Empty, wire.WireError):
             continue

@@ -1,4 +1,4 @@
-"""Settings that nothing reads, told before a command runs."""
+"""Checks for unknown settings, done before a command runs."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ _ELSEWHERE = {
     "WORLDS_DIR": "--worlds-dir {} or MAZEBOT_WORLDGEN_WORLDS_DIR={}",
     "PACE": "",
 }
-"""What make and Docker Compose read under a name of their own, and what a run in one process is
-told instead.
+"""Variables that only make and Docker Compose read, and the replacement for a run in one process.
 """
 
 
 def check_environment() -> None:
-    """Raises ConfigError where a `MAZEBOT_*` variable is none of any service."""
+    """Raises ConfigError where a `MAZEBOT_*` variable belongs to no service."""
     mine = [name for name in os.environ if name.upper().startswith(PREFIX)]
-    # Connecting is the business of every command, whose edge knows that variable itself.
+    # Every command that connects handles this variable itself.
     if [name for name in mine if name.upper() != "MAZEBOT_BUS_CONNECT"]:
         problem = unknown_variable(mine, fields_of_all())
         if problem:
@@ -35,13 +34,13 @@ def check_environment() -> None:
 
 
 def check_file(path: Path) -> None:
-    """Raises ConfigError where a file of settings has a section or a field that is none."""
+    """Raises ConfigError where a settings file has an unknown section or field."""
     read_settings(path, fields_of_all())
 
 
 def check_not_for_make(given: Collection[str]) -> None:
-    """Raises ConfigError where the environment tells make or Docker Compose what this command
-    would not hear; `given` are the options that were, each of which says it all the same.
+    """Raises ConfigError where the environment sets a variable for make or Docker Compose that this
+    command ignores, unless the corresponding option is `given`.
     """
     for name, instead in _ELSEWHERE.items():
         value = os.environ.get(name)

@@ -1,4 +1,4 @@
-"""A router of one's own on the loopback."""
+"""A private router on the loopback interface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DEADLINE_S = 20.0
 
 
 def free_port() -> int:
-    """A port that nothing listens on."""
+    """A free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -23,9 +23,9 @@ def free_port() -> int:
 
 @contextmanager
 def running_router(port: int | None = None) -> Iterator[str]:
-    """The endpoint of a router in a process of its own, which takes connections.
+    """The endpoint of a router in its own process that accepts connections.
 
-    Raises TimeoutError where it does not.
+    Raises TimeoutError where it does not accept them.
     """
     endpoint = f"tcp/127.0.0.1:{port or free_port()}"
     command = [sys.executable, "-m", "services.router", "--listen", endpoint]
@@ -39,7 +39,7 @@ def running_router(port: int | None = None) -> Iterator[str]:
 
 
 def wait_for_router(endpoint: str) -> None:
-    """Return when a session can be opened. Raises TimeoutError where none can be."""
+    """Wait until a session can be opened. Raises TimeoutError where none can be."""
     deadline_s = time.monotonic() + _DEADLINE_S
     while time.monotonic() < deadline_s:
         try:

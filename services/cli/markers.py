@@ -19,9 +19,9 @@ app = App(help="Make models of ArUco markers.")
 
 @app.command()
 def make(
-    marker_id: Annotated[int, typer.Argument(metavar="ID", min=0, help="of the marker")],
+    marker_id: Annotated[int, typer.Argument(metavar="ID", min=0, help="id of the marker")],
     dictionary: Annotated[
-        str, typer.Option(help="OpenCV's name of one, or a file as OpenCV writes it")
+        str, typer.Option(help="OpenCV's dictionary name, or a file as OpenCV writes it")
     ] = "DICT_4X4_100",
     size_m: Annotated[float, typer.Option("--size", help="side of the black square, metres")] = 0.3,
     kind: Annotated[str, typer.Option(help="panel or cube")] = "panel",

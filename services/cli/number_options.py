@@ -1,4 +1,4 @@
-"""Options with several numbers behind them, as `--at 1 2 0.5`."""
+"""Options that take several numbers, as `--at 1 2 0.5`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ MOST_NUMBERS = {
     "--at": 3, "--rpy": 3, "--box": 3, "--cylinder": 2, "--sphere": 1, "--scale": 3, "--colour": 3,
     "--path": 2000,
 }  # fmt: skip
-"""How many numbers at most may follow an option."""
+"""Maximum count of numbers after an option."""
 
 
 class NumbersCommand(Command):
-    """A command whose options in MOST_NUMBERS take the numbers behind them as one text."""
+    """A command whose options in MOST_NUMBERS take the numbers after them as one text."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Join the numbers, then parse as ever."""
+        """Join the numbers, then parse as usual."""
         joined: list[str] = []
         waiting = list(reversed(args))
         while waiting:
@@ -34,7 +34,7 @@ class NumbersCommand(Command):
 
 
 def numbers(option: str, text: str, *counts: int) -> tuple[float, ...]:
-    """The finite numbers in an option's text, as many as one of `counts`, or any number of them.
+    """The finite numbers in an option's text; their count is one of `counts`, or any if none given.
 
     Raises ConfigError, in one line.
     """

@@ -1,9 +1,9 @@
-"""Ends with an error where a stack runs another world than the one that is about to be asked for.
+"""Exits with an error if a stack is running another world than the one about to be requested.
 
     python -m services.cli.one_world
 
-Docker Compose runs this before a demo. It ends at once where nothing runs yet, and leaves every
-other mistake in a request for the demo to tell.
+Docker Compose runs this before a demo. It exits at once if nothing is running yet, and leaves all
+other errors of the request to the demo.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from services.common.bus.health import is_alive
 from services.common.node.topics import WORLD
 
 WORLD_PATIENCE_S = 1.0
-"""In which the world of a running stack is heard of; it is latched."""
+"""Time to wait for the world of a running stack; it is latched."""
 
 
 def world_runs(endpoint: str, prefix: str = "") -> bool:
-    """Whether there is a world already. In lockstep nobody would answer before there is a tour."""
+    """Whether a world is loaded already. In lockstep no service replies before bringup runs."""
     try:
         session = open_session(BusConfig(connect=endpoint, prefix=prefix))
     except BusUnavailableError:
@@ -35,12 +35,12 @@ def world_runs(endpoint: str, prefix: str = "") -> bool:
 
 
 def main() -> None:
-    """Ask, and leave with the answer as the exit code."""
+    """Request the world; the exit code is the result."""
     endpoint = os.environ.get("MAZEBOT_BUS_CONNECT") or "tcp/127.0.0.1:7447"
     prefix = os.environ.get("MAZEBOT_BUS_PREFIX", "")
     if not is_alive(endpoint, "worldgen", prefix) or not world_runs(endpoint, prefix):
         os._exit(0)
-    # Slow to load, and not needed where a stack is only starting.
+    # Slow to import, and not needed if a stack is only starting.
     from services.bringup.config import BringupConfig  # noqa: PLC0415
     from services.bringup.node import BringupNode  # noqa: PLC0415
     from services.common.bus.serve import main as serve  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Options that several commands have."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def print_json(value: object) -> None:
 def model_folders(option: str, given: Sequence[Path] | None) -> tuple[Path, ...]:
     """Folders of models: those given, then those of the environment.
 
-    Raises ConfigError where a given one is none.
+    Raises ConfigError where a given one is not a folder.
     """
     for folder in given or ():
         if not folder.is_dir():
@@ -47,7 +47,7 @@ def model_folders(option: str, given: Sequence[Path] | None) -> tuple[Path, ...]
 def xacro_arguments(arguments: Sequence[str] | None) -> dict[str, str]:
     """The values of `--arg name:=value` by name.
 
-    Raises ConfigError where one is written otherwise.
+    Raises ConfigError where one has another form.
     """
     pairs = {}
     for argument in arguments or []:

@@ -1,4 +1,4 @@
-"""`mazebot topic pub`: a message in JSON or YAML, as the message it stands for, on the bus."""
+"""`mazebot topic pub`: publishes a message given in JSON or YAML."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ _INTEGERS = {
     for sign in ("u", "")
     for bits in (8, 16, 32, 64)
 }
-"""Least and greatest value by type."""
+"""Minimum and maximum value by type."""
 
 
 class _Person(Node):
-    """Whoever types: writes what people's tools may write."""
+    """The user: may publish the topics of the user's tools."""
 
     name: ClassVar[str] = EDGE
     _config = ServiceConfig()
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Nothing: a person has no turn."""
+        """Does nothing: the user does not step."""
 
 
 def publish_messages(
     endpoint: str, name: str, text: str, rate_hz: float, times: int | None
 ) -> None:
-    """Publish a message again and again; None: until Ctrl-C.
+    """Publish a message `times` times; None: until Ctrl-C.
 
-    Raises ConfigError where the message is none of the topic's type, the topic is not for people
-    to write, or nobody is there to read it.
+    Raises ConfigError where the message is not of the topic's type, the user may not publish the
+    topic, or no subscriber is running.
     """
     topic = named_topic(name)
     mine = [one.name for one in owned_by(EDGE)]
@@ -82,13 +82,13 @@ def publish_messages(
 
 
 def _follow(now_ns: list[int], payload: bytes) -> None:
-    """Take in the simulation's time."""
+    """Store the simulation time."""
     with contextlib.suppress(wire.WireError):
         now_ns[0] = msg.ns_from_time(wire.decode(CLOCK, payload).clock)
 
 
 def parsed(topic: Topic[object], text: str) -> object:
-    """What a text in JSON or YAML holds. Raises ConfigError."""
+    """The content of a text in JSON or YAML. Raises ConfigError."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
@@ -103,8 +103,8 @@ def parsed(topic: Topic[object], text: str) -> object:
 
 
 def message_at(topic: Topic[object], content: object, now_ns: int) -> object:
-    """The message of a topic with fields as given, the others zero. One without a stamp has
-    `now_ns`, one without a frame that of its topic.
+    """The message of a topic with fields as given, the others zero. A missing stamp is `now_ns`, a
+    missing frame that of the topic.
 
     Raises ConfigError where a field is unknown, of another type or out of range.
     """
@@ -140,7 +140,7 @@ def _built(kind: str, content: object, where: str) -> object:
 
 
 def _value(spec: Any, content: object, where: str) -> object:
-    """A field as its type has it; None: nothing is said of it."""
+    """A field's value, converted to its type; None: not given."""
     kind, what = spec
     if kind == Nodetype.NAME:
         return _built(what, {} if content is None else content, where)

@@ -24,7 +24,7 @@ DEFAULT = Path("recordings")
 def list_runs(directory: Path | None, as_json: bool) -> None:
     """Print the runs of a folder, newest first.
 
-    Raises ConfigError where a folder is named that is none.
+    Raises ConfigError where the given path is not a folder.
     """
     if directory is not None and not directory.is_dir():
         raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
@@ -61,7 +61,7 @@ def _row(run: RecordingInfo) -> dict[str, object]:
 
 
 def view_run(directory: Path, name: str, web_port: int, open_browser: bool) -> None:
-    """Serve a run to browsers on this machine until Ctrl-C; show it in one where that is wanted.
+    """Serve a run to browsers on this machine until Ctrl-C, and optionally open it in one.
 
     Raises ConfigError where there is no such run or the port is taken.
     """
@@ -81,8 +81,8 @@ def view_run(directory: Path, name: str, web_port: int, open_browser: bool) -> N
 
 
 def _opened(url: str) -> bool:
-    """Whether a browser was begun, which this machine must have a screen for: one that draws in
-    the terminal cannot show a recording.
+    """Whether a browser was started. This machine must have a screen: a text browser cannot show a
+    recording.
     """
     shows = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     return (shows or sys.platform == "darwin") and webbrowser.open(url)

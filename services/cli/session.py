@@ -1,4 +1,4 @@
-"""How the command reaches a running stack. Zenoh takes long to load: that is put off until then."""
+"""Connects to a running stack. Zenoh takes long to load, so it is imported only then."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ A = TypeVar("A")
 def connected(endpoint: str) -> Iterator[zenoh.Session]:
     """A session with the stack's router while the context lasts.
 
-    Raises ConfigError where there is none.
+    Raises ConfigError where no router responds.
     """
     from services.common.bus.bus import BusConfig, BusUnavailableError, open_session  # noqa: PLC0415
 
@@ -40,7 +40,7 @@ def connected(endpoint: str) -> Iterator[zenoh.Session]:
 
 
 def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
-    """The answer to a query. Raises ConfigError where none comes."""
+    """The reply to a query. Raises ConfigError where there is none."""
     from services.common.bus import bus  # noqa: PLC0415
     from services.common.bus.wire import WireError  # noqa: PLC0415
 
@@ -51,7 +51,7 @@ def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float
 
 
 def world_that_runs(session: zenoh.Session, timeout_s: float) -> World:
-    """The world of the stack. Raises ConfigError where none comes."""
+    """The world of the stack. Raises ConfigError where none is received."""
     from services.common.bus import wire  # noqa: PLC0415
     from services.common.bus.bus import subscribe  # noqa: PLC0415
     from services.common.node.topics import WORLD  # noqa: PLC0415

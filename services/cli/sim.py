@@ -1,4 +1,4 @@
-"""`mazebot sim`: pause, go on, step, reset, and how the simulation of a running stack is."""
+"""`mazebot sim`: pause, resume, step, reset, and the state of a running stack's simulation."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 PATIENCE_S = 5.0
-"""Time to wait for an answer that comes at once."""
+"""Time to wait for an immediate reply."""
 PAUSED_PATIENCE_S = 1.0
-"""Time to wait for who can say why nothing else has come."""
+"""Time to wait for the reply that explains why no other message was received."""
 ALL_DAY_S = 86_400.0
-"""Time to wait for the end of a run of steps, which takes as long as it takes."""
+"""Time to wait for the end of a run of steps: practically unlimited."""
 RATES_WINDOW_S = 1.0
-"""Time between two looks at the clock, and the period of /diagnostics."""
+"""Time between two readings of the clock, and the period of /diagnostics."""
 RATES_PATIENCE_S = 0.5
 PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
@@ -37,23 +37,23 @@ app = App(help="Control the time of a running stack's simulation.")
 
 @app.command()
 def pause(as_json: Json = False, connect: Connect = ROUTER) -> None:
-    """Let time stand still."""
+    """Pause the simulation."""
     _control(connect, as_json, pause=True)
 
 
 @app.command()
 def resume(as_json: Json = False, connect: Connect = ROUTER) -> None:
-    """Let time go on."""
+    """Resume the simulation."""
     _control(connect, as_json, pause=False)
 
 
 @app.command()
 def step(
-    steps: Annotated[int, typer.Argument(metavar="[N]", help="of 1/240 s")] = 1,
+    steps: Annotated[int, typer.Argument(metavar="[N]", help="number of steps of 1/240 s")] = 1,
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Advance by N steps and leave the simulation paused."""
+    """Advance by N steps, then pause."""
     _control(connect, as_json, step=steps)
 
 
@@ -63,22 +63,20 @@ def run_until(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Advance to a simulation time and leave the simulation paused."""
+    """Advance to a simulation time, then pause."""
     _control(connect, as_json, run_until_s=time_s)
 
 
 @app.command()
 def reset(
-    time_only: Annotated[
-        bool, typer.Option("--time-only", help="only the clock; nothing moves")
-    ] = False,
+    time_only: Annotated[bool, typer.Option("--time-only", help="reset only the clock")] = False,
     seed: Annotated[
-        int | None, typer.Option(help="of the random streams from now on [default: as before]")
+        int | None, typer.Option(help="new seed of the random streams [default: unchanged]")
     ] = None,
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Begin again at time 0, with everything as at the start."""
+    """Reset the simulation to time 0 and its initial state."""
     _control(connect, as_json, reset="time" if time_only else "all", seed=seed)
 
 
@@ -90,7 +88,7 @@ def speed(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Set how fast time passes; 0 is as fast as possible."""
+    """Set the speed of simulation time; 0 is as fast as possible."""
     _control(connect, as_json, speed=SPEEDS.get(factor, factor))
 
 
@@ -123,9 +121,9 @@ def stats(
 
 
 def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
-    """How the simulation is.
+    """The state of the simulation.
 
-    Raises ConfigError, which begins with `who`, where there is none or no world in it.
+    Raises ConfigError, prefixed with `who`, where there is no simulation or no world is loaded.
     """
     found = _asked(session, who, SimulationControl(), PATIENCE_S)
     if found is None:
@@ -134,7 +132,7 @@ def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
 
 
 def paused(session: zenoh.Session) -> str:
-    """That somebody has paused the simulation, in words; else nothing."""
+    """A message if the user has paused the simulation, else an empty string."""
     try:
         found = _asked(session, "", SimulationControl(), PAUSED_PATIENCE_S)
     except ConfigError:
@@ -168,7 +166,7 @@ def _asked(
 
 
 def _state(now: SimulationStats | None, request: SimulationControl) -> str:
-    """How the simulation is after a request, in one line."""
+    """The state of the simulation after a request, in one line."""
     if now is None:
         return "paused; there is no world yet" if request.pause else "there is no world yet"
     state = "paused" if now.paused else f"running {_pace(now.speed)}"
@@ -180,7 +178,7 @@ def _pace(factor: float) -> str:
 
 
 def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
-    """What the simulation says of how often its topics come, per second of simulation."""
+    """The rates of the simulation's topics from its diagnostics, per second of simulation time."""
     from services.common.bus import wire  # noqa: PLC0415 - loads rosbags
     from services.common.node.diagnostics import RATE_KEY  # noqa: PLC0415
     from services.common.node.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     import zenoh
 
 ARRAY_SHOWN = 12
-"""Numbers of an array to print; the rest is counted."""
+"""Numbers of an array to print; of the rest only the count."""
 
 
 def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
-    """Print the topics whose owners are there."""
+    """Print the topics whose owners are running."""
     with connected(endpoint) as session:
         services = alive(session)
     there = sorted(
@@ -48,7 +48,7 @@ def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
 
 
 def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
-    """Print a topic's row of the table, and which of its services are there."""
+    """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
     with connected(endpoint) as session:
         services = alive(session)
@@ -70,7 +70,7 @@ def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
     for label, value in told.items():
         text = value
         if isinstance(value, dict):
-            # A command publishes and is gone again.
+            # The command line tool is not a running service.
             text = ", ".join(
                 one if there or one == EDGE else f"{one} (not running)"
                 for one, there in value.items()
@@ -80,9 +80,9 @@ def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
 
 
 def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> None:
-    """Print the rate of a topic's messages over a window of wall time, and how even it is.
+    """Print the rate of a topic's messages over a window of wall time, and its jitter.
 
-    Raises ConfigError where too few came.
+    Raises ConfigError where too few were received.
     """
     topic = named_topic(name)
     times_s: list[float] = []
@@ -117,10 +117,10 @@ def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> No
 
 
 def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) -> None:
-    """Print messages as YAML documents, or as JSON a line, until the time is out; with `once`, the
-    first one.
+    """Print messages as YAML documents, or as one JSON line each, until the timeout; with `once`,
+    only the first one.
 
-    Raises ConfigError where none came.
+    Raises ConfigError where none was received.
     """
     topic = named_topic(name)
     payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -144,7 +144,7 @@ def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
     try:
         message = wire.decode(topic, payload)
     except wire.WireError as error:
-        # What reads JSON reads all of standard output.
+        # With --json, standard output is JSON only.
         told = sys.stderr if as_json else sys.stdout
         told.write(f"# rejected: {error}\n")
         return
@@ -161,7 +161,7 @@ def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigE
 
 
 def in_json(message: object) -> Any:
-    """A message as JSON can hold it, arrays in full; numbers that are none as texts: "Infinity",
+    """A message as JSON values, arrays in full; non-finite numbers as texts: "Infinity",
     "-Infinity", "NaN".
     """
     return _with_words(plain(message, None))
@@ -178,7 +178,7 @@ def _with_words(value: Any) -> Any:
 
 
 def plain(value: Any, shown: int | None = ARRAY_SHOWN) -> Any:
-    """A message as dicts, lists and numbers, arrays of more than `shown` numbers cut short."""
+    """A message as dicts, lists and numbers; arrays of more than `shown` numbers are truncated."""
     if isinstance(value, Document):
         return value.model_dump(mode="json")
     if dataclasses.is_dataclass(value):

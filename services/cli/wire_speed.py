@@ -1,4 +1,4 @@
-"""What a message takes to the wire and off it, and there and back through a router on the loopback.
+"""Measures encoding and decoding of messages, and round trips through a router on the loopback.
 `python -m services.cli.wire_speed [REPEATS]` prints JSON.
 """
 
@@ -26,7 +26,7 @@ _BACK = "wire_speed/back/"
 
 
 def samples() -> dict[str, tuple[Topic[Any], Any]]:
-    """A scan of 360 rays and a picture of 640 x 480, which is 0.92 MB."""
+    """A scan of 360 rays and an image of 640 x 480, which is 0.92 MB."""
     random = np.random.default_rng(1)
     ranges = random.uniform(0.2, 3.4, 360).astype(np.float32)
     scan = msg.LaserScan(
@@ -42,7 +42,7 @@ def samples() -> dict[str, tuple[Topic[Any], Any]]:
 
 
 def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
-    """Milliseconds of each way of each sample, by name."""
+    """Milliseconds of each measurement of each sample, by name."""
     measured = {}
     with running_router() as endpoint:
         for name, (topic, message) in samples().items():
@@ -59,7 +59,7 @@ def measure(repeats: int) -> dict[str, dict[str, list[float]]]:
 
 
 def _round_trips_ms(endpoint: str, topic: Topic[Any], message: Any, repeats: int) -> list[float]:
-    """From before it is encoded to after its echo is decoded."""
+    """Times from before encoding to after decoding of the echo."""
     near, far = (open_session(BusConfig(connect=endpoint)) for _ in range(2))
     there = publish(near, topic, _PREFIX, lossless=True)
     back = publish(far, topic, _BACK, lossless=True)
@@ -87,7 +87,7 @@ def _round_trips_ms(endpoint: str, topic: Topic[Any], message: Any, repeats: int
 
 
 def main() -> None:
-    """Print what was measured."""
+    """Print the measurements."""
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     sys.stdout.write(json.dumps(measure(repeats)) + "\n")
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 app = App(help="Make worlds: recipes, mazes, SDF in and out, maps, previews.")
 
 FOUND_SOMETHING = 1
-"""Exit code where a world was read and something is wrong in it."""
+"""Exit code if a world was read and contains problems."""
 
 World = Annotated[
     str, typer.Argument(help="a world's name, or a recipe's file", autocompletion=world_names)
@@ -46,14 +46,14 @@ Anything = Annotated[
 ]
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", help="field=value over the recipe's, e.g. wall_height_m=2.5"),
+    typer.Option("--set", help="field=value, overrides the recipe's, e.g. wall_height_m=2.5"),
 ]
 Arguments = Annotated[
     list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
 ]
 Roots = Annotated[
     list[Path] | None,
-    typer.Option("--path", help="folder of models, before those of GZ_SIM_RESOURCE_PATH"),
+    typer.Option("--path", help="folder of models, searched before GZ_SIM_RESOURCE_PATH"),
 ]
 
 WorldsDir = Annotated[
@@ -63,7 +63,7 @@ WorldsDir = Annotated[
 
 @app.command("list")
 def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
-    """Name the worlds that there are."""
+    """List the available worlds."""
     from services.worldgen.recipe.loader import SHORT_NAMES, known_worlds, load_world  # noqa: PLC0415
 
     folder = _worlds_dir(worlds_dir)
@@ -104,7 +104,7 @@ def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
 def show(
     world: Anything,
     frames: Annotated[
-        bool, typer.Option("--frames", help="where every model, link, joint and frame is (SDF)")
+        bool, typer.Option("--frames", help="poses of all models, links, joints and frames (SDF)")
     ] = False,
     overrides: Set = None,
     arguments: Arguments = None,
@@ -112,7 +112,7 @@ def show(
     worlds_dir: WorldsDir = None,
     as_json: Json = False,
 ) -> None:
-    """Say what is in a world."""
+    """Print the contents of a world."""
     if frames:
         if not _is_sdf(world):
             raise ConfigError(f"--frames: {world!r}: must be an SDF, URDF or xacro file")
@@ -143,8 +143,8 @@ def check(
     worlds_dir: WorldsDir = None,
     as_json: Json = False,
 ) -> None:
-    """List every problem of worlds, each with file, line and field, and say how much of the floor
-    can be reached; exit code 1 if there is a problem.
+    """List all problems of worlds, each with file, line and field, and print how much of the floor
+    is reachable; exit code 1 if there is a problem.
     """
     from services.worldgen.check import findings_of  # noqa: PLC0415
     from services.worldgen.files import is_file  # noqa: PLC0415
@@ -174,14 +174,14 @@ def check(
 @app.command()
 def build(
     world: World,
-    out: Annotated[Path, typer.Option(help="new folder for everything that is made")],
+    out: Annotated[Path, typer.Option(help="new folder for all output files")],
     overrides: Set = None,
     count: Annotated[
-        int, typer.Option(min=1, max=100_000, help="that many mazes, counting up maze.seed")
+        int, typer.Option(min=1, max=100_000, help="number of mazes, with increasing maze.seed")
     ] = 1,
     worlds_dir: WorldsDir = None,
 ) -> None:
-    """Write all of a world: description, map, plan, GLB, SDF and figures."""
+    """Write all files of a world: description, map, plan, GLB, SDF and figures."""
     from services.worldgen.build import build_world  # noqa: PLC0415
 
     variants = [tuple(overrides or ())]
@@ -212,11 +212,11 @@ def import_world(
     path: Roots = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="recipe to write, e.g. worlds/house.yaml; pictures and meshes beside it"),
+        typer.Option(help="recipe to write, e.g. worlds/house.yaml; textures and meshes beside it"),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Read a Gazebo world and report what is in it; with --out, make a recipe of it.
+    """Read a Gazebo world and report its contents; with --out, convert it to a recipe.
 
     Exit code 0 only without errors.
     """
@@ -235,12 +235,12 @@ def import_world(
     if as_json:
         print_json(report.model_dump(mode="json"))
     elif report.models or report.includes or not report.errors:
-        # Else the file could not be read, and there is nothing in it to tell of.
+        # Else the file could not be read, and there is nothing to report.
         _print_report(report)
     _tell_errors(report)
     if out is not None and imported is not None:
         write_recipe(imported, out)
-        # What reads JSON reads all of standard output.
+        # With --json, standard output is JSON only.
         told = sys.stderr if as_json else sys.stdout
         told.write(f"{out}: made of {file}\n")
 
@@ -263,21 +263,21 @@ def export(
 @app.command()
 def preview(
     world: Anything,
-    out: Annotated[Path | None, typer.Option(help="the plan [default: <name>.png]")] = None,
-    glb: Annotated[Path | None, typer.Option(help="the model [default: <name>.glb]")] = None,
+    out: Annotated[Path | None, typer.Option(help="plan [default: <name>.png]")] = None,
+    glb: Annotated[Path | None, typer.Option(help="3D model [default: <name>.glb]")] = None,
     overrides: Set = None,
     arguments: Arguments = None,
     path: Roots = None,
     worlds_dir: WorldsDir = None,
 ) -> None:
-    """Draw a plan of a world (PNG), and its model (GLB)."""
+    """Write a plan of a world (PNG), and its 3D model (GLB)."""
     from services.worldgen.preview import plan_png  # noqa: PLC0415
     from services.worldgen.world_model import world_glb  # noqa: PLC0415
 
     loaded = _loaded(world, overrides, arguments, path, worlds_dir)
     out = out or Path(f"{loaded.world.name}.png")
     plan = _writable("--out", out, suffix=".png")
-    # `with_suffix` has no answer for a name that is none, which is refused above.
+    # `with_suffix` fails on an empty name, which is refused above.
     glb = glb or out.with_suffix(".glb")
     model = _writable("--glb", glb, suffix=".glb")
     if plan == model:
@@ -293,9 +293,9 @@ def _loaded(
     path: list[Path] | None,
     worlds_dir: Path | None,
 ) -> LoadedWorld:
-    """A world by name, or of a recipe's or an SDF file.
+    """A world by name, or from a recipe or an SDF file.
 
-    Every mistake of a file is told, one a line, before the command is left.
+    All errors of a file are printed, one a line, before the command exits.
     """
     from services.worldgen.files import load_any  # noqa: PLC0415
     from services.worldgen.recipe.problems import WorldError  # noqa: PLC0415
@@ -318,7 +318,7 @@ def _loaded(
 
 
 def refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | None) -> None:
-    """Raises ConfigError for options that say nothing about a recipe."""
+    """Raises ConfigError for options that do not apply to a recipe."""
     for option, given in (("--arg", arguments), ("--path", path)):
         if given and not _is_sdf(world):
             raise ConfigError(f"{option}: {given[0]}: {world} is no SDF, URDF or xacro file")
@@ -343,7 +343,7 @@ def _is_sdf(world: str) -> bool:
 
 
 def _refuse_no_recipe(file: Path) -> None:
-    """Raises ConfigError where no world could be loaded from what is written to a file."""
+    """Raises ConfigError where a recipe written to this file could not be loaded by name."""
     from pydantic import TypeAdapter, ValidationError  # noqa: PLC0415
 
     from services.worldgen.recipe.recipe import Name  # noqa: PLC0415
@@ -360,7 +360,7 @@ def _refuse_no_recipe(file: Path) -> None:
 
 
 def _tell_errors(report: ImportReport) -> None:
-    """Write the errors of an import, one a line, and leave if there are any."""
+    """Print the errors of an import, one a line, and exit if there are any."""
     for error in report.errors:
         said = f"{error.where}: {error.kind}: {error.message}"
         sys.stderr.write(f"error: {' '.join(said.split())}\n")
@@ -405,7 +405,7 @@ def _pose(matrix: Array) -> dict[str, list[float]]:
     if abs(math.cos(pitch)) > 1e-9:
         roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
     else:
-        # Looking straight up or down only the sum or difference of the two counts.
+        # At a pitch of 90 degrees only the sum or difference of roll and yaw is defined.
         roll, yaw = 0.0, math.atan2(-r[0, 1], r[1, 1])
     return {
         "position_m": [float(value) for value in matrix[:3, 3]],
@@ -461,9 +461,9 @@ def _print_table(rows: list[dict[str, Any]]) -> None:
 
 @contextmanager
 def _new_folder(folder: Path) -> Iterator[Path]:
-    """A folder that is there when all of it is.
+    """A folder that appears only when it is complete.
 
-    Raises ConfigError where it holds something already, or cannot be made.
+    Raises ConfigError where it is not empty, or cannot be made.
     """
     try:
         if folder.is_symlink() or (
@@ -485,12 +485,11 @@ def _new_folder(folder: Path) -> Iterator[Path]:
 
 
 def _writable(option: str, file: Path, new_folder: bool = False, suffix: str = "") -> Path:
-    """Where a file will be written: what a link points to, so that the link stays.
+    """The path to which a file will be written: a link's target, so that the link stays.
 
-    Its folder must be there, unless a new one is made, and its name end with the suffix of what it
-    will hold.
+    Its folder must exist, unless a new one is made, and its name must end with the suffix.
 
-    Raises ConfigError where there is something that is no file, or no folder to write into.
+    Raises ConfigError where the path is not a file, or there is no folder to write into.
     """
     try:
         target = file.resolve()
@@ -501,7 +500,7 @@ def _writable(option: str, file: Path, new_folder: bool = False, suffix: str = "
             raise ConfigError(f"{option}: {file}: is written as {kind}, must end with {suffix}")
         if not (new_folder or target.parent.is_dir()):
             raise ConfigError(f"{option}: {file}: there is no folder {file.parent}")
-    # Links that lead in a circle.
+    # Circular links.
     except (OSError, RuntimeError) as error:
         said = getattr(error, "strerror", None) or "the links lead in a circle"
         raise ConfigError(f"{option}: {file}: cannot be written: {said}") from error
@@ -518,7 +517,7 @@ def _write(files: Mapping[Path, bytes]) -> None:
             making[file] = Path(name)
             with os.fdopen(descriptor, "wb") as opened:
                 opened.write(data)
-            # A temporary file is for its owner alone.
+            # Only the owner can read a temporary file.
             making[file].chmod(0o644)
         for file, made in making.items():
             made.replace(file)

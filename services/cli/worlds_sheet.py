@@ -1,4 +1,4 @@
-"""Draws docs/images/worlds.png: of every world its plan, and what the robot's camera sees in it.
+"""Draws docs/images/worlds.png: the plan of every world, and an image of the robot's camera in it.
 
 `python -m services.cli.worlds_sheet OUT.png` writes it.
 """
@@ -32,7 +32,7 @@ WORLDS: dict[str, SE2] = {
     "maze": SE2(-7.0, 1.0, -1.57),
     "maze_rooms": SE2(0.0, 0.0, 0.0),
 }
-"""Where the camera stands in each, and where it looks."""
+"""The camera's position and heading in each world."""
 
 _CAMERA_HEIGHT_M = 0.21
 _CELL_PX = 400, 340
@@ -44,7 +44,7 @@ Picture = NDArray[np.uint8]
 
 
 def worlds_sheet() -> Picture:
-    """(height, width, 3) RGB: the plan of each world over its picture, four worlds a row."""
+    """(height, width, 3) RGB: the plan of each world above its image, four worlds a row."""
     renderer = make_renderer("auto", Intrinsics.from_horizontal_fov(400, 240, 1.3))
     if renderer is None:
         raise RuntimeError("there is no renderer")
@@ -72,7 +72,7 @@ def _name(name: str) -> Picture:
 
 
 def _plan(loaded: LoadedWorld) -> Picture:
-    """The plan without its margins, as large as a cell has room for, in its middle."""
+    """The plan without its margins, centred in a cell and as large as possible."""
     plan = draw_plan(loaded)[TOP_PX:-BOTTOM_PX, LEFT_PX:-RIGHT_PX]
     width, height = _CELL_PX
     scale = min(width / plan.shape[1], height / plan.shape[0])
@@ -84,7 +84,7 @@ def _plan(loaded: LoadedWorld) -> Picture:
 
 
 def sheet_png() -> bytes:
-    """The sheet as PNG of few colours, to be small."""
+    """The sheet as a small PNG with few colours."""
     data = io.BytesIO()
     few = Image.fromarray(worlds_sheet()).quantize(_COLOURS, dither=Image.Dither.NONE)
     few.save(data, "PNG", optimize=True)

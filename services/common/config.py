@@ -1,4 +1,4 @@
-"""What every configuration has, and what is wrong with one in one line."""
+"""The base of all configurations, and their errors in one line."""
 
 from __future__ import annotations
 
@@ -9,29 +9,25 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 
 class ConfigError(Exception):
-    """A mistake in the user's input: its text is the one line to show."""
+    """An error in the user's input; its text is the one line to show."""
 
 
 class ServiceConfig(BaseModel):
-    """What every service's configuration has."""
+    """The fields common to every service's configuration."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     seed: int = Field(
-        7, ge=0, le=2**63 - 1, description="the run's one seed; each random stream derives from it"
+        7, ge=0, le=2**63 - 1, description="the run's seed; each random stream derives from it"
     )
 
 
 class PlainText:
-    """Marks a field, in its annotation, that takes a flag or a variable as the text it is, where
-    others that hold lists take JSON.
-    """
+    """Annotation of a list field whose flag or variable is read as plain text, not as JSON."""
 
 
 def one_line(error: ValidationError, source: Callable[[str], str] = lambda _: "") -> str:
-    """What is wrong, field by field, in one line; `source` says where the value of a field is
-    from.
-    """
+    """The errors, field by field, in one line; `source` returns the origin of a field's value."""
     parts = []
     for problem in error.errors():
         field = ".".join(str(part) for part in problem["loc"]) or "(whole)"
@@ -42,13 +38,13 @@ def one_line(error: ValidationError, source: Callable[[str], str] = lambda _: ""
 
 
 def must(said: str) -> str:
-    """What pydantic says of a value, as what the value must be."""
+    """A message of pydantic, rephrased as what the value must be."""
     text = said.removeprefix("Value error, ").replace("Input should be", "must be")
-    # Of a text that is no number, what comes after the comma says nothing new.
+    # For a text that is not a number, the part after the comma adds nothing.
     return " ".join(text.partition(", unable to")[0].split())
 
 
 def fail(message: str) -> None:
-    """Print one line on standard error and leave with exit code 2."""
+    """Print one line on standard error and exit with code 2."""
     sys.stderr.write(f"error: {' '.join(message.split())}\n")
     raise SystemExit(2)

@@ -1,4 +1,4 @@
-"""What is wrong with an entity in whichever world: the spawner and the physics refuse it alike."""
+"""Problems of an entity in any world: spawner and physics refuse the same ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_DISTANCE_M = 1_000.0
 
 
 def entity_problems(entity: Entity) -> Iterator[str]:
-    """Each in a phrase that names the field and the value."""
+    """Each problem, as a phrase that names the field and the value."""
     yield from name_problems(entity.name)
     yield from pose_problems(entity)
     if isinstance(entity, BodyEntity):
@@ -23,7 +23,7 @@ def entity_problems(entity: Entity) -> Iterator[str]:
 
 
 def name_problems(name: str) -> Iterator[str]:
-    """Of a name, which is that of a frame as well."""
+    """Problems of a name, which is also a frame name."""
     if not (0 < len(name) <= MAX_NAME and name.isprintable() and name == name.strip()):
         yield f"name: {name!r:.60}: must be 1 to {MAX_NAME} printable letters, with no space around"
     if name.startswith("/"):
@@ -31,7 +31,7 @@ def name_problems(name: str) -> Iterator[str]:
 
 
 def pose_problems(posed: Posed) -> Iterator[str]:
-    """Of where something is. What is not finite is too far."""
+    """Problems of a pose. A position that is not finite counts as too far."""
     if not all(abs(value) <= MAX_DISTANCE_M for value in posed.position_m):
         yield f"position_m: {posed.position_m}: must be within {MAX_DISTANCE_M:g} m"
     if not abs(math.hypot(*posed.orientation_xyzw) - 1.0) <= 1e-3:

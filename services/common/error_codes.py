@@ -1,4 +1,4 @@
-"""How planning, control and goals fail: Nav2's numbers."""
+"""Error codes of planning, control and goals, as in Nav2."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from enum import IntEnum
 class ErrorCode(IntEnum):
     """Nav2's error codes (nav2_msgs: FollowPath 100, ComputePathToPose 200, NavigateToPose 9000).
 
-    Those from 9010 on are our own: Nav2 has no number for them. Of a goal that ended with
-    WORLD_RESTARTED nothing can be said: the world in which it was driven to is no more.
+    Codes from 9010 on are Mazebot's: Nav2 has no number for them. A goal that ended with
+    WORLD_RESTARTED cannot be evaluated: its world no longer exists.
     """
 
     NONE = 0

@@ -1,6 +1,4 @@
-"""Planar and spatial transforms, written `a_from_b`: they take coordinates in b to coordinates in
-a.
-"""
+"""Planar and spatial transforms; `a_from_b` maps coordinates in b to coordinates in a."""
 
 from __future__ import annotations
 
@@ -58,8 +56,8 @@ class SE2(NamedTuple):
 
 
 class PlanarCovariance(NamedTuple):
-    """The six different numbers of a (3, 3) covariance of (x, y, yaw). In plain numbers: for one at
-    a time several times as fast as matrices.
+    """The six distinct elements of a (3, 3) covariance of (x, y, yaw), as plain numbers: for a
+    single covariance several times as fast as matrices.
     """
 
     x_x: float = 0.0
@@ -71,7 +69,7 @@ class PlanarCovariance(NamedTuple):
 
     @classmethod
     def from_matrix(cls, covariance: Array) -> PlanarCovariance:
-        """Of a symmetric (3, 3) matrix."""
+        """From a symmetric (3, 3) matrix."""
         (x_x, x_y, x_yaw), (_, y_y, y_yaw), (_, _, yaw_yaw) = covariance.tolist()
         return cls(x_x, x_y, x_yaw, y_y, y_yaw, yaw_yaw)
 
@@ -86,7 +84,9 @@ class PlanarCovariance(NamedTuple):
         )
 
     def moved(self, x_by_yaw: float, y_by_yaw: float) -> PlanarCovariance:
-        """After a motion that a turn of a radian before it takes so far aside, to first order."""
+        """Propagated through a motion, to first order; `x_by_yaw` and `y_by_yaw` are derivatives of
+        the end position by the heading at the start.
+        """
         x_x, x_y, x_yaw, y_y, y_yaw, yaw_yaw = self
         return PlanarCovariance(
             x_x + x_by_yaw * (2.0 * x_yaw + x_by_yaw * yaw_yaw),
@@ -98,8 +98,8 @@ class PlanarCovariance(NamedTuple):
         )
 
     def spread(self, variance: float, x: float, y: float, yaw: float) -> PlanarCovariance:
-        """With an independent error of a variance, which moves the pose by (x, y, yaw) for each
-        unit of it.
+        """With an independent error of this variance added; one unit of the error moves the pose by
+        (x, y, yaw).
         """
         return PlanarCovariance(
             self.x_x + variance * x * x,
@@ -112,8 +112,8 @@ class PlanarCovariance(NamedTuple):
 
 
 class SE3(NamedTuple):
-    """A spatial pose or transform `a_from_b`: the origin of b in metres in a, and its turn, a unit
-    quaternion. In plain numbers: for one pose at a time several times as fast as matrices.
+    """A spatial pose or transform `a_from_b`: the origin of b in metres in a, and its rotation, a
+    unit quaternion, as plain numbers: for a single pose several times as fast as matrices.
     """
 
     position_m: tuple[float, float, float]
@@ -121,7 +121,7 @@ class SE3(NamedTuple):
 
     @classmethod
     def from_matrix(cls, a_from_b: Array) -> SE3:
-        """Of a rigid (4, 4) matrix."""
+        """From a rigid (4, 4) matrix."""
         return cls(*position_and_quaternion(a_from_b))
 
     def __matmul__(self, other: SE3) -> SE3:
@@ -139,11 +139,11 @@ class SE3(NamedTuple):
         return SE3((x + dx, y + dy, z + dz), turn)
 
     def rotate(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """A vector of b, along the axes of a."""
+        """A vector given in b, expressed in a."""
         return _turned(*self.orientation_xyzw, x, y, z)
 
     def rotate_back(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """A vector of a, along the axes of b."""
+        """A vector given in a, expressed in b."""
         qx, qy, qz, qw = self.orientation_xyzw
         return _turned(-qx, -qy, -qz, qw, x, y, z)
 
@@ -151,7 +151,7 @@ class SE3(NamedTuple):
 def _turned(
     qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """A vector v after the turn of a unit quaternion: v + w t + q x t with t = 2 q x v."""
+    """A vector v rotated by a unit quaternion: v + w t + q x t with t = 2 q x v."""
     tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
     return (
         x + qw * tx + qy * tz - qz * ty,
@@ -161,7 +161,7 @@ def _turned(
 
 
 def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:
-    """Unit quaternion (x, y, z, w) of a turn about z."""
+    """Unit quaternion (x, y, z, w) of a rotation about z."""
     c, s = portable.cos_sin(yaw_rad / 2.0)
     return 0.0, 0.0, s, c
 
@@ -187,10 +187,10 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Arra
 
 
 def rotation_from_vector(x_rad: float, y_rad: float, z_rad: float) -> Array:
-    """(3, 3) rotation about a vector by its length, by Rodrigues's formula."""
+    """(3, 3) rotation by a rotation vector (axis times angle), by Rodrigues's formula."""
     angle_rad = math.sqrt(x_rad * x_rad + y_rad * y_rad + z_rad * z_rad)
     c, s = portable.cos_sin(angle_rad)
-    # (1 - cos) / angle^2 by the half angle, which loses no digits where the angle is small.
+    # (1 - cos) / angle^2 by the half angle, which loses no digits for small angles.
     half = portable.sin(angle_rad / 2.0)
     sine = s / angle_rad if angle_rad > 0.0 else 1.0
     versine = 2.0 * half * half / (angle_rad * angle_rad) if angle_rad > 1e-150 else 0.5
@@ -246,11 +246,11 @@ def transform_matrix(rotation: Array, translation_m: tuple[float, float, float])
 
 
 class Posed(Protocol):
-    """What has a pose: a body, a shape, an entity, the state of something that moves."""
+    """Anything with a pose: a body, a shape, an entity, the state of a moving body."""
 
     @property
     def position_m(self) -> tuple[float, float, float]:
-        """Of its origin, in the frame that holds it."""
+        """Position of its origin in the parent frame."""
 
     @property
     def orientation_xyzw(self) -> tuple[float, float, float, float]:
@@ -258,7 +258,7 @@ class Posed(Protocol):
 
 
 def pose_matrix(posed: Posed) -> Array:
-    """(4, 4): the frame that holds it, from its own."""
+    """(4, 4) parent_from_self."""
     return transform_matrix(rotation_from_quaternion(*posed.orientation_xyzw), posed.position_m)
 
 
@@ -278,8 +278,7 @@ def inverse_matrix(a_from_b: Array) -> Array:
     return b_from_a
 
 
-# An optical frame (x right, y down, z forward) seen from its camera link (x forward, z up): REP
-# 103.
+# An optical frame (x right, y down, z forward) in its camera link (x forward, z up): REP 103.
 LINK_FROM_OPTICAL = transform_matrix(
     rotation_from_rpy(-math.pi / 2, 0.0, -math.pi / 2), (0.0, 0.0, 0.0)
 )

@@ -1,4 +1,4 @@
-"""When Python looks for garbage: not while a process starts, when nearly all that is made stays."""
+"""Garbage collection is off during startup, when nearly all new objects stay alive."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def collections_held_off() -> Iterator[None]:
-    """No collections, until the work has `settled` or ends."""
+    """No garbage collection until `settled` is called or the context ends."""
     gc.disable()
     try:
         yield
@@ -18,7 +18,7 @@ def collections_held_off() -> Iterator[None]:
 
 
 def settled() -> None:
-    """Let collections begin where they were held off; they leave out all that there is now."""
+    """Enable garbage collection where it was held off; existing objects are excluded from it."""
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

@@ -1,4 +1,4 @@
-"""A run's goals as the rows of a table: the same in the terminal and in the viewer."""
+"""A run's goals as table rows, the same in the terminal and in the viewer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOT_MEASURED = "-"
 
 
 def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
-    """A row a goal, a cell a heading."""
+    """One row a goal, one cell a heading."""
     return [
         (
             goal.name,
@@ -40,7 +40,7 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
 
 
 def error_lines(evaluation: Evaluation) -> list[str]:
-    """What holds for all of the run: its errors, contacts and the markers seen."""
+    """The figures of the whole run: errors, contacts and the markers seen."""
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
     p95_deg = None if error_rad.p95 is None else math.degrees(error_rad.p95)
     lines = [

@@ -1,4 +1,4 @@
-"""Compiled loops over arrays: the one place that knows Numba."""
+"""Compiled loops over arrays: the only module that uses Numba directly."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if _BLAS not in sys.modules:
 
 
 def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
-    """Have a function of numbers and arrays compiled: with its types in Numba's words where it is
-    defined, else where it is first called. What was compiled is kept on the disk.
+    """Compile a function of numbers and arrays: with a Numba signature at its definition, else at
+    its first call. The machine code is cached on disk.
 
     It runs in one thread, and gives the same bits each time. It may call other kernels.
     """
@@ -30,22 +30,20 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
 
 
 def shared_kernel(inline: bool = False) -> Callable[[F], F]:
-    """As `kernel`, for what several threads do at once: it runs without the interpreter's lock, and
-    counts no references, on which processors would wait for each other. It makes no arrays, returns
-    none, and divides by zero as IEEE 754 has it. `inline` puts it into those that call it.
+    """As `kernel`, for functions run by several threads at once: it runs without the GIL and counts
+    no references, on which processors would contend. It must not create or return arrays, and
+    divides by zero as IEEE 754 defines. `inline` inlines it into its callers.
     """
     return kernel(nogil=True, error_model="numpy", _nrt=False, forceinline=inline)
 
 
 def elementwise(*signatures: str) -> Callable[[F], F]:
-    """Have a function of numbers compiled for each number of arrays, with its types in Numba's
-    words.
-    """
+    """Compile a function of numbers that is applied elementwise to arrays; Numba signatures."""
     return cast("Callable[[F], F]", numba.vectorize(signatures, cache=True))  # type: ignore[no-untyped-call]
 
 
 def c_function(signature: str) -> Callable[[Callable[..., Any]], Any]:
-    """Have a function compiled for callers in C, with its types in Numba's words; its address is
-    the attribute `address`. It may call kernels.
+    """Compile a function for callers in C, with a Numba signature; its address is the attribute
+    `address`. It may call kernels.
     """
     return cast("Callable[[Callable[..., Any]], Any]", numba.cfunc(signature, cache=True))

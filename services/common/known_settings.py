@@ -1,4 +1,4 @@
-"""Which settings there are: one that is misspelt is an error that names the nearest there is."""
+"""The known settings: a misspelt one is an error that suggests the nearest name."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ ALONE = (
     "MAZEBOT_CONFIG", "MAZEBOT_SEED", "MAZEBOT_RESOURCE_PATH",
     "MAZEBOT_ROUTER_PORT", "MAZEBOT_VIEWER_PORT", "MAZEBOT_VIEWER_DATA_PORT",
 )  # fmt: skip
-"""Variables that are no service's field. The ports are Docker Compose's."""
+"""Variables that are not a field of a service. The ports are used by Docker Compose."""
 _NEAR = 0.6
 
 Fields = Mapping[str, Collection[str] | None]
-"""The fields of each section; None: the section is there, and another process knows its fields."""
+"""The fields of each section; None: the section exists, but its fields are known elsewhere."""
 
 
 def unknown_variable(names: Iterable[str], fields_of: Fields) -> str:
-    """What is wrong with the first `MAZEBOT_*` variable that nothing reads, in one line; else
-    nothing.
-    """
+    """The problem of the first unknown `MAZEBOT_*` variable, in one line; empty: none."""
     for name in names:
         upper = name.upper()
         if not upper.startswith(PREFIX) or upper in ALONE:
@@ -36,7 +34,7 @@ def unknown_variable(names: Iterable[str], fields_of: Fields) -> str:
 
 
 def unknown_name(name: str, known: Collection[str]) -> str:
-    """What to say behind a name that is none of those known: the nearest, or all of them."""
+    """The end of the message about an unknown name: the nearest known one, or all of them."""
     return _meant(name, known) or f"; must be one of {', '.join(known)}"
 
 
@@ -54,7 +52,7 @@ def _parted(name: str, sections: Iterable[str]) -> tuple[str, str]:
 
 
 def _variables(name: str, fields_of: Fields) -> list[str]:
-    """All that are known; of a section whose fields are not, the one with the same field."""
+    """All known variables; of a section with unknown fields, the one with the same field."""
     rest = name.removeprefix(PREFIX).partition("_")[2]
     known = list(ALONE)
     for section, fields in fields_of.items():
@@ -63,7 +61,7 @@ def _variables(name: str, fields_of: Fields) -> list[str]:
 
 
 def _meant(name: str, known: Iterable[str]) -> str:
-    """The nearest of the known names. One that ends as the name does is near."""
+    """The nearest of the known names, as a suggestion. A name with the same ending is near."""
     tail = name.removeprefix(PREFIX)
 
     def nearness(one: str) -> float:

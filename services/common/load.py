@@ -20,7 +20,7 @@ C = TypeVar("C", bound=ServiceConfig)
 
 _NOTHING: Mapping[str, object] = {}
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The one in C is ten times as fast, where there is one."""
+"""The C loader, if available, is ten times as fast."""
 
 
 def load(
@@ -44,12 +44,12 @@ def load(
     filed = read_settings(path, {service: fields}).get(service, {}) if path else {}
     values = filed
     if os.environ.get("MAZEBOT_SEED"):
-        # One seed for all services, under one name.
+        # One variable for the seed of all services.
         values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
     prefix = f"{PREFIX}{service.upper()}_"
     try:
         if rest or any(name.upper().startswith(prefix) for name in os.environ):
-            # What reads them takes long to import.
+            # This module takes long to import.
             from services.common.settings import settings  # noqa: PLC0415
 
             values = settings(model, service, rest, prefix, values)
@@ -60,20 +60,20 @@ def load(
 
 
 def sections() -> tuple[str, ...]:
-    """What a file of settings may have sections for, and the environment variables."""
+    """The sections that a settings file, and the environment variables, may have."""
     return ("bus", "router", *SERVICES)
 
 
 def read_settings(
     path: Path, fields_of: Mapping[str, Collection[str] | None]
 ) -> dict[str, dict[str, Any]]:
-    """The sections of a file of settings, of the form
+    """The sections of a settings file, of the form
 
         seed: 8
         physics: {scan_rate_hz: 5}
 
-    or those of a run's own config.yaml. Of the latter, what says where things lie on a machine is
-    left out where it is of another one, and how the run was recorded always.
+    or those of a run's own config.yaml. Of the latter, folders that do not exist on this machine
+    and the recorder's settings are left out.
 
     Raises ConfigError where a section, or a field of those in `fields_of`, is not known.
     """
@@ -92,7 +92,7 @@ def read_settings(
     read: dict[str, dict[str, Any]] = {}
     for name in {**dict.fromkeys(fields_of), **found}:
         section = found.get(name, {})
-        # Of how a run was recorded, nothing is read.
+        # The recorder's settings of a run are not used.
         unread = of_a_run and name == "recorder"
         _check_section(path, name, section, None if unread else fields_of.get(name))
         if of_a_run:
@@ -103,7 +103,7 @@ def read_settings(
 
 
 def _check_section(path: Path, name: str, section: Any, fields: Collection[str] | None) -> None:
-    """Raises ConfigError where a section is none, or has a field that is not of `fields`."""
+    """Raises ConfigError where a section is not a mapping, or has a field not in `fields`."""
     if not isinstance(section, dict):
         said = "must be a mapping of fields to values"
         raise ConfigError(f"{path}: {name}: {section!r:.60}: {said}")
@@ -114,7 +114,7 @@ def _check_section(path: Path, name: str, section: Any, fields: Collection[str] 
 
 
 def world_hash_of_run(path: Path) -> str:
-    """The hash of the world of a run, from its config.yaml; empty in another file of settings.
+    """The hash of the world of a run, from its config.yaml; empty for any other settings file.
 
     Raises ConfigError where it cannot be read.
     """
@@ -122,12 +122,12 @@ def world_hash_of_run(path: Path) -> str:
 
 
 _OF_A_RUN = ("world_request", "world", "world_hash", "seed", "services")
-"""What a run's config.yaml holds beside its settings."""
+"""The top-level keys of a run's config.yaml."""
 
 
 def _to_repeat(name: str, section: Mapping[str, Any], seed: object) -> dict[str, Any]:
-    """What there is to repeat of a run's settings: not how it was recorded, nor where its worlds
-    lay on another machine. Its seed may be another than it was begun with, after a reset.
+    """The settings that repeat a run: without the recorder's, and without folders that do not exist
+    on this machine. Its seed may differ from the initial one, after a reset.
     """
     gone = {
         field for field in ("worlds_dir", "texture_base")
@@ -140,7 +140,7 @@ def _to_repeat(name: str, section: Mapping[str, Any], seed: object) -> dict[str,
 
 
 def config_flag(path: Path | None) -> tuple[str, ...]:
-    """The words for `load` that name a file of settings."""
+    """The arguments for `load` that name a settings file."""
     return () if path is None else ("--config", str(path))
 
 
@@ -148,12 +148,12 @@ def _source(
     service: str, flags: Sequence[str], given: Collection[str], filed: Collection[str],
     path: Path | None, field: str,
 ) -> str:  # fmt: skip
-    """Which flag, variable or file a field has its value from."""
+    """The flag, variable or file from which a field has its value."""
     if field in given:
         return ""
     names = {f"--{field}", f"--{field.replace('_', '-')}"}
     for word in flags:
-        # Of a field within a field, as --localization.max-particles.
+        # Flags of nested fields, as --localization.max-particles.
         flag = word.partition("=")[0]
         if flag.partition(".")[0] in names:
             return flag
@@ -181,10 +181,10 @@ def _take_config_flag(arguments: Sequence[str]) -> tuple[list[str], Path | None]
 
 
 def _yaml_mapping(path: Path) -> dict[Any, Any]:
-    """What a file of settings holds. Raises ConfigError."""
+    """The content of a settings file. Raises ConfigError."""
     try:
         if not path.is_file():
-            # Opening a pipe would wait for ever.
+            # Opening a pipe would block forever.
             path.stat()
             raise ConfigError(f"{path}: must be a file of settings")
         content = yaml.load(path.read_text(encoding="utf-8"), _LOADER)

@@ -6,8 +6,8 @@ import cv2
 
 
 def without_ipp() -> None:
-    """Keep OpenCV from asking Intel's library, which rounds by the processor, in this thread.
+    """Stop OpenCV from using Intel's IPP, whose rounding depends on the processor, in this thread.
 
-    Each thread has a switch of its own: whoever needs the same bits says so where it calls OpenCV.
+    The switch is per thread: call this wherever OpenCV must give the same bits.
     """
     cv2.ipp.setUseIPP(False)

@@ -1,4 +1,4 @@
-"""PNG pictures, and whether bytes are a whole one that every reader will be able to decode."""
+"""PNG images, and the check that bytes are a complete PNG that every reader can decode."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 MAX_SIDE_PX = 2048
 MAX_BYTES = 16 * 1024 * 1024
 _MOST_KEPT_BYTES = 32 * 1024 * 1024
-"""Of decoded pictures: all of a common world's."""
+"""Cache size for decoded images: fits all images of a common world."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _OTHERS = {b"\xff\xd8\xff": "a JPEG", b"GIF8": "a GIF", b"BM": "a BMP", b"RIFF": "a WebP"}
 
 
 def problem(data: bytes) -> str:
-    """What is wrong with a texture's bytes, as the rest of a sentence; empty where nothing is."""
+    """The problem of a texture's bytes, as the rest of a sentence; empty: none."""
     try:
         decode(data)
     except ValueError as error:
@@ -29,10 +29,10 @@ def problem(data: bytes) -> str:
 
 
 def decode(data: bytes) -> NDArray[np.uint8]:
-    """The picture: (h, w, 3) uint8 RGB, read-only.
+    """The image: (h, w, 3) uint8 RGB, read-only.
 
-    The newest ones are kept: who checks a picture, simulates it and draws it shares one.
-    Raises ValueError, with what `problem` says, where the bytes are no whole picture.
+    The newest ones are cached, and shared by validation, simulation and rendering.
+    Raises ValueError, with the text of `problem`, where the bytes are not a complete image.
     """
     key = hashlib.sha256(data).digest()
     rgb = _kept.pop(key, None)
@@ -46,18 +46,18 @@ def decode(data: bytes) -> NDArray[np.uint8]:
 
 
 _kept: dict[bytes, NDArray[np.uint8]] = {}
-"""Pictures by the sha256 of their files, the newest last."""
+"""Images by the sha256 of their files, the newest last."""
 
 
 def size_px(data: bytes) -> tuple[int, int]:
-    """Width and height of a picture without a problem."""
+    """Width and height of a valid image."""
     width, height = struct.unpack_from(">II", data, len(_SIGNATURE) + 8)
     return int(width), int(height)
 
 
 def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
-    """The chunks are checked before the decoder sees them: it fills in for a damaged file silently,
-    and would allocate what a header claims.
+    """The chunks are checked before decoding: the decoder silently fills in damaged files, and
+    would allocate the size that the header claims.
     """
     if not data.startswith(_SIGNATURE):
         other = next((name for start, name in _OTHERS.items() if data.startswith(start)), "")
@@ -79,7 +79,7 @@ def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether chunks with right checksums run from IHDR to IEND (PNG specification, section 5)."""
+    """Whether chunks with valid checksums run from IHDR to IEND (PNG specification, section 5)."""
     at, first = len(_SIGNATURE), True
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

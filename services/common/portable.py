@@ -1,14 +1,14 @@
 """Elementary functions and small matrices with the same bits on every processor.
 
-The C library chooses its sine by the processor it finds (with or without fused multiply-add), NumPy
-its vector loops, and BLAS its kernels: their last bits differ. All here is made of +, -, *, / and
-square roots in a fixed order, which IEEE 754 rounds alike everywhere. Functions of one number are
-plain Python; `portable_kernels` has them compiled, with the same bits, for loops over arrays.
+The C library chooses its sine by the processor (with or without fused multiply-add), NumPy its
+vector loops, and BLAS its kernels: their last bits differ. These functions use only +, -, *, / and
+square roots in a fixed order, which IEEE 754 rounds identically everywhere. Functions of one number
+are plain Python; `portable_kernels` compiles them, with the same bits, for loops over arrays.
 
 The formulas of sine, cosine, arc tangent, exponential and logarithm are those of FreeBSD's msun
 (k_sin.c, k_cos.c, e_rem_pio2.c, s_atan.c, e_exp.c, e_log.c; Sun Microsystems, 1993, "Permission to
 use, copy, modify, and distribute this software is freely granted"): they are within one unit in the
-last place. What is made of them here (tangent, arc sine, arc cosine) is within three.
+last place. The functions derived from them (tangent, arc sine, arc cosine) are within three.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Number = TypeVar("Number", float, Array, NDArray[np.float32], NDArray[np.int64])
 
 
 def square(x: Number) -> Number:
-    """The square; of a number, `x ** 2` is the C library's power function."""
+    """The square; for a number, `x ** 2` calls the C library's power function."""
     return x * x
 
 
 def cos_sin(angle_rad: float) -> tuple[float, float]:
-    """Cosine and sine; NaN of what is not finite. Beyond 8e5 rad, where one of them is all but 0,
-    they are within 1e-24 instead; beyond 8e11 rad as good as a period of 53 bits allows.
+    """Cosine and sine; NaN if the angle is not finite. Beyond 8e5 rad, where one of them is close
+    to 0, the error is within 1e-24 instead; beyond 8e11 rad a period of 53 bits limits it.
     """
     x, low, quadrant = float(angle_rad), 0.0, 0
     if not -0.7853981633974483 <= x <= 0.7853981633974483:
@@ -40,8 +40,8 @@ def cos_sin(angle_rad: float) -> tuple[float, float]:
                 if math.isinf(x) or math.isnan(x):
                     return math.nan, math.nan
                 x = x % 6.283185307179586
-            # Whole turns first, so that what follows counts few quarters: pi / 2 in parts of 33
-            # bits, whose products with whole numbers up to 2 ** 20 are exact.
+            # Whole turns first, so that few quarters remain: pi / 2 in parts of 33 bits, whose
+            # products with whole numbers up to 2 ** 20 are exact.
             quarters = math.floor(x * 1.2142514369522238e-06 + 0.5) * 524288.0
             rest = x - quarters * 1.5707963267341256
             part = quarters * 6.077100506303966e-11
@@ -88,12 +88,12 @@ def cos_sin(angle_rad: float) -> tuple[float, float]:
 
 
 def sin(angle_rad: float) -> float:
-    """Sine, as good as `cos_sin`."""
+    """Sine, as accurate as `cos_sin`."""
     return cos_sin(angle_rad)[1]
 
 
 def cos(angle_rad: float) -> float:
-    """Cosine, as good as `cos_sin`."""
+    """Cosine, as accurate as `cos_sin`."""
     return cos_sin(angle_rad)[0]
 
 
@@ -180,7 +180,7 @@ def exp(x: float) -> float:
 
 
 def log(x: float) -> float:
-    """Natural logarithm: minus infinity of 0, and NaN of what is negative."""
+    """Natural logarithm: minus infinity for 0, NaN for negative numbers."""
     x = float(x)
     if not 0.0 < x < math.inf:
         if x == 0.0:
@@ -210,14 +210,14 @@ def log(x: float) -> float:
 
 
 def each(function: Callable[[float], float], values: ArrayLike) -> Array:
-    """A function of one number, of each of an array: for the few hundred numbers of a shape."""
+    """Apply a function of one number to each element: for the few hundred numbers of a shape."""
     array = np.asarray(values, np.float64)
     made = [function(value) for value in array.ravel().tolist()]
     return np.array(made, np.float64).reshape(array.shape)
 
 
 def cos_sin_each(angles_rad: ArrayLike) -> tuple[Array, Array]:
-    """`cos_sin` of each of an array."""
+    """`cos_sin` of each element."""
     angles = np.asarray(angles_rad, np.float64)
     both = np.array([cos_sin(angle) for angle in angles.ravel().tolist()], np.float64)
     both = both.reshape(*angles.shape, 2)
@@ -225,27 +225,27 @@ def cos_sin_each(angles_rad: ArrayLike) -> tuple[Array, Array]:
 
 
 def atan2_each(y: ArrayLike, x: ArrayLike) -> Array:
-    """`atan2` of each pair of two arrays of one shape."""
+    """`atan2` of each pair of elements of two arrays of the same shape."""
     ups, rights = np.asarray(y, np.float64), np.asarray(x, np.float64)
     pairs = zip(ups.ravel().tolist(), rights.ravel().tolist(), strict=True)
     return np.array([atan2(*pair) for pair in pairs], np.float64).reshape(ups.shape)
 
 
 def hypot_each(x: ArrayLike, y: ArrayLike) -> Array:
-    """Lengths of vectors, by two arrays of coordinates."""
+    """Lengths of vectors, given as two arrays of coordinates."""
     x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
     return np.asarray(np.sqrt(x * x + y * y))
 
 
 def lengths(vectors: ArrayLike) -> Array:
-    """(...,) of vectors (..., n)."""
+    """(...,) lengths of vectors (..., n)."""
     vectors = np.asarray(vectors, np.float64)
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
 def product(a: ArrayLike, b: ArrayLike, *others: ArrayLike) -> Array:
-    """What `a @ b @ ...` is, without BLAS: of matrices (..., n, k) and (..., k, m), stacked or not,
-    and of vectors (k,) at either end.
+    """`a @ b @ ...` without BLAS, for matrices (..., n, k) and (..., k, m), stacked or not, and
+    vectors (k,) at either end.
     """
     if others:
         return product(product(a, b), *others)
@@ -260,7 +260,7 @@ def product(a: ArrayLike, b: ArrayLike, *others: ArrayLike) -> Array:
 
 
 def determinants(matrices: ArrayLike) -> Array:
-    """(...,) of matrices (..., 3, 3)."""
+    """(...,) determinants of matrices (..., 3, 3)."""
     a, b, c = np.moveaxis(np.asarray(matrices, np.float64), -2, 0)
     return np.asarray(np.einsum("...i,...i->...", a, np.cross(b, c)))
 
@@ -299,13 +299,13 @@ def solve(matrix: ArrayLike, given: ArrayLike) -> Array:
 
 
 def inverse(matrix: ArrayLike) -> Array:
-    """Of an (n, n) matrix. Raises np.linalg.LinAlgError where it is singular."""
+    """Inverse of an (n, n) matrix. Raises np.linalg.LinAlgError where it is singular."""
     return solve(matrix, np.eye(len(np.asarray(matrix))))
 
 
 def eigh(matrix: ArrayLike) -> tuple[Array, Array]:
-    """(n,) eigenvalues of a symmetric (n, n) matrix, the least first, and its eigenvectors, as the
-    columns of (n, n), by Jacobi's rotations.
+    """(n,) eigenvalues of a symmetric (n, n) matrix in ascending order, and its eigenvectors, as
+    the columns of (n, n), by Jacobi's rotations.
     """
     a = np.array(matrix, np.float64).tolist()
     size = len(a)
@@ -323,7 +323,7 @@ def eigh(matrix: ArrayLike) -> tuple[Array, Array]:
 
 
 _MOST_SWEEPS = 50
-"""Of Jacobi's method; five to ten are enough, after which what is off the diagonal is 0."""
+"""Sweeps of Jacobi's method; after five to ten the off-diagonal elements are 0."""
 
 
 def _rotate(a: list[list[float]], vectors: list[list[float]], p: int, q: int) -> None:

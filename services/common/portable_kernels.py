@@ -1,5 +1,5 @@
-"""The functions of `portable` compiled, for kernels and for arrays, with the same bits; and normal
-deviates, whose tails NumPy takes from the C library's logarithm.
+"""The functions of `portable`, compiled for kernels and arrays, with the same bits; and normal
+deviates, because NumPy's use the C library's logarithm for the tails.
 """
 
 from __future__ import annotations
@@ -65,17 +65,17 @@ def _normal(uniform: Array, normal: Array) -> None:
 
 
 def exp_each(values: ArrayLike) -> Array:
-    """`exp` of each of an array."""
+    """`exp` of each element."""
     return np.asarray(_exp_each(values), np.float64)  # type: ignore[arg-type]
 
 
 def log_each(values: ArrayLike) -> Array:
-    """`log` of each of an array."""
+    """`log` of each element."""
     return np.asarray(_log_each(values), np.float64)  # type: ignore[arg-type]
 
 
 def cos_sin_each(angles_rad: ArrayLike) -> tuple[Array, Array]:
-    """`cos_sin` of each of an array."""
+    """`cos_sin` of each element."""
     angles = np.ascontiguousarray(angles_rad, np.float64)
     both = np.empty((2, angles.size))
     _cos_sin_each(angles.reshape(-1), both)

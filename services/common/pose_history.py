@@ -1,4 +1,4 @@
-"""Where one frame was in another, by time."""
+"""The poses of one frame in another over time."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ class PoseHistory:
         self._poses.clear()
 
     def add(self, stamp_ns: int, a_from_b: Array) -> bool:
-        """Take in a rigid (4, 4) pose; False where it is not newer than the newest one.
+        """Add a rigid (4, 4) pose; False where it is not newer than the newest one.
 
-        One older by more than a second means that the simulation began anew, and so does this.
+        A pose older by more than a second means that the simulation was reset: the history is
+        cleared.
         """
         newest_ns = self.newest_ns
         if newest_ns is not None and stamp_ns <= newest_ns:
@@ -54,7 +55,7 @@ class PoseHistory:
     def at(self, stamp_ns: int, hold_ns: int = 0) -> Array | None:
         """The (4, 4) pose at a stamp, linear between the two poses around it.
 
-        Up to `hold_ns` before the oldest or after the newest pose, that pose; beyond, None.
+        Up to `hold_ns` before the oldest or after the newest pose, that pose; beyond that, None.
         """
         if not self._stamps_ns:
             return None
@@ -70,7 +71,7 @@ class PoseHistory:
 
 
 def _between(first: Array, second: Array, fraction: float) -> Array:
-    """The pose between two close ones, at a fraction of the way."""
+    """The pose interpolated between two close ones."""
     q0 = np.array(quaternion_from_rotation(first[:3, :3]))
     q1 = np.array(quaternion_from_rotation(second[:3, :3]))
     if float(portable.product(q0, q1)) < 0.0:

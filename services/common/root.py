@@ -1,4 +1,4 @@
-"""Where the repository is: apart from all else, for processes that need little else."""
+"""The path of the repository, in its own module for processes that import little else."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What flags and the environment say of a configuration."""
+"""Configuration values from flags and the environment."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def settings(
     env_prefix: str,
     section: dict[str, Any],
 ) -> dict[str, Any]:
-    """The values that somebody set: flags win over the environment, and that over `section`.
+    """The values that were set: flags win over the environment, and the environment over `section`.
 
     Raises ConfigError, or pydantic's ValidationError.
     """
@@ -68,7 +68,7 @@ def settings(
     }
     settings_type: type[BaseSettings] = type(model.__name__, (Settings,), fields)
     try:
-        # Only what somebody set: what is not set may follow from what is.
+        # Only values that were set: defaults may depend on them.
         return settings_type(**section).model_dump(exclude_unset=True)
     except SettingsError as error:
         flags = [f"--{name.replace('_', '-')}" for name in model.model_fields]
@@ -78,7 +78,7 @@ def settings(
 
 
 def _plain(said: str, arguments: list[str], env_prefix: str, flags: list[str]) -> str:
-    """What pydantic-settings says, with the flag or variable, the value and what would be right."""
+    """pydantic-settings' message, with the flag or variable, the value and what is allowed."""
     unknown = re.search(r"unrecognized arguments: (.*)", said)
     if unknown:
         name, _, value = unknown[1].replace("=", " ", 1).partition(" ")

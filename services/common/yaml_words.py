@@ -1,4 +1,4 @@
-"""What is wrong with a text that is not YAML, in words for whoever wrote it."""
+"""Explanations of YAML syntax errors for the author of the file."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _WORDS = {
     "for merging": "`<<` without a mapping behind it",
     "too deep": "more levels than can be read",
 }
-"""By a part of what libyaml and PyYAML say."""
+"""By a part of the message of libyaml and PyYAML."""
 
 
 def line_and_words(error: Exception) -> tuple[int, str]:
-    """The line of what a YAML parser stumbled over, from 1 (0: none is known), and what it is."""
+    """The line of a YAML syntax error, from 1 (0: unknown), and its explanation."""
     if isinstance(error, yaml.reader.ReaderError):
         return 0, f"a control character (code {error.character}) at position {error.position}"
     if not isinstance(error, yaml.MarkedYAMLError):

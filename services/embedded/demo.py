@@ -1,4 +1,4 @@
-"""The whole of Mazebot in one process: builds every node, drives the tour, shows how far it is."""
+"""All of Mazebot in one process: builds every node, drives the tour, shows its progress."""
 
 from __future__ import annotations
 
@@ -47,19 +47,17 @@ EXIT_INTERRUPTED = 130
 _LOG = logging.getLogger("demo")
 
 FIRST_STEP = "the simulation runs"
-"""What a run says when physics has made its first step."""
+"""Log message after the first step of physics."""
 COMPACT_TIMEOUT_S = 20.0
-"""Nobody waits to kill this process, so that its recording may be made quick to open."""
+"""This process is not killed after a timeout, so there is time to compact its recording."""
 
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What a run in one process is told. None: what environment, file of settings and defaults
-    say.
-    """
+    """The options of a run in one process. None: from environment, settings file or defaults."""
 
     world_name: str | None = None
-    """Or the file of a recipe, or an SDF, URDF or xacro file."""
+    """Name of a world, or a recipe, SDF, URDF or xacro file."""
     seed: int | None = None
     out_dir: Path | None = None
     camera: bool | None = None
@@ -69,14 +67,14 @@ class DemoOptions:
     renderer: str | None = None
     goal: tuple[float, float, float] | None = None
     overrides: tuple[str, ...] = ()
-    """`field=value`, put over the world's recipe."""
+    """`field=value`, overrides the world's recipe."""
     worlds_dir: Path | None = None
     settings: Path | None = None
-    """A file of settings, or a run's own config.yaml, whose run is repeated."""
+    """A settings file, or a run's own config.yaml to repeat that run."""
     as_json: bool = False
     """Print the run's summary as JSON on standard output, and the log on standard error."""
     arguments: Mapping[str, str] = field(default_factory=dict)
-    """Of a xacro file."""
+    """Arguments of a xacro file."""
     roots: tuple[Path, ...] = ()
     """Folders of models that an SDF file may include."""
 
@@ -92,7 +90,7 @@ def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]
         "out_dir": options.out_dir,
         "compact_timeout_s": COMPACT_TIMEOUT_S,
     }
-    # Each part is made in turn so that a mistake is told before anything is written.
+    # In this order, so that errors are reported before anything is written.
     return [
         *robot_nodes(options, load_world=load_world),
         BringupNode(bringup_config(options)),
@@ -105,9 +103,9 @@ def robot_nodes(
     physics: Mapping[str, object] = MappingProxyType({}),
     load_world: Load = load_any,
 ) -> list[Node]:
-    """The nodes of the world and of the robot in it, which wait to be told what to do.
+    """The nodes of the world and of the robot in it, which wait for requests.
 
-    `physics` are fields of PhysicsConfig, which win over what the options say.
+    `physics` are fields of PhysicsConfig, which win over the options.
 
     Raises ConfigError where an option cannot be met.
     """
@@ -124,7 +122,7 @@ def robot_nodes(
 
 
 def bringup_config(options: DemoOptions) -> BringupConfig:
-    """Which world a run is in, and where it drives. Raises ConfigError."""
+    """The world and the goals of a run. Raises ConfigError."""
     told = {
         "seed": options.seed,
         "world_name": options.world_name,
@@ -151,10 +149,10 @@ def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping
 
 
 def check_world(options: DemoOptions) -> LoadedWorld:
-    """The world, read before anything is started.
+    """The world, loaded before anything is started.
 
-    Raises ConfigError where it cannot be had or lacks a place of the tour, NoLocationsError where
-    there is nowhere to drive to.
+    Raises ConfigError where it cannot be loaded or lacks a location of the tour, NoLocationsError
+    where there is no reachable goal.
     """
     config, bringup = _worldgen_config(options), bringup_config(options)
     loaded = load_any(
@@ -210,7 +208,7 @@ def run(options: DemoOptions) -> int:
     except NoLocationsError as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_NOT_REACHED
-    # Nobody in this process asks for another one.
+    # No node in this process requests another world.
     nodes = build_nodes(options, lambda *_: loaded)
     executive = Executive(nodes, MemoryTransport(), rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
@@ -238,7 +236,7 @@ def run(options: DemoOptions) -> int:
         try:
             code = executive.run(until)
         except StalledError as error:
-            # Whoever ran the command gets a line, not a traceback.
+            # Print one line instead of a traceback.
             raise ConfigError(str(error)) from error
         finally:
             executive.close()
@@ -259,7 +257,7 @@ def _tell_json(folder: Path, code: int | None) -> None:
 
 
 def _tell(console: Console, folder: Path) -> None:
-    """Say how fast it was, where the recording is and how to look at it."""
+    """Print the speed, the recording's folder and how to view it."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
     pace = "" if factor is None else f" at {factor:.1f}x real time"
@@ -301,7 +299,7 @@ def _progress(console: Console) -> Progress:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[list[int]]:
-    """A list that is empty until the process is told to stop."""
+    """A list that is empty until a stop signal is received."""
     stopped: list[int] = []
     before = {
         number: signal.signal(number, lambda got, _: stopped.append(got))

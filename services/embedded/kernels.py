@@ -1,5 +1,5 @@
-"""Compiles every kernel, so that none is left to compile when a robot moves or a maze is asked for:
-drives half a second of the enhanced tour. `make env` runs it.
+"""Compiles every kernel in advance, by driving half a second of the enhanced tour and generating
+mazes. `make env` runs it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from services.embedded.demo import DemoOptions, build_nodes
 from services.worldgen.kernels import compile_kernels
 
 EPISODE_S = 0.5
-"""In which every sensor has spoken, and the first path is planned."""
+"""Time within which every sensor has published, and the first path is planned."""
 
 
 def main() -> None:
-    """Drive, and make mazes."""
+    """Drive, and generate mazes."""
     logging.disable(logging.WARNING)
     compile_kernels()
     with tempfile.TemporaryDirectory() as folder:

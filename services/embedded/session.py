@@ -1,4 +1,4 @@
-"""A simulation in this process to be led by a program, step by step: `Session`."""
+"""A simulation in this process, controlled by a program step by step: `Session`."""
 
 from __future__ import annotations
 
@@ -66,19 +66,19 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 LOCALISATION_PATIENCE_S = 10.0
-"""Simulation time for navigation to become active before it is sent a goal."""
+"""Simulation time to wait for navigation to become active before a goal is sent."""
 _STEPS_PER_COMMAND = STEPS_PER_SECOND // 20
-"""Between two commands of a drive: the velocity watchdog stops a robot after 0.2 s without one."""
+"""Steps between two commands: the velocity watchdog stops a robot after 0.2 s without one."""
 _MAX_TURNS = 1000
-"""Of the nodes while time stands still, to answer a request; two or three are enough."""
+"""Maximum turns of the nodes at the same time until a request is answered; two or three suffice."""
 
 
 class RefusedError(ValueError):
-    """What was asked for cannot be done; its text is the one line that says why."""
+    """A request was refused; its text is the reason in one line."""
 
 
 class _Wire(MemoryTransport):
-    """Hands messages over, and shows them to whoever looks on, as a subscriber at the edge."""
+    """Delivers messages, and stores them for the session, like an external subscriber."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -86,7 +86,7 @@ class _Wire(MemoryTransport):
         self.watchers: list[tuple[str, list[Any]]] = []
 
     def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
-        """Put a message on the wire."""
+        """Publish a message."""
         self._send(topic, message, envelope)
 
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
@@ -98,21 +98,21 @@ class _Wire(MemoryTransport):
 
 
 class _Person(Node):
-    """Whoever holds the session: writes what people's tools may write."""
+    """The user of the session: may publish the topics of the user's tools."""
 
     name: ClassVar[str] = EDGE
     _config = ServiceConfig()
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Nothing: the user has no turn."""
+        """Does nothing: the user does not step."""
 
 
 class Session:
     """A world with the robot in it, its sensors, perception and navigation, at time 0 and paused.
 
-    Time passes only within the calls that say so, in lockstep and as fast as the machine allows; a
-    run is a function of world, options, seed and calls. Everything is asked and told by the queries
-    and topics that a running stack has.
+    Time advances only within calls that are documented to do so, in lockstep and as fast as
+    possible; a run depends only on world, options, seed and calls. All requests and data use the
+    queries and topics of a running stack.
 
         with Session("enhanced", seed=7) as session:
             result = session.goal(0.5, -0.9)
@@ -134,16 +134,16 @@ class Session:
         """Load a world.
 
         Args:
-            world: its name, as `mazebot demo --world` has it.
+            world: its name, as for `mazebot demo --world`.
             seed: of every random stream.
-            camera: whether pictures are rendered and markers looked for.
+            camera: whether images are rendered and markers detected.
             use_aruco: whether the world keeps its markers.
-            overrides: `field=value`, put over the world's recipe.
-            worlds_dir: folder of the worlds; None: the one that comes with Mazebot.
-            out_dir: folder to record the run to; None: no recording.
+            overrides: `field=value`, overrides the world's recipe.
+            worlds_dir: folder of the worlds; None: the one of Mazebot.
+            out_dir: folder for the recording; None: no recording.
             physics: fields of PhysicsConfig by name, e.g. `scan_noise_m=0.0`.
 
-        Raises ConfigError, in one line, where an option cannot be met or the world cannot be had.
+        Raises ConfigError, in one line, for an invalid option or a world that cannot be loaded.
         """
         options = DemoOptions(
             seed=seed, camera=camera, worlds_dir=worlds_dir, renderer="auto" if camera else "none"
@@ -194,11 +194,11 @@ class Session:
         return self._executive.now_ns * 1e-9
 
     def step(self, steps: int = 1) -> SimulationStats:
-        """Advance by so many steps of 1/240 s."""
+        """Advance by this number of steps of 1/240 s."""
         return self._control(step=steps)
 
     def run_for(self, duration_s: float) -> SimulationStats:
-        """Advance by a time, rounded up to whole steps."""
+        """Advance by a duration, rounded up to whole steps."""
         return self._control(run_until_s=self.now_s + duration_s)
 
     def run_until(self, time_s: float) -> SimulationStats:
@@ -206,25 +206,25 @@ class Session:
         return self._control(run_until_s=time_s)
 
     def pause(self) -> None:
-        """Let time stand still, as it does after every call that makes it pass."""
+        """Pause the simulation, as after every call that advances time."""
         self._ask(SIMULATION_CONTROL, SimulationControl(pause=True))
 
     def resume(self) -> None:
-        """Let time pass in calls of `turn`."""
+        """Resume: calls of `turn` then advance time."""
         self._ask(SIMULATION_CONTROL, SimulationControl(pause=False))
 
     def turn(self) -> bool:
-        """Let every node that is due step once, after a step of the simulation where it is not
-        paused; whether any was.
+        """Advance the simulation by one step unless it is paused, then step every node that is due;
+        return whether any stepped.
         """
         return self._executive.turn()
 
     def reset(
         self, seed: int | None = None, scope: Literal["all", "time"] = "all"
     ) -> SimulationStats:
-        """Begin again at time 0: `all` has everything as at the start, `time` only the clock.
+        """Reset to time 0: `all` resets everything to its initial state, `time` only the clock.
 
-        A seed needs `all`; without one the streams begin again with the seed they had.
+        A seed needs `all`; without one the random streams restart with their current seed.
         """
         stats = self._control(reset=scope, seed=seed)
         if scope == "all":
@@ -236,7 +236,7 @@ class Session:
     def spawn(
         self, entity: Entity, allow_renaming: bool = False, assets: dict[str, str] | None = None
     ) -> EntityReply:
-        """Put a thing into the world; where it stands, and under which name."""
+        """Spawn an entity; return its pose and name."""
         request = SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=assets or {})
         return self._done(self._ask(SPAWN_ENTITY, request))
 
@@ -246,26 +246,26 @@ class Session:
         position_m: Vector,
         orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0),
     ) -> EntityReply:
-        """Put a thing elsewhere; where it stands."""
+        """Move an entity; return its pose."""
         state = _built(
             SetEntityState, name=name, position_m=position_m, orientation_xyzw=orientation_xyzw
         )
         return self._done(self._ask(SET_ENTITY_STATE, state))
 
     def remove(self, name: str) -> EntityReply:
-        """Take a thing out of the world."""
+        """Delete an entity."""
         return self._done(self._ask(DELETE_ENTITY, DeleteEntity(name=name)))
 
     def entities(self) -> Entities:
-        """What stands in the world."""
+        """The entities in the world."""
         return self._ask(GET_ENTITIES, GetEntities())
 
     def goal(
         self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: float = 600.0
     ) -> NavigationResult:
-        """Drive to a pose in the map, and say how that ended; `error_code` 0 is success.
+        """Drive to a pose in the map, and return the result; `error_code` 0 is success.
 
-        Raises TimeoutError after `timeout_s` of simulation without an end; the goal stays.
+        Raises TimeoutError after `timeout_s` of simulation without a result; the goal stays active.
         """
         if not self._run_while(lambda: not self._is_active(), LOCALISATION_PATIENCE_S):
             raise RefusedError(
@@ -288,9 +288,9 @@ class Session:
         return mine[0]
 
     def cancel(self) -> CancelGoalReply:
-        """Give up the goal that `goal` left after its time-out: the robot stops.
+        """Cancel the goal that is still active after a timeout of `goal`: the robot stops.
 
-        Raises RefusedError where none is being driven to.
+        Raises RefusedError where no goal is active.
         """
         reply = self._ask(CANCEL_GOAL, CancelGoal())
         if reply.error:
@@ -298,10 +298,10 @@ class Session:
         return reply
 
     def command(self, linear_m_s: float, angular_rad_s: float, for_s: float | None = None) -> None:
-        """Command a velocity of base_footprint once; with `for_s`, again and again for that long,
+        """Command a velocity of base_footprint once; with `for_s`, repeatedly for that duration,
         rounded up to whole steps.
 
-        A robot stops 0.2 s after the last command.
+        The robot stops 0.2 s after the last command.
         """
         steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
         while True:
@@ -321,7 +321,7 @@ class Session:
             steps_left -= _STEPS_PER_COMMAND
 
     def ground_truth(self) -> SE2:
-        """The robot's true pose in the map, as last told: at most 1/30 s ago."""
+        """The robot's true pose in the map, as last published: at most 1/30 s ago."""
         odom = self.latest(GROUND_TRUTH_ODOM)
         if odom is not None:
             return msg.se2_from_pose(odom.pose.pose)
@@ -330,7 +330,7 @@ class Session:
         return world.start.se2()
 
     def latest(self, topic: Topic[M]) -> M | None:
-        """The last message on a topic; None where there was none since the beginning."""
+        """The last message on a topic; None where there was none since the start."""
         return cast("M | None", self._wire.latest.get(topic.name))
 
     @contextmanager
@@ -345,9 +345,9 @@ class Session:
             self._wire.watchers = [one for one in self._wire.watchers if one is not watcher]
 
     def put(self, topic: Topic[M], message: M) -> None:
-        """Send a message on a topic of people's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
+        """Publish a message on a topic of the user's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
 
-        Raises PermissionError on another topic, RefusedError where the message is not finite.
+        Raises PermissionError on another topic, RefusedError where the message is invalid.
         """
         self._outbox.now_ns = self._executive.now_ns
         rejected = self._outbox.rejected.copy()
@@ -366,7 +366,7 @@ class Session:
         return status is not None and status.navigation_active
 
     def _run_while(self, goes_on: Callable[[], bool], limit_s: float) -> bool:
-        """Let time pass until a condition holds no more; False where the limit came first."""
+        """Advance time until a condition is no longer true; False where the limit came first."""
         end_s = self.now_s + limit_s
         if not goes_on():
             return True
@@ -400,7 +400,7 @@ class Session:
         return answers[0]
 
     def _turn_until(self, done: Callable[[], bool], what: str) -> None:
-        """Turn until something is there; time may pass on the way."""
+        """Turn until a condition is true; time may advance meanwhile."""
         turns, now_ns = 0, self._executive.now_ns
         while not done():
             if not self._executive.turn() and not done():
@@ -412,9 +412,9 @@ class Session:
 
 
 def _built(kind: type[Q], **fields: object) -> Q:
-    """A document of what the user gave.
+    """A document from the user's values.
 
-    Raises RefusedError, in one line, where it is none.
+    Raises RefusedError, in one line, where they are invalid.
     """
     try:
         return kind(**fields)

@@ -1,4 +1,4 @@
-"""What to do when planning or control fails: Nav2's recovery behaviours, in Nav2's round robin."""
+"""Nav2's recovery behaviours for failed planning or control, in Nav2's round robin."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from services.navigation.collision import STOP, Surroundings, Velocity, first_co
 
 
 class BehaviorStatus(Enum):
-    """How a behaviour is doing."""
+    """The status of a behaviour."""
 
     RUNNING = "running"
     SUCCEEDED = "succeeded"
@@ -49,9 +49,9 @@ class Behavior(ABC):
     def step(
         self, now_ns: int, elapsed_s: float, around: Surroundings
     ) -> tuple[BehaviorStatus, Velocity]:
-        """Go on with the behaviour: its status, and the velocity to command.
+        """Advance the behaviour: its status, and the velocity to command.
 
-        `elapsed_s` is for how long the last command has stood: what speeds may change within.
+        `elapsed_s` is the time since the last command, within which the speeds may change.
         """
         if self._start_ns is None:
             self._start_ns = now_ns
@@ -70,7 +70,7 @@ class Behavior(ABC):
 
 
 class ClearCostmap(Behavior):
-    """Forgets what the scan put on the costmap. The caller clears; there is nothing to drive."""
+    """Clears the scan's obstacles from the costmap. The caller does it; nothing is driven."""
 
     name = "clear costmap"
 
@@ -81,7 +81,7 @@ class ClearCostmap(Behavior):
 
 
 class Spin(Behavior):
-    """Turns on the spot, to see and to get loose."""
+    """Turns on the spot, to scan the surroundings and to get free."""
 
     name = "spin"
 
@@ -103,7 +103,7 @@ class Spin(Behavior):
             return BehaviorStatus.SUCCEEDED, STOP
         if running_s > p.spin_time_allowance_s:
             return BehaviorStatus.FAILED, STOP
-        # Braking harder than this would ask more of the robot than it can, for it lags behind.
+        # The robot lags behind, so it cannot brake harder than this.
         braking_rad_s = math.sqrt(p.rotational_acc_lim_rad_s2 * left_rad)
         wanted_rad_s = min(p.max_rotational_vel_rad_s, max(braking_rad_s, 0.1))
         change_rad_s = p.rotational_acc_lim_rad_s2 * elapsed_s
@@ -142,7 +142,7 @@ class BackUp(Behavior):
 
 
 class Wait(Behavior):
-    """Stands still, for what is in the way may go away."""
+    """Waits, since an obstacle may move away."""
 
     name = "wait"
 
@@ -158,4 +158,4 @@ ROUND_ROBIN: tuple[type[Behavior], ...] = (ClearCostmap, Spin, Wait, BackUp)
 """The order of navigate_to_pose_w_replanning_and_recovery."""
 
 FOR_THE_LOST: tuple[type[Behavior], ...] = (Spin, Wait)
-"""For a robot that does not know where it is: to look round, and to go nowhere."""
+"""For a robot that is not localised: scan the surroundings without driving."""

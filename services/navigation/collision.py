@@ -1,8 +1,7 @@
-"""Whether a motion would bring the robot's circle onto an obstacle: on the costmap, and among the
-scan's echoes.
+"""Collision checks of the robot's circle along a motion: on the costmap, and with scan echoes.
 
-The costmap knows the walls but trusts the estimated pose; the echoes need no pose at all. A motion
-has to pass both.
+The costmap has the walls but depends on the estimated pose; the echoes need no pose. A motion must
+pass both checks.
 """
 
 from __future__ import annotations
@@ -35,29 +34,29 @@ _SLACK_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Where the robot is and what is around it."""
+    """The robot's pose, and the obstacles around it."""
 
     map_from_base: SE2
     costmap: Costmap
     echoes_m: Array
-    """(n, 2) float64, the newest scan's echoes in the robot's base frame as it is now."""
+    """(n, 2) float64, the newest scan's echoes in the robot's current base frame."""
 
 
 def first_contact_s(
     around: Surroundings, velocity: Velocity, horizon_s: float, step_s: float, echo_radius_m: float
 ) -> float:
-    """Time until a constant velocity brings the robot's circle onto an obstacle; inf within the
-    horizon none.
+    """Time until the robot's circle collides at a constant velocity; inf if it does not within the
+    horizon.
 
-    A robot that is already too near to something may move as long as it does not come nearer: it
-    has to be able to get away.
+    A robot that is already too near to an obstacle may move as long as it does not come nearer, so
+    that it can get away.
 
     Args:
-        around: where the robot is and what is around it.
+        around: the robot's pose, and the obstacles around it.
         velocity: held for the whole horizon.
-        horizon_s: how far to look ahead.
-        step_s: between the poses looked at.
-        echo_radius_m: of the circle that no echo may enter.
+        horizon_s: time to simulate ahead.
+        step_s: time between the poses checked.
+        echo_radius_m: radius of the circle that no echo may enter.
     """
     frame = around.costmap.frame
     return float(

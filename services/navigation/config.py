@@ -21,7 +21,7 @@ CONTROL_PERIOD_NS = 50_000_000
 
 
 class NavigationConfig(ServiceConfig):
-    """What localises, plans and drives the robot."""
+    """Localisation, planning, control and recovery."""
 
     localization: LocalizationParams = Field(
         default_factory=LocalizationParams, description="AMCL's parameters"
@@ -122,7 +122,7 @@ class NavigationConfig(ServiceConfig):
         1.3, gt=0, description="rad/s2; deceleration at the end of a turn on the spot"
     )
     xy_goal_tolerance: float = Field(
-        0.06, gt=0, description="m; a goal is reached within this distance; half of it is usual"
+        0.06, gt=0, description="m; a goal is reached within this distance; usual is half of it"
     )
     yaw_goal_tolerance: float = Field(
         0.06, gt=0, description="rad; a goal is reached within this angle"
@@ -134,7 +134,7 @@ class NavigationConfig(ServiceConfig):
         0.01,
         ge=0,
         description="m; the circle that no lidar return may enter is smaller than "
-        "robot_radius by this, for lidar noise",
+        "robot_radius by this, to allow for lidar noise",
     )
     failure_tolerance: float = Field(
         0.3,
@@ -153,20 +153,20 @@ class NavigationConfig(ServiceConfig):
     )
 
     replanning_period: float = Field(
-        1.0, gt=0, description="s; time between two plans on the way to a goal"
+        1.0, gt=0, description="s; time between two plans while driving to a goal"
     )
     path_improvement: float = Field(
         0.05,
         ge=0,
         lt=1,
-        description="a new path replaces a valid one only where it is shorter by this share",
+        description="a new path replaces a valid one only if it is shorter by this share",
     )
     number_of_retries: int = Field(6, ge=0, description="recoveries before a goal is aborted")
     localization_tolerance: float = Field(
         1.0,
         ge=0,
-        description="s; how long the robot stands and waits for a lost localisation before "
-        "the goal is aborted",
+        description="s; how long the robot waits, stopped, for a lost localisation before a "
+        "recovery begins",
     )
     spin_dist: float = Field(1.57, gt=0, description="rad; angle of the spin recovery")
     max_rotational_vel: float = Field(
@@ -185,7 +185,7 @@ class NavigationConfig(ServiceConfig):
         1.0, gt=0, description="s; recoveries must be free of collisions for this long ahead"
     )
     sensor_timeout: float = Field(
-        0.5, gt=0, description="s; the robot stops where odometry or the scan is older than this"
+        0.5, gt=0, description="s; the robot stops if odometry or the scan is older than this"
     )
 
     def inflation(self) -> InflationParams:

@@ -41,18 +41,18 @@ class ControllerParams:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """What the controller makes of one instant."""
+    """The controller's output for one control period."""
 
     velocity: Velocity
     reached: bool
-    """The robot stands at the goal, within both tolerances."""
+    """The robot is stopped at the goal, within both tolerances."""
     blocked: bool
-    """No velocity along the path is free of collision."""
+    """No velocity along the path is collision-free."""
     distance_remaining_m: float
 
 
 _ALIGNED_RAD = 0.2
-"""A turn on the spot that has begun goes on until the heading is this good."""
+"""A turn on the spot that has begun goes on until the heading error is this small."""
 _TURNED_RAD_S = 0.1
 """The final turn is over once it is slower than this."""
 _SPEEDS = (1.0, 0.7, 0.4, 0.2)
@@ -62,7 +62,7 @@ _STEP_S = 0.05
 
 
 class Controller:
-    """Follows one path after another. Keeps the last command, for what it puts out may not jump."""
+    """Follows paths. Keeps the last command, since commands must not jump."""
 
     def __init__(self, params: ControllerParams) -> None:
         self._params = params
@@ -74,7 +74,7 @@ class Controller:
         """The last command."""
 
     def follow(self, path: PlannedPath, same_goal: bool) -> None:
-        """Take up a path. With the same goal as before, a position once reached stays reached."""
+        """Follow a path. With the same goal as before, a position once reached stays reached."""
         self._path = path
         self._index = 0
         if not same_goal:
@@ -88,7 +88,7 @@ class Controller:
 
     @property
     def index(self) -> int:
-        """Index of the path's point that the robot has got to."""
+        """Index of the path's point that the robot has reached."""
         return self._index
 
     @property
@@ -97,15 +97,15 @@ class Controller:
         return self._xy_reached
 
     def stop(self) -> None:
-        """Forget the path and the last command: the robot has been told to stop."""
+        """Drop the path and the last command: the robot was commanded to stop."""
         self._path = None
         self.velocity = STOP
 
     def step(self, elapsed_s: float, around: Surroundings) -> Control:
         """Velocity for the next control period.
 
-        `elapsed_s` is for how long the last command has stood: what speeds may change within.
-        Raises ValueError where there is no path to follow.
+        `elapsed_s` is the time since the last command, within which the speeds may change.
+        Raises ValueError if there is no path to follow.
         """
         path, p, pose = self._path, self._params, around.map_from_base
         if path is None:
@@ -118,7 +118,7 @@ class Controller:
         if to_goal_m <= p.xy_goal_tolerance_m and near_end:
             self._xy_reached = True
         elif to_goal_m > 2.0 * p.xy_goal_tolerance_m:
-            # Localisation found that the robot had not arrived after all.
+            # Localisation has found that the robot had not arrived.
             self._xy_reached = False
         if self._xy_reached:
             return self._turn_to_goal(elapsed_s, around, goal, to_goal_m)
@@ -146,7 +146,7 @@ class Controller:
         wanted_m_s = self._regulated_speed(around, curvature, to_goal_m, remaining_m)
         for fraction in _SPEEDS:
             speed_m_s = self._limited(elapsed_s, wanted_m_s * fraction, 0.0).linear_m_s
-            # What is needed to stop counts, and the curvature is kept whatever the speed.
+            # The speed may be limited by braking; the curvature is kept at any speed.
             velocity = self._limited(elapsed_s, wanted_m_s * fraction, curvature * speed_m_s)
             if self._time_to_contact_s(around, velocity) == math.inf:
                 return self._put(velocity, False, distance_remaining_m)
@@ -162,7 +162,7 @@ class Controller:
             and abs(self.velocity.angular_rad_s) <= _TURNED_RAD_S + 1e-9
         )
         if abs(error_rad) <= p.yaw_goal_tolerance_rad and slow:
-            # Soon after the last step, not even this little can be stopped at once.
+            # Soon after the last step, not even this low speed can be stopped at once.
             slowed = self._limited(elapsed_s, 0.0, 0.0)
             if max(map(abs, slowed)) > 1e-9:
                 return self._put(slowed, False, to_goal_m)
@@ -197,7 +197,7 @@ class Controller:
         return min(speed_m_s, max(approach_m_s, p.min_approach_linear_velocity_m_s))
 
     def _rate_to_turn(self, error_rad: float) -> float:
-        """Rate that turns by an angle and can still be brought to rest where it ends."""
+        """Turning rate towards an angle from which the robot can still stop at that angle."""
         p = self._params
         # The command acts for a whole period before the next one.
         ahead_rad = abs(self.velocity.angular_rad_s) * p.control_period_s
@@ -207,7 +207,7 @@ class Controller:
         return math.copysign(rate, error_rad)
 
     def _limited(self, elapsed_s: float, linear_m_s: float, angular_rad_s: float) -> Velocity:
-        """The velocity nearest to a wanted one that the limits of speed and acceleration allow."""
+        """The velocity nearest to a wanted one within the limits of speed and acceleration."""
         p, last = self._params, self.velocity
         dv = p.max_linear_accel_m_s2 * elapsed_s
         dw = p.max_angular_accel_rad_s2 * elapsed_s
@@ -223,7 +223,7 @@ class Controller:
 
     def _time_to_contact_s(self, around: Surroundings, velocity: Velocity) -> float:
         p = self._params
-        # Long enough to stop in, and no longer than the way to the carrot: beyond it the path
+        # Long enough to stop in, and no longer than the time to the carrot: beyond it the path
         # bends.
         stop_s = abs(velocity.linear_m_s) / p.max_linear_accel_m_s2 + 2.0 * p.control_period_s
         horizon_s = max(stop_s, 2.0 * _STEP_S)

@@ -25,13 +25,13 @@ NO_INFORMATION: Final = 255
 """Cell values of nav2_costmap_2d."""
 
 _STRAIGHT_RAD = 1e-6
-"""A map turned by less is not turned."""
+"""A map rotated by less counts as not rotated."""
 
 
 @dataclass(frozen=True, slots=True)
 class GridFrame:
-    """Where a grid lies in the map frame: its axes are the map's, cell (row 0, column 0) is at the
-    origin corner.
+    """The position of a grid in the map frame: its axes are the map's, cell (row 0, column 0) is at
+    the origin corner.
     """
 
     resolution_m: float
@@ -41,7 +41,7 @@ class GridFrame:
     columns: int
 
     def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
-        """(row, column) of the cell that holds a point; None outside the grid."""
+        """(row, column) of the cell that contains a point; None outside the grid."""
         column = (x_m - self.origin_x_m) / self.resolution_m
         row = (y_m - self.origin_y_m) / self.resolution_m
         if 0.0 <= row < self.rows and 0.0 <= column < self.columns:
@@ -56,7 +56,7 @@ class GridFrame:
         )
 
     def extent(self) -> str:
-        """The area covered, for people."""
+        """The area covered, as text."""
         x_max_m = self.origin_x_m + self.columns * self.resolution_m
         y_max_m = self.origin_y_m + self.rows * self.resolution_m
         return (
@@ -75,7 +75,7 @@ class InflationParams:
 
 @dataclass(frozen=True, slots=True)
 class Costmap:
-    """One state of the costmap; never changed once made."""
+    """One state of the costmap; immutable."""
 
     frame: GridFrame
     robot_radius_m: float
@@ -85,7 +85,7 @@ class Costmap:
     """(rows, columns) float32, distance from a cell's centre to that of the nearest lethal cell."""
 
     def cost_at(self, x_m: float, y_m: float) -> int:
-        """Cost of the cell that holds a point; NO_INFORMATION outside the grid."""
+        """Cost of the cell that contains a point; NO_INFORMATION outside the grid."""
         cell = self.frame.cell(x_m, y_m)
         return NO_INFORMATION if cell is None else int(self.costs[cell])
 
@@ -95,7 +95,7 @@ class Costmap:
         return 0.0 if cell is None else float(self.clearance_m[cell])
 
     def occupancy(self) -> Cells:
-        """(rows, columns) int8 as nav2's Costmap2DPublisher puts it out: 100 lethal, 99 inscribed,
+        """(rows, columns) int8 as published by nav2's Costmap2DPublisher: 100 lethal, 99 inscribed,
         -1 unknown.
         """
         return _OCCUPANCY_FROM_COST[self.costs]
@@ -141,21 +141,21 @@ class ObstacleParams:
     obstacle_max_range_m: float
     raytrace_max_range_m: float
     static_margin_m: float
-    """An echo this near a wall of the map is that wall: a small error of the pose must not narrow a
+    """An echo this near to a wall of the map is ignored: a small pose error must not narrow a
     doorway.
     """
 
 
 class LayeredCostmap:
-    """The layers and the costmap they make."""
+    """The layers and the combined costmap."""
 
     def __init__(
         self, frame: GridFrame, cells: Cells, inflation: InflationParams, obstacle: ObstacleParams
     ) -> None:
-        """Make the costmap of a map.
+        """Build the costmap of a map.
 
         Args:
-            frame: where the cells lie.
+            frame: position of the cells.
             cells: (rows, columns) int8 occupancy, 100 occupied, -1 unknown.
             inflation: how cost falls with distance.
             obstacle: how the scan marks and clears.
@@ -166,11 +166,11 @@ class LayeredCostmap:
         self._lethal: Mask = cells >= OCCUPIED
         self._unknown: Mask = cells < 0
         self.static = inflate(frame, self._lethal, self._unknown, inflation)
-        """The costmap of the map alone."""
+        """The costmap of the static map."""
         self.master = self.static
         """The costmap of all layers."""
         self.revision = 0
-        """Grows with every change of the master costmap."""
+        """Increases with every change of the master costmap."""
         self._markable: Mask = self.static.clearance_m > obstacle.static_margin_m
         self._marked: Mask = np.zeros(cells.shape, np.bool_)
 
@@ -182,7 +182,7 @@ class LayeredCostmap:
         angle_increment_rad: float,
         range_min_m: float,
     ) -> bool:
-        """Mark where the scan has echoes and clear what it sees through. True where the costmap
+        """Mark cells with echoes and clear those that rays pass. Returns True if the costmap
         changed.
         """
         changed = _mark_and_clear(
@@ -203,7 +203,7 @@ class LayeredCostmap:
         return bool(changed)
 
     def clear(self) -> None:
-        """Forget every obstacle that is not on the map, as Nav2's clear_entirely service does."""
+        """Clear every obstacle that is not on the map, as Nav2's clear_entirely service does."""
         if self._marked.any():
             self._marked[:] = False
             self._combine()
@@ -221,7 +221,7 @@ class LayeredCostmap:
 def frame_of(resolution_m: float, origin: SE2, cells: Cells) -> GridFrame:
     """Frame of a map's (rows, columns) cells.
 
-    Raises ValueError where the map is turned: its rows must run along the map's x axis, as
+    Raises ValueError if the map is rotated: its rows must run along the map's x axis, as
     `straightened` makes them.
     """
     if abs(origin.yaw_rad) > _STRAIGHT_RAD:
@@ -280,7 +280,7 @@ def _mark_and_clear(
         reach_m = ranges_m[i]
         if np.isnan(reach_m) or reach_m < range_min_m:
             continue
-        # One cell short of the echo: what it hit is not free.
+        # One cell short of the echo: the cell that it hit is not free.
         length = min(reach_m - resolution_m, raytrace_max_range_m) / resolution_m
         angle = first_angle_rad + increment_rad * i
         dx, dy = portable_kernels.cos_sin(angle)

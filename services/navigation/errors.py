@@ -1,4 +1,4 @@
-"""The exception by which planning and control tell why they fail."""
+"""The exception that planning and control raise when they fail."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from services.common.error_codes import ErrorCode
 
 
 class NavigationError(Exception):
-    """A failure with its code; its one line names the value and what would be right."""
+    """A failure with its code; the one-line message names the value and what would be valid."""
 
     def __init__(self, code: ErrorCode, message: str) -> None:
         super().__init__(message)

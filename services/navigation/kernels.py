@@ -1,4 +1,4 @@
-"""Compiles what navigation computes in loops, before the robot moves."""
+"""Compiles navigation's kernels before the robot moves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOG = logging.getLogger("navigation")
 
 
 def compile_kernels(config: NavigationConfig) -> None:
-    """Drive a metre in a small room, so that nothing is left to compile while the robot moves."""
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
@@ -52,7 +52,7 @@ def compile_kernels(config: NavigationConfig) -> None:
         planner_and_controller.accept(0, Goal(SE2(2.0, 1.5, 0.0), 0), start)
         planner_and_controller.step(0, Surroundings(start, costmap.master, points_m), True)
     except NavigationError:
-        # A robot too large for the room has compiled as much as it can.
+        # The robot is too large for the room; everything else is compiled.
         pass
     finally:
         _LOG.setLevel(level)

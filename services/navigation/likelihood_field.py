@@ -1,8 +1,9 @@
-"""The likelihood field of a map: how probable a lidar return is at each place.
+"""The likelihood field of a map: the probability density of a lidar return at each position.
 
 After Thrun, Burgard, Fox, Probabilistic Robotics (2005), section 6.4, with two differences. Returns
 come from the faces of walls, so the distance is signed and zero where a face most probably lies in
-its cells. And the tables are finer than the map, so that a nearest look-up keeps a centimetre.
+its cells. And the tables are finer than the map, so that a nearest-cell look-up is accurate to a
+centimetre.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ OCCUPIED = 50
 TABLE_CELL_M = 0.0125
 """Size of a table's cell at best: about the noise of one lidar return."""
 MAX_TABLE_CELLS = 8_000_000
-"""Of a table that is finer than its map: to make one takes 50 bytes for each."""
+"""Of a table that is finer than its map: computing one takes 50 bytes for each."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class LikelihoodField:
     distance_m: NDArray[np.float32]
     """Distance to the nearest face of a wall; negative inside walls, and limited."""
     log_likelihood: NDArray[np.float32]
-    """Logarithm of a return's probability density, in 1/m, at that place."""
+    """Logarithm of a return's probability density, in 1/m, at that position."""
     least_log_likelihood: float
-    """The same off the map"""
+    """The same outside the map"""
     cell_m: float
     map_from_field: SE2
     """Pose of the tables' corner (row 0, column 0)."""
@@ -60,9 +61,9 @@ def likelihood_field(
 
     The density is `z_hit * N(distance; 0, sigma_hit) + z_rand / range_max` (table 6.3). A wall's
     face lies `wall_inset_cells` inside its occupied cells. The tables end where no wall is within
-    `max_distance_m`: what open floor lies around costs no memory.
+    `max_distance_m`: open floor around the walls takes no memory.
 
-    Raises ValueError where the map's size or resolution is unusable.
+    Raises ValueError if the map's size or resolution is unusable.
     """
     if cells.ndim != 2 or min(cells.shape) < 2:
         raise ValueError(f"map cells: need at least 2 x 2, got {cells.shape}")
@@ -88,7 +89,7 @@ def likelihood_field(
 
 
 def _around(occupied: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
-    """Rows and columns that hold all that is occupied and a margin; of an empty map the first."""
+    """Rows and columns of all occupied cells and a margin; of the first cell in an empty map."""
     found = []
     for axis in (1, 0):
         taken = np.flatnonzero(occupied.any(axis))
@@ -98,7 +99,7 @@ def _around(occupied: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     return found[0], found[1]
 
 
-# Nearly all that a table costs. A reset begins with the same map again.
+# Nearly all of a table's cost. A reset uses the same map again.
 @functools.lru_cache(maxsize=2)
 def _signed_distance(
     occupied_bytes: bytes, shape: tuple[int, int], resolution_m: float, wall_inset_cells: float
@@ -115,9 +116,9 @@ def _signed_distance(
     wall = fine >= 0.499
     if wall.all():
         wall[0, 0] = False
-    # Of a map without walls no distance is finite.
+    # In a map without walls no distance is finite.
     to_wall, to_free = np.minimum(distance_cells(wall), MAX_CELLS), distance_cells(~wall)
-    # Both count from centre to centre; the border lies half a cell before the other kind's first.
+    # Both are from centre to centre; the border is half a cell before the other kind's centre.
     signed = np.where(wall, 0.5 - to_free, to_wall - 0.5)
     cell_m = resolution_m / factor
     distance_m = np.asarray(signed * cell_m, np.float32)

@@ -1,8 +1,8 @@
-"""Monte Carlo localisation: where the robot is in the map, by odometry, lidar scans and markers.
+"""Monte Carlo localisation: the robot's pose in the map, from odometry, lidar scans and markers.
 
-A particle filter after AMCL. Each update holds at its measurement's stamp and is carried forward by
-the odometry since. The field is sharp to a centimetre, so the mean of the particles needs no scan
-matching behind it.
+A particle filter after AMCL. Each update is valid at its measurement's stamp and is carried forward
+by the odometry since. The field is accurate to a centimetre, so the mean of the particles needs no
+scan matching after it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _HISTORY = 90
 _EXTRAPOLATE_NS = 200_000_000
 _LEAST_PART = 1.0 / 256.0
 _FAR_M = 1e3
-"""No lidar reaches so far, whatever its message says."""
+"""No lidar has a longer range, whatever its message states."""
 _CLUSTER_M, _CLUSTER_RAD = 0.6, math.radians(45.0)
 _KLD_BIN_M, _KLD_BIN_RAD = 0.1, math.radians(10.0)
 _INJECT_ABOVE = 0.2
@@ -67,14 +67,14 @@ class LocalizationParams(BaseModel):
     sigma_hit: float = Field(
         0.04,
         gt=0,
-        description="m; scatter of returns about the map's walls: lidar noise (0.01) and where in "
-        "its cell a wall's face lies (0.05 / sqrt 12), twice over for what else there is",
+        description="m; scatter of returns about the map's walls: lidar noise (0.01) and the "
+        "position of a wall's face in its cell (0.05 / sqrt 12), doubled for other errors",
     )
     laser_max_range: float = Field(
-        3.5, gt=0, description="m; returns from unmapped things are spread evenly up to this range"
+        3.5, gt=0, description="m; returns from unmapped objects are spread evenly up to this range"
     )
     laser_likelihood_max_dist: float = Field(
-        2.0, gt=0, description="m; distances to the nearest obstacle are not told apart beyond this"
+        2.0, gt=0, description="m; distances to the nearest obstacle are limited to this"
     )
     wall_inset_cells: float = Field(
         0.5,
@@ -87,13 +87,13 @@ class LocalizationParams(BaseModel):
         0.15,
         gt=0,
         le=1,
-        description="information of one beam: neighbours share the raster's error on their wall",
+        description="weight of one beam: neighbours share the map raster's error on their wall",
     )
     min_returns: int = Field(10, ge=1, description="a scan with fewer returns is not used")
     update_min_d: float = Field(0.05, ge=0, description="m; least move between two updates")
     update_min_a: float = Field(0.05, ge=0, description="rad; least turn between two updates")
     still_update_period_s: float = Field(
-        1.0, gt=0, description="time between two updates while the robot stands"
+        1.0, gt=0, description="time between two updates while the robot is at rest"
     )
     resample_share: float = Field(
         0.5, gt=0, le=1, description="resample below this share of effective particles"
@@ -170,7 +170,7 @@ class Localization:
         """`cells` (rows, columns): 0 free to 100 occupied, -1 unknown, row 0 at the smallest y of
         `origin`, which is map_from_grid.
 
-        Raises ValueError where the map cannot be localised in.
+        Raises ValueError if the map cannot be used.
         """
         self._params = params
         self._rng = rng
@@ -192,15 +192,15 @@ class Localization:
             wall_inset_cells=params.wall_inset_cells,
             range_max_m=params.laser_max_range,
         )
-        # What no number of scans averages out: about two faces fix each coordinate, and each lies
-        # anywhere in its cell.
+        # The error that no number of scans averages out: about two faces fix each coordinate, and
+        # each lies anywhere in its cell.
         self._raster_covariance = np.diag([1.0, 1.0, 0.0]) * (resolution_m * resolution_m) / 24.0
         self._history: deque[tuple[int, SE2]] = deque(maxlen=_HISTORY)
         self._particles = np.empty((0, 3))
         self._log_weights = np.empty(0)
         self._stamp_ns: int | None = None
         self._odom_from_base: SE2 | None = None
-        """Odometry at the particles' time; None before odometry has come."""
+        """Odometry at the particles' time; None before odometry is received."""
         self._map_from_base: SE2 | None = None
         """The estimate at the particles' time."""
         self._covariance = np.zeros((3, 3))
@@ -225,14 +225,14 @@ class Localization:
 
         Its gain is `recovery_alpha_fast`: half a second of scans. In the house maze it is above
         0.95 all along a drive, above 0.65 with a third of the beams blocked, and below 0.6 one
-        second after the robot was put elsewhere.
+        second after the robot was moved to another pose.
         """
         return self._match_fast
 
     def initialize(self, map_from_base: SE2, covariance: Array) -> None:
-        """Believe that the robot, now, is at a pose with a (3, 3) covariance of (x, y, yaw).
+        """Set the robot's current pose with a (3, 3) covariance of (x, y, yaw).
 
-        Raises ValueError where either is not finite or the covariance is no covariance.
+        Raises ValueError if either is not finite or the covariance is not valid.
         """
         covariance = np.asarray(covariance, np.float64)
         if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
@@ -255,14 +255,14 @@ class Localization:
         self._settled = False
         if self._history:
             self._stamp_ns, self._odom_from_base = self._history[-1]
-            # What was seen before now was seen from somewhere else.
+            # Earlier measurements are from another pose.
             self._history = deque([self._history[-1]], maxlen=_HISTORY)
         self._last_scan = None
         self._last_marker.clear()
         self._match_slow = self._match_fast = 1.0
 
     def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
-        """Take in odometry; a stamp that is not later than the last one's is ignored."""
+        """Add odometry; a message that is not later than the last one is ignored."""
         if self._history and stamp_ns <= self._history[-1][0]:
             return
         if not all(math.isfinite(value) for value in odom_from_base):
@@ -281,11 +281,11 @@ class Localization:
         range_max_m: float,
         base_from_scan: SE2,
     ) -> bool:
-        """Correct the pose by a scan (n,), counter-clockwise; True where the scan was used.
+        """Correct the pose by a scan (n,), counter-clockwise; True if the scan was used.
 
-        What lies outside [range_min, range_max) or is not finite is no return. A scan is left out
-        where the robot hardly moved since the last one, where it has few returns, and where there
-        is no odometry for its stamp.
+        Ranges outside [range_min, range_max) or not finite are no returns. A scan is not used if
+        the robot hardly moved since the last one, if it has few returns, or if there is no odometry
+        for its stamp.
         """
         odom_from_base = self._odometry_at(stamp_ns)
         if odom_from_base is None or self._odom_from_base is None:
@@ -300,7 +300,7 @@ class Localization:
             self._last_scan = (stamp_ns, odom_from_base)
             self._predict(stamp_ns, odom_from_base)
         if len(points_m) < self._params.min_returns:
-            # On open floor odometry alone tells the way, and the spread grows with it step by step.
+            # On open floor there is only odometry, and the spread grows step by step.
             return False
         # The scan may be older than the last update, or newer.
         points_m = _transformed(self._odom_from_base.inverse() @ odom_from_base, points_m)
@@ -321,13 +321,13 @@ class Localization:
         candidates: Sequence[MarkerCandidate],
         base_from_camera_optical: Array,
     ) -> bool:
-        """Correct the pose by a sighting of a marker whose place, rigid (4, 4), is known.
+        """Correct the pose by a sighting of a marker whose pose, rigid (4, 4), is known.
 
         The candidates are the solutions of one sighting, of which at most one is right: the filter
-        takes them as a mixture, and that none is right as possible too. Where the scans have not
-        fitted the map lately and the marker contradicts the pose as well, particles are set where
-        the marker says the robot is. True where the sighting was used; one of a robot at rest is
-        left out as a scan is.
+        uses them as a mixture, with a probability that none is right. If the scans have not matched
+        the map lately and the marker contradicts the pose too, particles are injected at the poses
+        that the marker gives. True if the sighting was used; one of a robot at rest is left out as
+        a scan is.
         """
         odom_from_base = self._odometry_at(stamp_ns)
         if odom_from_base is None or self._odom_from_base is None:
@@ -387,7 +387,7 @@ class Localization:
         return self._particles.copy()
 
     def _odometry_at(self, stamp_ns: int) -> SE2 | None:
-        # Between two samples, or shortly after the last one at its speed; None out of reach.
+        # Interpolated, or extrapolated shortly after the last sample; None outside.
         if not self._history or stamp_ns < self._history[0][0]:
             return None
         after = bisect_right(self._history, stamp_ns, key=lambda entry: entry[0])
@@ -406,7 +406,7 @@ class Localization:
         )
 
     def _is_due(self, last: tuple[int, SE2] | None, stamp_ns: int, odom_from_base: SE2) -> bool:
-        # A robot at rest sees the same errors again and again: counting each would make it sure.
+        # At rest the same errors repeat: using each would make the estimate overconfident.
         if last is None:
             return True
         if stamp_ns <= last[0]:
@@ -453,9 +453,9 @@ class Localization:
         return moved.matrix()
 
     def _weigh(self, log_likelihood: Array) -> None:
-        # Where the particles lie wider apart than the measurement is sharp, one of them would take
-        # all and the rest of the truth's neighbourhood be lost: then less of it is taken in, and
-        # the rest left to the measurements to come.
+        # If the particles are too sparse for a sharp measurement, one of them would take all the
+        # weight, and others near the true pose would be lost: then the measurement is applied in
+        # part only, and later ones do the rest.
         needed = self._params.tempering_share * len(self._particles)
         part = 1.0
         weights = pf.normalised(self._log_weights + log_likelihood)
@@ -491,7 +491,7 @@ class Localization:
         count = pf.kld_sample_size(kept, _KLD_BIN_M, _KLD_BIN_RAD, p.pf_err, p.pf_z)
         count = min(max(count, p.min_particles), p.max_particles)
         kept = self._particles[pf.low_variance_resample(weights, offset, count)]
-        # Copies would stay copies while the robot rests, and few of them might be near the truth.
+        # Copies would stay identical while the robot rests, and few might be near the true pose.
         spread = np.array([p.roughening_m, p.roughening_m, p.roughening_rad])
         spread = np.sqrt(
             portable.square(spread)
@@ -520,7 +520,7 @@ class Localization:
         self._match_fast += p.recovery_alpha_fast * (fraction - self._match_fast)
 
     def _inject(self, seen: Sequence[Sighting], now_from_then: SE2, share: float) -> None:
-        # The scans to come tell which of the old and the new particles are right.
+        # The next scans decide which of the old and the new particles are right.
         weights = pf.normalised(self._log_weights)
         count = self._params.max_particles
         injected = round(share * count)
@@ -560,7 +560,7 @@ def _beam_ends(
     base_from_scan: SE2,
 ) -> Array:
     distances_m = np.asarray(ranges_m, np.float64)
-    # Infinite is outside the limits, and what is no number compares false.
+    # Infinity is outside the limits, and NaN compares false.
     valid = (distances_m >= range_min_m) & (distances_m < min(range_max_m, _FAR_M))
     angles = angle_min_rad + angle_increment_rad * np.flatnonzero(valid)
     hits_m = distances_m[valid]

@@ -1,7 +1,7 @@
-"""How probable a marker's sighting is from each pose: a mixture of the sighting's solutions.
+"""The likelihood of a marker's sighting from each pose: a mixture of the sighting's solutions.
 
-A square seen from afar has two poses that look almost alike (IPPE), so a sighting comes as
-candidates of which at most one is right.
+A square seen from afar has two poses that look almost alike (IPPE), so a sighting has several
+candidates, of which at most one is right.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MarkerCandidate = tuple[Array, Array, float]
 
 @dataclass(frozen=True)
 class MarkerNoise:
-    """What is added to a candidate's own covariance: errors of calibration, timing, placement."""
+    """Noise added to a candidate's own covariance: errors of calibration, timing, placement."""
 
     position_std_m: float
     range_ratio_per_m: float
@@ -32,19 +32,19 @@ class MarkerNoise:
 
 @dataclass(frozen=True)
 class Sighting:
-    """A marker as one candidate has it, in the base's frame."""
+    """One candidate for a marker's pose, in the base's frame."""
 
     x_m: float
     y_m: float
     heading_rad: float
     """Of the marker's normal."""
     information: Array
-    """(2, 2) inverse covariance of the place."""
+    """(2, 2) inverse covariance of the position."""
     heading_std_rad: float
     weight: float
     """Share in the mixture, its height included: the narrower, the higher."""
     map_from_base: SE2
-    """Where the robot is if the candidate is right."""
+    """The robot's pose if the candidate is right."""
 
 
 def sightings(
@@ -53,7 +53,7 @@ def sightings(
     base_from_camera: Array,
     noise: MarkerNoise,
 ) -> list[Sighting]:
-    """The usable candidates of one sighting; those that are not finite are left out.
+    """The usable candidates of one sighting; non-finite ones are left out.
 
     `map_from_marker` and `base_from_camera`: rigid (4, 4), the camera's frame optical.
     """
@@ -83,7 +83,7 @@ def mixture_likelihood(
 ) -> Array:
     """(n,) likelihood, at most about 1, of a sighting from each pose (n, 3), x, y, yaw in the map.
 
-    `pose_from_base`: where the base was, at the sighting, relative to the poses.
+    `pose_from_base`: pose of the base at the sighting, relative to the poses.
     """
     c, s = portable_kernels.cos_sin_each(poses[:, 2])
     east = map_from_marker[0, 3] - poses[:, 0] - c * pose_from_base.x_m + s * pose_from_base.y_m
@@ -139,7 +139,7 @@ def _sighting(
     heading_std_rad = math.sqrt(max(float(own_turn), 0.0) + portable.square(noise.yaw_std_rad))
     normal_x, normal_y = float(base_from_marker[0, 2]), float(base_from_marker[1, 2])
     if math.hypot(normal_x, normal_y) < 0.5:
-        # It lies flat, so that its normal has no heading.
+        # The marker lies flat, so its normal has no heading.
         heading_std_rad = 1e3
     map_from_base = portable.product(map_from_marker, inverse_matrix(base_from_marker))
     return Sighting(

@@ -1,4 +1,4 @@
-"""What navigation computes, as the messages that tell of it."""
+"""Navigation's results as messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAX_PARTICLES_SHOWN = 500
 
 
 def planar_document(pose: SE2) -> Planar:
-    """A pose as documents have it."""
+    """A pose in the form of the documents."""
     return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
 
 
@@ -41,7 +41,7 @@ def path_message(now_ns: int, path: PlannedPath) -> msg.Path:
 
 
 def cloud_message(now_ns: int, particles: Array) -> msg.PoseArray:
-    """At most so many of the (n, 3) particles: x, y in metres and yaw in radians."""
+    """At most 500 of the (n, 3) particles: x, y in metres and yaw in radians."""
     shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
     cos, sin = portable_kernels.cos_sin_each(shown[:, 2] / 2.0)
     zeros = [0.0] * len(shown)

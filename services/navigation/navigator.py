@@ -1,6 +1,4 @@
-"""Drives to one goal after another: plan, control, recover, as
-navigate_to_pose_w_replanning_and_recovery does.
-"""
+"""Drives to goals: plan, control, recover, as Nav2's navigate_to_pose_w_replanning_and_recovery."""
 
 from __future__ import annotations
 
@@ -43,9 +41,9 @@ class NavigatorParams:
     number_of_retries: int
     failure_tolerance_s: float
     localization_tolerance_s: float
-    """How long to wait, standing, for a localisation that has lost its way."""
+    """How long to wait, stopped, for a lost localisation."""
     path_improvement: float
-    """A path that is still free is given up for one shorter by this fraction."""
+    """A path that is still free is replaced only by one shorter by this fraction."""
     planner: PlannerParams
     controller: ControllerParams
     behaviors: BehaviorParams
@@ -54,7 +52,7 @@ class NavigatorParams:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where to drive, and the stamp that tells this goal from another."""
+    """A goal pose, and the stamp that identifies the goal."""
 
     pose: SE2
     stamp_ns: int
@@ -74,18 +72,18 @@ class GoalResult:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one step gives."""
+    """The result of one step."""
 
     command: Velocity | None
-    """What to put out; None: nothing, the robot stands and stays."""
+    """The command to publish; None: none, the robot is stopped and stays so."""
     new_path: PlannedPath | None
-    """A path taken up in this step."""
+    """A path adopted in this step."""
     result: GoalResult | None
-    """Set where the goal ended in this step."""
+    """Set if the goal ended in this step."""
 
 
 class Navigator:
-    """The state machine. It knows one map; its time is its caller's."""
+    """The state machine, for one map; the caller gives the time."""
 
     def __init__(self, params: NavigatorParams, costmap: LayeredCostmap) -> None:
         self._params = params
@@ -105,13 +103,13 @@ class Navigator:
         self._lost_since_ns: int | None = None
         self._distance_remaining_m = 0.0
         self._path_cells: NDArray[np.int64] = np.empty(0, np.int64)
-        """Of the path's points, in the flat grid."""
+        """Indices of the path's points in the flat grid."""
         self._path_was_free: NDArray[np.bool_] = np.empty(0, np.bool_)
-        """Of its points, whether the map alone leaves room for the robot."""
+        """Whether each of its points is free for the robot on the static map."""
 
     @property
     def state(self) -> State:
-        """What the navigator is doing."""
+        """The navigator's state."""
         return self._state
 
     @property
@@ -130,10 +128,10 @@ class Navigator:
         return self._distance_remaining_m
 
     def accept(self, now_ns: int, goal: Goal, pose: SE2) -> GoalResult | None:
-        """Take up a goal in place of the one before; the result of that one, where there was one.
+        """Accept a goal in place of the one before; returns the result of that one, if any.
 
-        Raises NavigationError where no path leads to the goal on the map alone. What was being
-        driven to then goes on.
+        Raises NavigationError if no path leads to the goal on the static map. The previous goal
+        then stays active.
         """
         self._planner.plan(self._costmap.static, pose, goal.pose)
         preempted = None
@@ -151,7 +149,7 @@ class Navigator:
         return preempted
 
     def abort(self, now_ns: int, code: ErrorCode, message: str) -> GoalResult | None:
-        """Give up the goal; its result, where there was one."""
+        """Abort the goal; returns its result, if there was one."""
         if self._goal is None:
             return None
         result = self._end(now_ns, code, message)
@@ -163,10 +161,10 @@ class Navigator:
 
         Args:
             now_ns: simulation time.
-            around: where the robot is and what is around it; its costmap is not looked at.
+            around: the robot's pose and its surroundings; its costmap is not used.
             localized: whether the pose can be trusted.
         """
-        # A step that came late is followed by one that is in time: less than a period after it.
+        # A late step is followed by one in time: less than a period after it.
         elapsed_s = (now_ns - self._stepped_ns) * 1e-9
         period_s = self._params.controller.control_period_s
         if not 0.0 < elapsed_s < period_s:
@@ -187,7 +185,7 @@ class Navigator:
             return self._fail(now_ns, error)
 
     def _replan(self, now_ns: int, around: Surroundings) -> PlannedPath | None:
-        """A new path where one is due; None: keep the old one."""
+        """A new path if one is due; None: keep the old one."""
         assert self._goal is not None
         old = self._controller.path
         due = now_ns - self._planned_ns >= self._params.replanning_period_s * 1e9
@@ -222,10 +220,10 @@ class Navigator:
         self._path_was_free = static.costs[rows, columns] < INSCRIBED_INFLATED_OBSTACLE
 
     def _is_blocked(self, costmap: Costmap) -> bool:
-        """Whether an obstacle has come to stand on what is left of the path."""
+        """Whether a new obstacle is on the remaining path."""
         ahead = slice(self._controller.index + 1, None)
         costs = costmap.costs.ravel()[self._path_cells[ahead]]
-        # A path may begin inside inflated cells; only what the scan has added blocks it.
+        # A path may begin inside inflated cells; only cells that the scan has added block it.
         return bool(((costs >= INSCRIBED_INFLATED_OBSTACLE) & self._path_was_free[ahead]).any())
 
     def _control(
@@ -273,7 +271,7 @@ class Navigator:
         return Outcome(STOP, None, None)
 
     def _fail(self, now_ns: int, error: NavigationError) -> Outcome:
-        """Begin the next recovery, or give up where none is left."""
+        """Begin the next recovery, or abort the goal if none is left."""
         self._failure = error
         self._controller.stop()
         self._blocked_since_ns = None

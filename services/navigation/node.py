@@ -1,4 +1,4 @@
-"""The node: sensors in, pose, plan and velocity out. The only file here that knows topics."""
+"""The node: sensors in, pose, plan and velocity out. The only file here that uses topics."""
 
 from __future__ import annotations
 
@@ -73,17 +73,17 @@ _STATUS_PERIOD_NS = 500_000_000
 _PARTICLES_PERIOD_NS = 500_000_000
 _COSTMAP_PERIOD_NS = 1_000_000_000
 MAX_CELLS = 4_000_000
-"""Of a map to drive in, e.g. 100 m by 100 m in cells of 5 cm: costmap and localisation take some
-100 bytes for each.
+"""Of a map, e.g. 100 m by 100 m in cells of 5 cm: costmap and localisation take some 100 bytes for
+each.
 """
 _MOST_GOALS_TRIED = 4
-"""Of goals that come at once: to look for a way to each takes milliseconds."""
+"""Of goals that arrive together: planning a path to each takes milliseconds."""
 _ECHOES_WITHIN_M = 1.5
-"""Echoes further away cannot be reached within the controller's horizon."""
+"""Echoes farther away cannot be reached within the controller's horizon."""
 
 
 class _Echoes(NamedTuple):
-    """The newest scan's echoes, fixed where they were seen."""
+    """The newest scan's echoes, with the odometry at that scan."""
 
     stamp_ns: int
     odom_from_base: SE2
@@ -114,22 +114,22 @@ class NavigationNode(Node):
         self._echoes: _Echoes | None = None
         self._now_ns = 0
         self._moving = False
-        """Whether the last command put out was other than a stop."""
+        """Whether the last command published was not a stop."""
         self._was_active = False
         self._status: tuple[bool, bool, str, SE2 | None, int] | None = None
-        """The status last told, but for the distance that remains."""
+        """The status last published, without the distance remaining."""
         self._due_ns: dict[str, int] = {}
         self._costmap_shown = -1
         self._results: list[GoalResult] = []
         self._epoch: int | None = None
         self._begun_ns = 0
-        """When the epoch began: what was measured before is of another."""
+        """When the epoch began: earlier measurements belong to another one."""
         self._seed = config.seed
-        """The simulation's, as soon as that is known."""
+        """The simulation's seed, as soon as it is known."""
         compile_kernels(config)
 
     def waiting_for(self) -> str | None:
-        """The one thing that keeps the robot from driving, in words."""
+        """A phrase for the first missing input that keeps the robot from driving."""
         if self._world is None:
             return "the world"
         if self._costmap is None:
@@ -151,11 +151,11 @@ class NavigationNode(Node):
         return {TF.name: 1e9 / CONTROL_PERIOD_NS, AMCL_POSE.name: 1e9 / _AMCL_POSE_PERIOD_NS}
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take in what the sensors saw, drive one control period, tell where the robot is."""
+        """Process sensor messages, run one control period, publish pose and status."""
         if self._simulation_began_anew(now_ns, inbox):
             _LOG.info("the simulation began anew: so does navigation")
             self._begin_anew(now_ns, ErrorCode.WORLD_RESTARTED, "the simulation began anew")
-        # A query wakes the node also while time stands still: that is no control period.
+        # A query also wakes the node while time is stopped: that is no control period.
         passes = now_ns != self._now_ns
         self._now_ns = now_ns
         self._learn_world(now_ns, inbox)
@@ -166,8 +166,8 @@ class NavigationNode(Node):
         self._tell(now_ns, outbox)
 
     def _simulation_began_anew(self, now_ns: int, inbox: Inbox) -> bool:
-        """Whether the robot is elsewhere than where it was driven to, or has other random streams:
-        time went back, or the simulation says that this is another epoch.
+        """Whether the simulation was reset or its seed changed: time went back, or its statistics
+        have another epoch or seed.
         """
         anew = now_ns < self._now_ns
         if anew:
@@ -181,7 +181,7 @@ class NavigationNode(Node):
         return anew
 
     def _learn_world(self, now_ns: int, inbox: Inbox) -> None:
-        """Take in what changes seldom. The same world or map, latched again, changes nothing."""
+        """Process latched topics. The same world or map, received again, changes nothing."""
         world = inbox.latest(WORLD)
         if world is not None and (self._world is None or world.hash != self._world.hash):
             self._world = world
@@ -212,7 +212,7 @@ class NavigationNode(Node):
             if len(grid.data) > MAX_CELLS:
                 raise ValueError(f"{len(grid.data)} cells: must be at most {MAX_CELLS}")
             cells = np.array(msg.cells_from_grid(grid), np.int8)
-            # Localisation takes a map as it lies; what plans has its rows along the map's axes.
+            # Localisation takes a rotated map; planning needs its rows along the map's axes.
             origin, cells = straightened(grid.info.resolution, origin, cells)
             frame = frame_of(grid.info.resolution, origin, cells)
             self._costmap = LayeredCostmap(
@@ -230,7 +230,7 @@ class NavigationNode(Node):
         )  # fmt: skip
 
     def _register_markers(self) -> None:
-        """Where each known marker hangs. Two of one id would be told apart by nothing: neither is
+        """Store the pose of each known marker. Two of one id cannot be distinguished: neither is
         used.
         """
         self._markers = {}
@@ -249,7 +249,7 @@ class NavigationNode(Node):
             del self._markers[key]
 
     def _begin_anew(self, now_ns: int, code: ErrorCode, why: str) -> None:
-        """Forget the goal and everything seen; localisation begins at the start pose again."""
+        """Abort the goal and drop all measurements; localisation restarts at the start pose."""
         if self._navigator is not None:
             aborted = self._navigator.abort(max(now_ns, self._now_ns), code, why)
             if aborted is not None:
@@ -279,7 +279,7 @@ class NavigationNode(Node):
             _LOG.error("map: %s", error)
 
     def _localize(self, now_ns: int, inbox: Inbox) -> None:
-        """Bring the pose up to date: odometry first, then what was seen, oldest first."""
+        """Update the pose: odometry first, then scans and detections, oldest first."""
         localization = self._localization
         odometry, scans = inbox.new(ODOM), inbox.new(SCAN)
         sightings, poses = inbox.new(DETECTIONS), inbox.new(INITIAL_POSE)
@@ -288,7 +288,7 @@ class NavigationNode(Node):
         for odom in odometry:
             stamp_ns = msg.ns_from_time(odom.header.stamp)
             if stamp_ns > now_ns:
-                # Of a simulation that has ended since.
+                # From a simulation that has ended since.
                 inbox.reject(ODOM, "later than now")
                 continue
             if stamp_ns < self._begun_ns:
@@ -323,10 +323,9 @@ class NavigationNode(Node):
                 self._take_detections(localization, stamp_ns, message, inbox)
 
     def _start_at(self, localization: Localization, odom_from_base: SE2) -> None:
-        """Odometry begins at zero with the simulation, so it tells how far from the start the robot
-        is.
+        """Set the initial pose from the world's start and odometry, which begins at zero there.
 
-        That holds at the start, and for a process that comes up while the robot is on its way.
+        This holds at the start, and for a process that is started while the robot is driving.
         """
         assert self._world is not None
         self._started = True
@@ -408,7 +407,7 @@ class NavigationNode(Node):
             localization.marker(stamp_ns, entry, candidates, camera)
 
     def _marker_of(self, detection: msg.Detection3D) -> Array | None:
-        """map_from_marker of a detection; None where it is not one of the world's."""
+        """map_from_marker of a detection; None if it is not one of the world's markers."""
         if not detection.results:
             return None
         try:
@@ -429,7 +428,7 @@ class NavigationNode(Node):
         )
 
     def _take_goals(self, now_ns: int, inbox: Inbox) -> None:
-        """Take up the newest goal that can be; those before it would be given up at once."""
+        """Accept the newest valid goal; those before it would be preempted at once."""
         tries, taken = _MOST_GOALS_TRIED, False
         results: list[GoalResult] = []
         for message in reversed(inbox.new(GOAL_POSE)):
@@ -469,7 +468,7 @@ class NavigationNode(Node):
             request.respond(self._cancel(now_ns, request.message.goal_stamp_ns))
 
     def _cancel(self, now_ns: int, stamp_ns: int | None) -> CancelGoalReply:
-        """Give up the goal with a stamp, or with None any."""
+        """Cancel the goal with this stamp; None: any goal."""
         navigator = self._navigator
         goal = navigator.goal if navigator is not None else None
         if navigator is None or goal is None or stamp_ns not in (None, goal.stamp_ns):
@@ -481,7 +480,7 @@ class NavigationNode(Node):
         return CancelGoalReply(goal=planar_document(goal.pose), goal_stamp_ns=goal.stamp_ns)
 
     def _drive(self, now_ns: int, outbox: Outbox, passes: bool) -> None:
-        """One control period; where no time passes, only what has ended is told."""
+        """Run one control period; if no time has passed, only publish results of ended goals."""
         navigator, localization, costmap = self._navigator, self._localization, self._costmap
         command: Velocity | None = None
         if (
@@ -516,7 +515,7 @@ class NavigationNode(Node):
         self._results.clear()
 
     def _echoes_now(self, echoes: _Echoes) -> Array:
-        """(n, 2) the newest echoes in the base's frame as it is now."""
+        """(n, 2) the newest echoes in the current base frame."""
         assert self._odom is not None
         now_from_then = self._odom[1].inverse() @ echoes.odom_from_base
         c, s = portable_kernels.cos_sin(now_from_then.yaw_rad)
@@ -524,7 +523,7 @@ class NavigationNode(Node):
         return np.ascontiguousarray(turned + np.array([now_from_then.x_m, now_from_then.y_m]))
 
     def _tell(self, now_ns: int, outbox: Outbox) -> None:
-        """Put out the pose, what is known of it, and what navigation does."""
+        """Publish the pose, the particles, the costmap and the status."""
         localization = self._localization
         if localization is not None and self._started:
             outbox.put(
@@ -555,7 +554,7 @@ class NavigationNode(Node):
         state = navigator.state if navigator is not None else "idle"
         recoveries = navigator.number_of_recoveries if navigator is not None and goal else 0
         status = (localized, active, state, None if goal is None else goal.pose, recoveries)
-        # Asked on every step, so that the period counts from the last one put out.
+        # Called on every step, so that the period counts from the last status published.
         due = self._is_due("status", now_ns, _STATUS_PERIOD_NS)
         if due or status != self._status:
             said = NavigationStatus(

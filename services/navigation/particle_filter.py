@@ -18,7 +18,7 @@ from services.common.kernels import kernel
 from services.navigation.likelihood_field import LikelihoodField
 
 _NO_TURN_BELOW_M = 0.01
-"""A shorter move has no direction of its own: its first turn is taken as none, as AMCL does."""
+"""A shorter move has no defined direction: its first turn is taken as zero, as in AMCL."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def odometry_motion(before_from_after: SE2, noise: OdometryNoise) -> OdometryMot
         else 0.0
     )
     turn2 = wrap_angle(before_from_after.yaw_rad - turn1)
-    # Driving backwards is no half turn: its noise is that of the smaller angle, as in AMCL.
+    # Driving backwards is not a half turn: its noise is that of the smaller angle, as in AMCL.
     small1 = min(abs(turn1), abs(wrap_angle(turn1 - math.pi)))
     small2 = min(abs(turn2), abs(wrap_angle(turn2 - math.pi)))
     moved_2, turn1_2, turn2_2 = moved * moved, small1 * small1, small2 * small2
@@ -115,13 +115,13 @@ def fraction_near_walls(
 
 
 def normalised(log_weights: Array) -> Array:
-    """(n,) weights that sum to one, of logarithms of any scale."""
+    """(n,) weights that sum to one, from logarithms of any scale."""
     weights = portable_kernels.exp_each(log_weights - log_weights.max())
     return np.asarray(weights / weights.sum(), np.float64)
 
 
 def effective_sample_size(weights: Array) -> float:
-    """How many equal weights these normalised ones are worth: one over the sum of squares."""
+    """Effective sample size of normalised weights: one over the sum of their squares."""
     return 1.0 / float(np.square(weights).sum())
 
 
@@ -160,7 +160,7 @@ def heaviest_cluster(
 ) -> NDArray[np.bool_]:
     """(n,) which particles lie within one bin of the mean of the heaviest bin.
 
-    The mean of two far hypotheses would be a place that neither of them means.
+    The mean of two distant hypotheses would be a pose that neither of them supports.
     """
     column = np.floor(particles[:, 0] / bin_m).astype(np.int64)
     row = np.floor(particles[:, 1] / bin_m).astype(np.int64)

@@ -1,4 +1,4 @@
-"""A planned path: points in the map frame with headings, and where along it the robot is."""
+"""A planned path: points in the map frame with headings, and the nearest point to the robot."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class PlannedPath:
         return first + int(np.argmin(squares))
 
     def point_at(self, along_m: float) -> tuple[float, float]:
-        """The point at a length along the path; its ends beyond them."""
+        """The point at a length along the path; beyond its ends the end points."""
         return (
             float(np.interp(along_m, self.along_m, self.points_m[:, 0])),
             float(np.interp(along_m, self.along_m, self.points_m[:, 1])),

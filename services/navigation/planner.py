@@ -33,10 +33,9 @@ class PlannerParams:
     """How the planner weighs length against cost."""
 
     cost_travel_multiplier: float
-    """A metre through the dearest free cell costs 1 + this many metres; the name is Smac 2D's."""
+    """A metre through the costliest free cell costs 1 + this many metres; the name is Smac 2D's."""
     max_iterations: int
-    """Cells to expand before giving up with TIMEOUT: simulation time has no limit to compare with.
-    """
+    """Cells to expand before failing with PLANNER_TIMEOUT: time does not advance within a step."""
     start_tolerance_m: float
     """How far a start inside inflated cells may be from the nearest free one."""
     path_spacing_m: float
@@ -44,7 +43,7 @@ class PlannerParams:
 
 
 class _SearchState(NamedTuple):
-    """What a search writes down of each cell."""
+    """The state of a search for each cell."""
 
     cost_to_come: Array
     parent: Indices
@@ -61,7 +60,7 @@ class Planner:
     def __init__(self, params: PlannerParams) -> None:
         self._params = params
         self._state = _SearchState.of(0)
-        """Kept: taken and let go of with each plan, they would leave holes in the heap."""
+        """Kept, since allocating the arrays for each plan would fragment the heap."""
 
     def plan(self, costmap: Costmap, start: SE2, goal: SE2) -> PlannedPath:
         """Path from `start` to `goal` that keeps the robot's circle off every obstacle.
@@ -114,7 +113,7 @@ class Planner:
             self._params.smoothing_iterations,
         )
         in_map = smooth * frame.resolution_m + offset
-        # The way starts where the robot is, also where that is inside inflated cells.
+        # The path starts at the robot's position, even inside inflated cells.
         in_map = np.concatenate([[[start.x_m, start.y_m]], in_map])
         in_map[-1] = (goal.x_m, goal.y_m)
         return path_through(resample(in_map, self._params.path_spacing_m), goal.yaw_rad)
@@ -141,8 +140,8 @@ class Planner:
 
 
 def check_goal(costmap: Costmap, goal: SE2) -> None:
-    """Raise NavigationError where the robot cannot stand at a goal: GOAL_OUTSIDE_MAP,
-    GOAL_OCCUPIED, or NO_VALID_PATH in space the map does not know, where no path leads.
+    """Raise NavigationError if the robot cannot be at a goal: GOAL_OUTSIDE_MAP, GOAL_OCCUPIED, or
+    NO_VALID_PATH in unknown space, where no path leads.
     """
     if costmap.frame.cell(goal.x_m, goal.y_m) is None:
         raise NavigationError(
@@ -177,7 +176,7 @@ def _what_is_there(costmap: Costmap, pose: SE2) -> str:
 def _nearest_free(
     costmap: Costmap, cell: tuple[int, int], tolerance_m: float
 ) -> tuple[int, int] | None:
-    """The free cell nearest to another one; of several the first by row and column."""
+    """The free cell nearest to a cell; of several the first by row and column."""
     reach = int(tolerance_m / costmap.frame.resolution_m)
     top, left = max(0, cell[0] - reach), max(0, cell[1] - reach)
     window = costmap.costs[top : cell[0] + reach + 1, left : cell[1] + reach + 1]
@@ -210,14 +209,14 @@ def _a_star(
     parent: Indices,
     done: NDArray[np.bool_],
 ) -> tuple[int, Indices]:
-    """Cheapest 8-connected way between two cells that enters no cell of cost 253 or more.
+    """Cheapest 8-connected path between two cells that enters no cell of cost 253 or more.
 
     A step costs its length in cells times (1 + weight * mean cost of its two cells / 252). The
-    heuristic is the octile distance, which no way can undercut. Of equal candidates the one with
+    heuristic is the octile distance, which no path can undercut. Of equal candidates the one with
     the lower cell index is taken.
 
-    The last three, a value a cell, are written over. Returns (status, (n, 2) rows and columns from
-    start to goal).
+    The last three arguments, one value per cell, are overwritten. Returns (status, (n, 2) rows and
+    columns from start to goal).
     """
     rows, columns = costs.shape
     start, goal = start_row * columns + start_column, goal_row * columns + goal_column
@@ -317,8 +316,8 @@ def _a_star(
 def _line_cost(
     costs: Costs, x0: float, y0: float, x1: float, y1: float, weight: float, limit: float
 ) -> float:
-    """Cost of a straight line, sampled every half cell; inf where it is blocked or dearer than
-    `limit`.
+    """Cost of a straight line, sampled every half cell; inf if it is blocked or costs `limit` or
+    more.
     """
     length = math.sqrt((x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
     samples = int(length * 2.0) + 1
@@ -363,7 +362,7 @@ def _cheapest_polyline(points: Array, costs: Costs, weight: float) -> Indices:
                 best[j] = cost
                 came_from[j] = i
         if came_from[j] < 0:
-            # Two cells A* went between whose line clips the corner of a third.
+            # The line between two cells of the A* path cuts the corner of a blocked third one.
             best[j] = best[j - 1] + 10.0
             came_from[j] = j - 1
     count, j = 1, n - 1
@@ -385,7 +384,7 @@ def _smooth(
     """Round the corners of (n, 2) points, in cells, by Gauss-Seidel relaxation held to the
     original.
 
-    No point is moved nearer to an obstacle than `safe_m`, or than it was where that is nearer.
+    No point is moved nearer to an obstacle than `safe_m`, or than it was if that is nearer.
     """
     pull_to_neighbours, pull_to_original = 0.45, 0.02
     original = points.copy()

@@ -1,4 +1,4 @@
-"""Whether the robot gets anywhere: Nav2's PoseProgressChecker."""
+"""Whether the robot makes progress: Nav2's PoseProgressChecker."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ProgressParams:
 
 
 class ProgressChecker:
-    """Tells when the robot has neither moved nor turned enough for too long."""
+    """Detects that the robot has neither moved nor turned enough for too long."""
 
     def __init__(self, params: ProgressParams) -> None:
         self._params = params
@@ -25,11 +25,11 @@ class ProgressChecker:
         self._baseline_ns = 0
 
     def reset(self) -> None:
-        """Count anew from the next pose."""
+        """Restart from the next pose."""
         self._baseline = None
 
     def makes_progress(self, now_ns: int, pose: SE2) -> bool:
-        """False once the allowance has passed without enough movement from where it began."""
+        """False once the allowance has passed without enough movement from the baseline pose."""
         p, baseline = self._params, self._baseline
         if (
             baseline is None

@@ -17,13 +17,13 @@ def _odd(value: int) -> int:
 
 
 class PerceptionConfig(ServiceConfig):
-    """How markers are found in pictures, and what their poses are worth."""
+    """Marker detection in images, and the accuracy of marker poses."""
 
     threshold_window_px: Annotated[int, AfterValidator(_odd)] = Field(
         13,
         ge=3,
         le=255,
-        description="side of the square a pixel's brightness is compared with; odd",
+        description="side of the window of the adaptive threshold; odd",
     )
     threshold_contrast: float = Field(
         25.0,
@@ -33,13 +33,13 @@ class PerceptionConfig(ServiceConfig):
         "black and white are less than three times this apart may be missed",
     )
     max_range_m: float = Field(
-        6.0, gt=0.0, le=100.0, description="distance from which a marker must still be found"
+        6.0, gt=0.0, le=100.0, description="distance up to which a marker must be found"
     )
     max_view_angle_rad: float = Field(
         math.radians(65.0),
         ge=0.0,
         lt=math.pi / 2,
-        description="angle to a marker's normal from which it must still be found at that distance",
+        description="angle to a marker's normal up to which it must be found at that distance",
     )
     corner_sigma_px: float = Field(
         0.1, gt=0.0, description="least standard deviation of a corner's pixel coordinates"
@@ -48,10 +48,10 @@ class PerceptionConfig(ServiceConfig):
         0.01,
         ge=0.0,
         le=0.5,
-        description="share of the likelihood from which a marker's second pose is published too",
+        description="least share of the likelihood at which a marker's second pose is published",
     )
     transform_tolerance_s: float = Field(
         0.1,
         ge=0.0,
-        description="how much older or newer than a picture the nearest odometry may be",
+        description="greatest time between an image and the nearest odometry",
     )

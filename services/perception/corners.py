@@ -1,4 +1,4 @@
-"""Where a marker's black square has its corners, from the edges between them."""
+"""Subpixel corners of a marker's black square, from the edges between them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ALONG = np.linspace(0.12, 0.88, _SAMPLES)
 
 # A line of offsets a + b u across the side, from the samples' offsets, by least squares.
 def _least_squares(design: Corners) -> Corners:
-    """(k, n) what makes the coefficients of n values at (n, k)."""
+    """(k, n) matrix that gives the coefficients from n values, for an (n, k) design matrix."""
     return portable.product(portable.inverse(portable.product(design.T, design)), design.T)
 
 
@@ -34,19 +34,19 @@ _LINE_FROM_OFFSETS = _least_squares(np.stack([np.ones(_SAMPLES), _ALONG], axis=1
 def refine_corners(grey: NDArray[np.uint8], corners: Corners, modules: int = MODULES) -> Corners:
     """Corners of a marker to about a twentieth of a pixel.
 
-    A straight line is laid through the places where the picture goes from black to white across
-    each side, and the corners are where the lines meet. OpenCV's corner refinement, whose result
-    this starts from, puts the corners of a convex square about 0.2 px inside the true ones, which
-    is 3 cm of distance at 4 m.
+    A straight line is fitted through the black-to-white transitions across each side, and the
+    corners are the intersections of the lines. OpenCV's corner refinement, whose result this
+    starts from, puts the corners of a convex square about 0.2 px inside the true ones, which is
+    3 cm of distance at 4 m.
 
     Args:
         grey: (height, width) picture.
-        corners: (4, 2) corners (x, y) in pixels, within 2 px of the true ones, clockwise as one
-            looks at the picture.
+        corners: (4, 2) corners (x, y) in pixels, within 2 px of the true ones, clockwise in the
+            picture.
         modules: modules along a side, border included.
 
     Returns:
-        (4, 2) corners in the same order; the given ones where the edges give no clear answer.
+        (4, 2) corners in the same order; the given ones if the edges are not clear.
     """
     refined = corners
     for _ in range(_PASSES):
@@ -62,14 +62,14 @@ def refine_corners(grey: NDArray[np.uint8], corners: Corners, modules: int = MOD
 def _edge_lines(
     grey: NDArray[np.uint8], corners: Corners, modules: int
 ) -> NDArray[np.float64] | None:
-    """(4, 2, 2) two points on the edge of each side; None where an edge has no contrast."""
+    """(4, 2, 2) two points on the edge of each side; None if an edge has no contrast."""
     starts, ends = corners, np.roll(corners, -1, axis=0)
     along = ends - starts
     lengths_px = portable.hypot_each(along[:, 0], along[:, 1])
     if lengths_px.min() < 1.0:
         return None
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / lengths_px[:, None]
-    # Black and white reach one module in and out of the edge, and no farther.
+    # Black and white extend one module inside and outside the edge, and no farther.
     depth_px = np.abs(((np.roll(corners, -2, axis=0) - starts) * outward).sum(axis=1)) / modules
     half_width_px = float(np.clip(0.6 * depth_px.min(), _MIN_HALF_WIDTH_PX, _MAX_HALF_WIDTH_PX))
     across = np.arange(-half_width_px, half_width_px + _STEP_PX / 2, _STEP_PX)
@@ -101,7 +101,7 @@ def _edge_lines(
 
 
 def _meet(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where two lines meet, each through two points; not finite where they are parallel."""
+    """Intersection of two lines, each through two points; not finite if they are parallel."""
     (p, p_end), (q, q_end) = first, second
     d, e = p_end - p, q_end - q
     cross = d[0] * e[1] - d[1] * e[0]

@@ -1,4 +1,4 @@
-"""Which markers are in a picture, and where their corners are."""
+"""Detects the markers in a picture, and their corners."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Sighting:
     """A marker in a picture.
 
     `corners` is (4, 2) in pixels, a pixel's coordinates being those of its centre: top left, top
-    right, bottom right, bottom left of the marker as one looks at it upright.
+    right, bottom right, bottom left of the upright marker.
     """
 
     marker_id: int
@@ -36,7 +36,7 @@ def dictionary_exists(name: str) -> bool:
 def smallest_perimeter_px(
     side_m: float, focal_px: float, range_m: float, angle_rad: float
 ) -> float:
-    """Perimeter in pixels of a marker at the end of its range, seen at an angle to its normal."""
+    """Perimeter in pixels of a marker at the greatest range, seen at an angle to its normal."""
     side_px = max(side_m * focal_px / range_m, _MIN_SIDE_PX)
     return 2.0 * side_px * (1.0 + portable.cos(angle_rad))
 
@@ -44,15 +44,15 @@ def smallest_perimeter_px(
 class Detector:
     """Finds the markers of one dictionary.
 
-    One threshold window instead of OpenCV's three, no contour shorter than a marker's can be, and a
-    threshold that the texture of a wall does not reach: on brick walls, nearly all of the time goes
-    into contours that are no markers.
+    Uses one threshold window instead of OpenCV's three, no contour shorter than a marker's can be,
+    and a threshold above the contrast of wall textures: on brick walls, nearly all of the time is
+    spent on contours that are no markers.
     """
 
     def __init__(self, dictionary: str, window_px: int, min_contrast: float) -> None:
         """Set up for a dictionary's name, an odd window, and a contrast in grey levels.
 
-        Raises ValueError where OpenCV has no such dictionary.
+        Raises ValueError if OpenCV has no such dictionary.
         """
         if not dictionary_exists(dictionary):
             raise ValueError(f"dictionary: OpenCV has none named {dictionary!r}")

@@ -1,4 +1,4 @@
-"""Perception: the camera's pictures in, the markers in them out."""
+"""Perception: camera images in, marker detections out."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ _log = logging.getLogger("perception")
 
 
 class PerceptionNode(Node):
-    """Detects the markers that stand in the world, each with every pose its corners allow.
+    """Detects the markers of the world, each with every pose that its corners allow.
 
-    Detections are in the frame of their picture, which is the camera's optical frame; the same ones
-    in the map are for people, by the pose navigation estimates.
+    Detections are in the frame of their image, which is the camera's optical frame; they are also
+    published in the map, by the pose that navigation estimates, for users.
     """
 
     name = "perception"
@@ -73,7 +73,7 @@ class PerceptionNode(Node):
         return {DETECTIONS.name: CAMERA_IMAGE}
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Detect what is in each picture that has come with its intrinsics."""
+        """Detect markers in each image whose intrinsics are received."""
         if now_ns < self._now_ns:
             self._forget_pictures()
         self._now_ns = now_ns
@@ -90,13 +90,13 @@ class PerceptionNode(Node):
             if info_ is not None:
                 self._perceive(image, info_, inbox, outbox)
             elif index == len(images) - 1:
-                # Its intrinsics may still be on their way.
+                # Its intrinsics may still arrive.
                 self._image = image
             else:
                 inbox.reject(CAMERA_IMAGE, "no camera_info of its stamp")
 
     def waiting_for(self) -> str | None:
-        """The one thing detections need first."""
+        """The first missing input for detections."""
         if not self.world_hash:
             return "the world"
         if self._entities is None or self._entities.world_hash != self.world_hash:
@@ -122,7 +122,7 @@ class PerceptionNode(Node):
                 self._register(entity, inbox)
 
     def _forget_pictures(self) -> None:
-        """Another simulation begins: pictures, and where the robot was, are of the one before."""
+        """Drop images and transforms, which are from the simulation before."""
         self._image = None
         self._infos.clear()
         self._odom_from_base.clear()
@@ -146,7 +146,7 @@ class PerceptionNode(Node):
             problem = self._static_frames.add(transforms)
             if problem:
                 inbox.reject(TF_STATIC, problem)
-        # The clock comes after what was measured at its time.
+        # The clock arrives after the measurements of its time.
         latest_ns = self._now_ns + _CLOCK_LAG_NS
         for transforms in inbox.new(TF):
             for entry in transforms.transforms:
@@ -154,7 +154,7 @@ class PerceptionNode(Node):
                 if pair == (ODOM_FRAME, BASE_FOOTPRINT_FRAME):
                     stamp_ns = msg.ns_from_time(entry.header.stamp)
                     if stamp_ns > latest_ns:
-                        # Of a simulation that has ended since.
+                        # From a simulation that has ended since.
                         inbox.reject(TF, "later than now")
                         continue
                     self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
@@ -255,7 +255,7 @@ class _Found:
 def _detections(
     stamp_ns: int, frame: str, frame_from_camera: Array, found: list[_Found]
 ) -> msg.Detection3DArray:
-    """The message of what was found, carried into a frame."""
+    """The message of the markers found, transformed to a frame."""
     return msg.Detection3DArray(
         header=msg.header(stamp_ns, frame),
         detections=[_detection(stamp_ns, frame, frame_from_camera, one) for one in found],

@@ -1,4 +1,4 @@
-"""Where a marker is, from its corners: every pose that explains them, with its covariance."""
+"""A marker's pose from its corners: every pose that explains them, with its covariance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from services.common.frames import Array, rotation_from_vector
 from services.perception.corners import Corners
 
 SAME_ROTATION_RAD = 0.03
-"""Two solutions nearer than this to each other are one."""
+"""Two solutions whose rotations differ by less than this are one."""
 
 _ROTATION_PRIOR_RAD = 1.0
 """No marker is turned by more than this from a solution: keeps a far one's covariance finite."""
@@ -65,16 +65,16 @@ def solve(
     reprojection error has two minima (Collins and Bartoli, Infinitesimal Plane-Based Pose
     Estimation, https://doi.org/10.1007/s11263-014-0725-5). The first is found from the homography
     (Zhang 2000), the second from the first with its depths reversed, both by Levenberg-Marquardt.
-    OpenCV's SOLVEPNP_IPPE_SQUARE is not used: it answers NaN, or a marker seen from behind, where
-    the corners are exactly symmetrical.
+    OpenCV's SOLVEPNP_IPPE_SQUARE is not used: it returns NaN, or a marker seen from behind, if the
+    corners are exactly symmetrical.
 
     With Gaussian corner noise, the likelihood of a pose is exp(-e2 / (2 sigma2)), e2 being the sum
     of its squared reprojection errors. A solution's score is its likelihood over the sum of both,
-    and the worse one is kept where its score reaches `min_score`.
+    and the worse one is kept if its score reaches `min_score`.
 
     Args:
         corners: (4, 2) corners in pixels: top left, top right, bottom right, bottom left of the
-            marker as one looks at it upright.
+            upright marker.
         side_m: side of the black square.
         camera: intrinsics.
         corner_sigma_px: standard deviation of a corner's coordinate; the residuals of the best
@@ -82,7 +82,7 @@ def solve(
         min_score: least score, 0 to 0.5, at which the second solution is kept.
 
     Returns:
-        Solutions in front of the camera and seen from their face; empty where there is none.
+        Solutions in front of the camera and seen from their face; empty if there is none.
     """
     if not np.isfinite(corners).all():
         return []
@@ -124,7 +124,7 @@ def solve(
 
 @dataclass(frozen=True)
 class _Fit:
-    """A pose held against the corners.
+    """A pose compared with the corners.
 
     `errors_px` is (8,), and `jacobian` (8, 6) its derivative by (x, y, z, rx, ry, rz).
     """
@@ -149,7 +149,7 @@ class _Fit:
 
 
 def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
-    # Turned, but not displaced: the arms about which a turn moves the corners.
+    # Rotated, but not translated: the lever arms by which a turn moves the corners.
     arms = portable.product(square, pose[:3, :3].T)
     points = arms + pose[:3, 3]
     depth_m = np.maximum(points[:, 2], _MIN_DEPTH_M)
@@ -170,7 +170,7 @@ def _fit(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
 
 
 def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
-    """The minimum of the reprojection error in whose basin a pose lies, by Levenberg-Marquardt."""
+    """The local minimum of the reprojection error from a start pose, by Levenberg-Marquardt."""
     fit = _fit(square, pixels, matrix, pose)
     damping = 1e-3
     for _ in range(_MAX_STEPS):
@@ -197,7 +197,7 @@ def _refined(square: Array, pixels: Array, matrix: Array, pose: Array) -> _Fit:
 
 
 def _pose_from_homography(square: Array, pixels: Array, matrix: Array) -> Array | None:
-    """(4, 4) pose of a plane from its homography; None where the corners are those of no square."""
+    """(4, 4) pose of a plane from its homography; None if the corners are not those of a square."""
     ones, none = np.ones(4), np.zeros(4)
     x, y, (u, v) = square[:, 0], square[:, 1], pixels.T
     equations = np.concatenate(
@@ -221,7 +221,7 @@ def _pose_from_homography(square: Array, pixels: Array, matrix: Array) -> Array 
 
 
 def _depths_reversed(pose: Array) -> Array:
-    """The pose whose points lie as far before the marker's centre as they lay behind it."""
+    """The pose whose points lie as far before the marker's centre as they were behind it."""
     sight = pose[:3, 3] / portable.lengths(pose[:3, 3])
     reversed_ = pose.copy()
     mirror = np.eye(3) - 2.0 * np.outer(sight, sight)

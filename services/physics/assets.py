@@ -1,4 +1,4 @@
-"""The textures and meshes that have come, by the sha256 of their files."""
+"""The textures and meshes received, by the sha256 of their files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_BYTES = 256_000_000
 
 
 class Assets:
-    """Files that were looked at before they were taken in."""
+    """Asset files, each validated before it is stored."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytes] = {}
@@ -30,9 +30,9 @@ class Assets:
     def add(
         self, message: msg.CompressedImage, in_use: Callable[[], Collection[str]] = tuple
     ) -> str:
-        """Take in a file; an empty string, or the reason why not, as a short phrase.
+        """Store a file; returns an empty string, or a short phrase why it is rejected.
 
-        Where there are too many, the oldest that is not in use makes room.
+        If there are too many, the oldest ones that are not in use are removed.
         """
         sha256 = message.header.frame_id
         if sha256 in self.files:
@@ -69,12 +69,12 @@ class Assets:
         return False
 
     def missing(self, wanted: Iterable[str]) -> list[str]:
-        """Those of some sha256 that have not come, each once."""
+        """The sha256s among those wanted whose files are missing, each once."""
         return [sha256 for sha256 in dict.fromkeys(wanted) if sha256 not in self.files]
 
 
 def meshes_of(things: Iterable[Thing], files: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
-    """The things' meshes by sha256. Raises ValueError, in one line, where one cannot be had."""
+    """The bodies' meshes by sha256. Raises ValueError, in one line, if one is missing or bad."""
     meshes = {}
     for sha256 in mesh_sha256s(things):
         if sha256 not in files:
@@ -88,7 +88,7 @@ def meshes_of(things: Iterable[Thing], files: Mapping[str, bytes]) -> dict[str, 
 
 @functools.lru_cache(maxsize=128)
 def decoded_mesh(sha256: str, data: bytes) -> TriangleMesh:
-    """The mesh in a file, made once. Raises ValueError as `mesh_from_bytes` does."""
+    """The mesh in a file, cached. Raises ValueError as `mesh_from_bytes` does."""
     if hashlib.sha256(data).hexdigest() != sha256:
         raise ValueError("does not have that sha256")
     return mesh_from_bytes(data)
@@ -96,7 +96,7 @@ def decoded_mesh(sha256: str, data: bytes) -> TriangleMesh:
 
 @functools.lru_cache(maxsize=64)
 def decoded_png(sha256: str, data: bytes) -> NDArray[np.uint8] | str:
-    """The picture, or what is wrong; made once: each entity that comes or goes asks again."""
+    """The image, or the error; cached, since each entity added or removed needs it again."""
     if hashlib.sha256(data).hexdigest() != sha256:
         return "does not have that sha256"
     try:

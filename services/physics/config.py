@@ -1,4 +1,4 @@
-"""What can be set in the simulation."""
+"""The simulation's configuration."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ class PhysicsConfig(ServiceConfig):
         0.0,
         ge=0.0,
         le=0.9,
-        description="share of a wheel's way that the robot does not make but odometry counts; "
-        "0: only what PyBullet's contacts lose",
+        description="share of a wheel's travel that odometry counts but the robot loses to slip; "
+        "0: only the slip of PyBullet's contacts",
     )
     wheel_noise_m_per_sqrt_m: float = Field(
         0.0,
@@ -93,17 +93,20 @@ class PhysicsConfig(ServiceConfig):
         1.7e-2, ge=0.0, le=10.0, description="standard deviation of each axis of the accelerometer"
     )
     scan_profile: Literal["lds01", "lds02", "gazebo"] = Field(
-        "lds01", description="lidar whose figures the scan_ fields have where they are not set"
+        "lds01", description="lidar that gives the values of the scan_ fields that are not set"
     )
     scan_rate_hz: float = Field(
         _LDS01.scan_rate_hz, gt=0.0, description="scans a second; must divide 240"
     )
     scan_samples: int = Field(_LDS01.scan_samples, ge=4, le=10_000, description="rays of a scan")
     scan_range_min_m: float = Field(
-        _LDS01.scan_range_min_m, ge=0.0, le=1.0, description="nearer returns are told as -inf"
+        _LDS01.scan_range_min_m, ge=0.0, le=1.0, description="nearer returns are published as -inf"
     )
     scan_range_max_m: float = Field(
-        _LDS01.scan_range_max_m, gt=1.0, le=100.0, description="farther returns are told as inf"
+        _LDS01.scan_range_max_m,
+        gt=1.0,
+        le=100.0,
+        description="farther returns are published as inf",
     )
     scan_noise_m: float = Field(
         _LDS01.scan_noise_m, ge=0.0, le=1.0, description="standard deviation of a range, at least"
@@ -120,7 +123,7 @@ class PhysicsConfig(ServiceConfig):
         le=0.1,
         description="ranges are whole multiples of it; 0: not rounded",
     )
-    camera_enabled: bool = Field(True, description="render and send pictures")
+    camera_enabled: bool = Field(True, description="render and publish images")
     renderer: Literal["auto", "gl", "cpu", "tiny", "none"] = Field(
         "auto",
         description=(
@@ -129,16 +132,16 @@ class PhysicsConfig(ServiceConfig):
         ),
     )
     camera_profile: Literal["d435i", "waffle", "small"] = Field(
-        "d435i", description="camera whose figures the camera_ fields have where they are not set"
+        "d435i", description="camera that gives the values of the camera_ fields that are not set"
     )
     camera_rate_hz: float = Field(
-        _D435I.camera_rate_hz, gt=0.0, description="pictures a second; must divide 240"
+        _D435I.camera_rate_hz, gt=0.0, description="images a second; must divide 240"
     )
     camera_width_px: int = Field(
-        _D435I.camera_width_px, ge=16, le=4096, description="width of a picture"
+        _D435I.camera_width_px, ge=16, le=4096, description="width of an image"
     )
     camera_height_px: int = Field(
-        _D435I.camera_height_px, ge=16, le=4096, description="height of a picture"
+        _D435I.camera_height_px, ge=16, le=4096, description="height of an image"
     )
     camera_horizontal_fov_rad: float = Field(
         _D435I.camera_horizontal_fov_rad, gt=0.1, lt=3.0, description="horizontal field of view"
@@ -149,17 +152,15 @@ class PhysicsConfig(ServiceConfig):
         le=1.0,
         description="standard deviation of a colour as a share of full scale; 0: none",
     )
-    camera_depth_enabled: bool = Field(True, description="send depth images too")
+    camera_depth_enabled: bool = Field(True, description="publish depth images too")
     camera_depth_min_m: float = Field(
-        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are told as 0"
+        _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are published as 0"
     )
     camera_depth_max_m: float = Field(
-        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are told as 0"
+        _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are published as 0"
     )
-    camera_compressed_enabled: bool = Field(False, description="send pictures as JPEG too")
-    camera_jpeg_quality: int = Field(
-        80, ge=1, le=100, description="quality of the pictures sent as JPEG"
-    )
+    camera_compressed_enabled: bool = Field(False, description="publish images as JPEG too")
+    camera_jpeg_quality: int = Field(80, ge=1, le=100, description="quality of the JPEG images")
 
     @model_validator(mode="before")
     @classmethod

@@ -1,11 +1,11 @@
-"""A differential drive: limits, ramps, and the watchdog that stops a robot nobody commands.
+"""A differential drive: limits, acceleration ramps and the watchdog for velocity commands.
 
-A stop by the watchdog brakes harder than a command may: from 0.46 m/s and from 1.9 rad/s the robot
-has to be at rest 0.4 s after the last command, and 0.2 s of these have gone by when the watchdog
-trips. 4 m/s2 and 14 rad/s2 need 0.115 s and 0.136 s, which leaves 0.06 s to the bus. Where the bus
-tells that the one who commanded is gone, the watchdog does not wait. On both wheels at once that is
-6 m/s2 at the tyre: within the grip of the weight on it, but where the robot turns and backs at full
-speed, which slides by 5 mm.
+The watchdog brakes harder than a command may: from 0.46 m/s and from 1.9 rad/s the robot must be
+at rest 0.4 s after the last command, and 0.2 s of these have passed when the watchdog trips.
+4 m/s2 and 14 rad/s2 need 0.115 s and 0.136 s, which leaves 0.06 s for the bus. If the bus reports
+that the source of the commands is gone, the watchdog does not wait. Both decelerations together
+are 6 m/s2 at the tyre: within its grip, except that a robot which turns and reverses at full speed
+slides by 5 mm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What the drive can do."""
+    """Geometry, limits and command timeout of the drive."""
 
     wheel_separation_m: float
     wheel_radius_m: float
@@ -41,28 +41,28 @@ class Drive:
         self._commanded_ns: int | None = None
         self._braking = False
         self.watchdog_stops = 0
-        """Times the watchdog stopped a robot that had been told to move."""
+        """Times the watchdog stopped a robot whose command was not zero."""
 
     @property
     def is_commanded(self) -> bool:
-        """Whether the last command still holds: it has not gone stale."""
+        """Whether the last command has not timed out."""
         return self._commanded_ns is not None
 
     @property
     def is_driven(self) -> bool:
-        """Whether a command that still holds is to move."""
+        """Whether a command is active and not zero."""
         moves = self._target_linear != 0.0 or self._target_angular != 0.0
         return self.is_commanded and moves
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the wheels are told to stand, and nobody is about to tell them otherwise."""
+        """Whether the set wheel speeds are 0 and no command is active."""
         return not self.is_commanded and self._linear == self._angular == 0.0
 
     def command(self, linear_m_s: float, angular_rad_s: float, now_ns: int) -> None:
-        """Take in a velocity of base_footprint; what is beyond the limits is clamped.
+        """Set the target velocity of base_footprint, clamped to the limits.
 
-        One that is not finite is none: nothing changes.
+        A command that is not finite is ignored.
         """
         if not (math.isfinite(linear_m_s) and math.isfinite(angular_rad_s)):
             return
@@ -73,17 +73,17 @@ class Drive:
         self._braking = False
 
     def expire(self) -> None:
-        """The one who sent the last command is gone: none will come in time."""
+        """Time out the last command, because its source is gone."""
         if self._commanded_ns is not None:
             self._commanded_ns -= self._limits.timeout_ns
 
     def restart_clock(self, now_ns: int) -> None:
-        """Time goes on from 0 instead of `now_ns`; the last command keeps its age."""
+        """Set the time from `now_ns` back to 0; the last command keeps its age."""
         if self._commanded_ns is not None:
             self._commanded_ns -= now_ns
 
     def step(self, now_ns: int, step_s: float) -> tuple[float, float] | None:
-        """Left and right wheel speed, rad/s, in the step that ends at `now_ns`; None: as before."""
+        """Left and right wheel speed, rad/s, in the step that ends at `now_ns`; None: unchanged."""
         limits = self._limits
         commanded_ns = self._commanded_ns
         if commanded_ns is not None and now_ns - commanded_ns >= limits.timeout_ns:

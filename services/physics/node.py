@@ -1,4 +1,4 @@
-"""The simulation as a service: makes time pass, moves the robot, and says what its sensors see."""
+"""The simulation service: advances time, moves the robot and publishes its sensors' data."""
 
 from __future__ import annotations
 
@@ -68,26 +68,26 @@ from services.physics.simulation import STEP_S, Simulation
 _Report = Callable[[Simulation, int, Outbox], None]
 _MAX_DESIRED_SETS = 4
 _IMU_STEPS, _ODOM_STEPS = (steps_per_period(topic.rate_hz or 1.0) for topic in (IMU, ODOM))
-"""Between messages"""
+"""Steps between messages"""
 
 _log = logging.getLogger("physics")
 
 
 class PhysicsNode(ClockNode):
-    """Time stands still until a world, its assets and its set of entities are here and built.
+    """Time is stopped until a world, its assets and its set of entities are received and built.
 
-    Another world is prepared while the old one runs on, and takes its place when everything of it
-    has come; time goes on. A world that cannot be built changes nothing.
+    Another world is prepared while the old one runs on, and replaces it once all its parts are
+    received; time goes on. A world that cannot be built changes nothing.
     """
 
     name = "physics"
     _config: PhysicsConfig
     wakes = (WORLD, ASSETS, DESIRED_ENTITIES)
     depth = 32
-    """Of velocity commands: those of one source do not push out another's."""
+    """Queue size for velocity commands: those of one source do not displace another's."""
 
     def __init__(self, config: PhysicsConfig) -> None:
-        """Raises ConfigError where the robot's model or the renderer asked for cannot be had."""
+        """Raises ConfigError if the robot's model or the requested renderer is not available."""
         self._config = config
         try:
             self._model = robot_model_from_urdf(config.robot_urdf())
@@ -114,14 +114,14 @@ class PhysicsNode(ClockNode):
         self._next_world: World | None = None
         self._entities: Entities | None = None
         self._commander: str | None = None
-        """The source of the last velocity command, for as long as that is there."""
+        """The source of the last velocity command, while it is alive."""
         self._simulation: Simulation | None = None
         self._placement: Placement | None = None
         self._surfaces: tuple[Surface, ...] = ()
         self._schedule = self._make_schedule()
 
     def next_step_ns(self) -> int | None:
-        """One step on from where time is; None before there is a world, and while it stands."""
+        """The time of the next step; None before a world is loaded, and while paused."""
         if self._simulation is None or self._control.stands(self._steps):
             return None
         return time_of_step_ns(self._steps + 1)
@@ -173,7 +173,7 @@ class PhysicsNode(ClockNode):
         )
 
     def waiting_for(self) -> str | None:
-        """What keeps time from starting."""
+        """The missing part that keeps time from starting."""
         if self._simulation is not None:
             return None
         if self._next_world is None:
@@ -181,12 +181,12 @@ class PhysicsNode(ClockNode):
         return self._missing(self._next_world)
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take in what is new and, where `now_ns` is the next step's time, advance to it."""
+        """Process new messages and, if `now_ns` is the next step's time, advance to it."""
         for request in inbox.requests(SIMULATION_CONTROL):
             self._take_in_control(request, inbox, outbox)
         due = self.next_step_ns() == now_ns
         if not due:
-            # Where a request has held the step back, or begun anew.
+            # A request may have paused or reset the simulation.
             now_ns = outbox.now_ns = self.now_ns
         if inbox.pending(SIMULATION_STATS):
             self._take_in_past(inbox, outbox)
@@ -206,7 +206,7 @@ class PhysicsNode(ClockNode):
             self._tell_stats(outbox)
 
     def _take_in_past(self, inbox: Inbox, outbox: Outbox) -> None:
-        """Go on counting epochs where the process before this one ended."""
+        """Continue the epoch count of the previous process."""
         past = max((stats.epoch for stats in inbox.new(SIMULATION_STATS)), default=0)
         if self._simulation is None:
             self._epoch = max(self._epoch, past)
@@ -215,7 +215,7 @@ class PhysicsNode(ClockNode):
             self._tell_stats(outbox)
 
     def close(self) -> None:
-        """Let go of PyBullet and of the renderer."""
+        """Close PyBullet and the renderer."""
         if self._simulation is not None:
             self._simulation.close()
         if self._renderer is not None:
@@ -241,7 +241,7 @@ class PhysicsNode(ClockNode):
             report(simulation, now_ns, outbox)
 
     def _begin_anew(self, simulation: Simulation, outbox: Outbox) -> None:
-        """Tell that PyBullet's state had gone bad, and put the entities into the world again."""
+        """Report that PyBullet's state was not physical, and respawn the entities."""
         _log.error("a body's state was not physical: world '%s' built anew", self._name())
         self._epoch += 1
         self._place_entities(simulation.world, outbox)
@@ -264,11 +264,11 @@ class PhysicsNode(ClockNode):
         if asked.model_dump(exclude_none=True):
             self._tell_stats(outbox)
         if asked.reset is not None:
-            # None comes from the schedule while time stands still.
+            # The schedule publishes none while time is stopped.
             outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
 
     def _reset(self, asked: SimulationControl, inbox: Inbox, outbox: Outbox) -> str:
-        """Begin again at time 0, with everything or only the clock; one line where it cannot be."""
+        """Reset everything or only the clock to time 0; returns an error in one line, or empty."""
         old = self._simulation
         if old is None:
             return f"reset: {asked.reset}: there is no world yet"
@@ -282,7 +282,7 @@ class PhysicsNode(ClockNode):
             except ValueError as error:
                 return f"reset: {asked.reset}: {error}"
             old.close()
-        # Commands that came before were meant for what was there before.
+        # Drop the commands that were sent before the reset.
         inbox.new(CMD_VEL)
         self._seed = seed
         self._steps = 0
@@ -291,14 +291,14 @@ class PhysicsNode(ClockNode):
         _log.info("world '%s' begins again: %s, seed %d", old.world.name, asked.reset, seed)
         if self._simulation is not None and self._simulation is not old:
             self._place_entities(old.world, outbox)
-            # Nothing else tells where things are while time stands still.
+            # Nothing else publishes the moving bodies' poses while time is stopped.
             frames = mover_frames(self._simulation.bodies, 0)
             if frames:
                 outbox.put(TF, msg.TFMessage(transforms=frames))
         return ""
 
     def _read_out(self, simulation: Simulation) -> None:
-        """Have the sensors that measure changes take in the one since their last message."""
+        """Update the sensors that measure changes with the change since their last message."""
         since_imu = self._steps % _IMU_STEPS
         if since_imu:
             simulation.imu.read(self.now_ns, since_imu * STEP_S)
@@ -322,8 +322,8 @@ class PhysicsNode(ClockNode):
             outbox.put(SIMULATION_STATS, self._stats(self._simulation))
 
     def _take_in_command(self, now_ns: int, inbox: Inbox) -> None:
-        """Follow one source of commands until it stops the robot or is silent; those of any other
-        are refused.
+        """Accept the commands of one source until it stops the robot or times out; those of others
+        are rejected.
         """
         arrivals = inbox.arrivals(CMD_VEL)
         if self._simulation is None:
@@ -331,7 +331,7 @@ class PhysicsNode(ClockNode):
         drive = self._simulation.drive
         for command, envelope in arrivals:
             stamp_ns = ns_from_time(command.header.stamp)
-            # A stamp of zero is that of a sender without a clock: as good as now.
+            # A zero stamp comes from a sender without a clock and counts as now.
             if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
                 inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "from the future")
             elif self._is_held_against(envelope.source, inbox):
@@ -341,7 +341,7 @@ class PhysicsNode(ClockNode):
                 drive.command(command.twist.linear.x, command.twist.angular.z, now_ns)
 
     def _is_held_against(self, source: str, inbox: Inbox) -> bool:
-        """Whether another source drives the robot: it is there, and not silent yet."""
+        """Whether another source drives the robot: it is alive and has not timed out."""
         holder = self._commander
         if holder is None or holder == source or self._simulation is None:
             return False
@@ -369,7 +369,7 @@ class PhysicsNode(ClockNode):
     def _take_in_desired(self, desired: Entities, outbox: Outbox) -> None:
         """Keep the newest set of each of the last few worlds."""
         if desired.revision == 0 and desired.world_hash == self.world_hash and self._entities:
-            # A spawner that has just begun does not know what was put, moved and taken away.
+            # A spawner that has just started does not know what was spawned, moved and deleted.
             standing = self._entities.entities
             refused = {refusal.name for refusal in self._entities.refused}
             refused -= {entity.name for entity in standing}
@@ -382,7 +382,7 @@ class PhysicsNode(ClockNode):
             del self._desired[next(iter(self._desired))]
 
     def _hand_over(self, entities: Entities, outbox: Outbox) -> None:
-        """Send the files of what stands: a spawner takes its own with it when it ends."""
+        """Publish the existing entities' assets: those of a spawner are gone when it ends."""
         for sha256 in assets_of(*entities.entities):
             outbox.put(ASSETS, asset_message(sha256, self._assets.files[sha256]))
 
@@ -396,7 +396,7 @@ class PhysicsNode(ClockNode):
             self._next_world = world
 
     def _missing(self, world: World) -> str | None:
-        """The first thing without which a world cannot begin, in words."""
+        """A phrase for the first missing part of a world; None if it is complete."""
         missing = self._assets.missing(assets_of(world))
         if missing:
             return f"assets of the world on {ASSETS.name}: {_digests(missing)}"
@@ -449,7 +449,7 @@ class PhysicsNode(ClockNode):
         outbox.put(TF_STATIC, msg.TFMessage(transforms=transforms))
 
     def _place_entities(self, world: World, outbox: Outbox) -> None:
-        """Make the set that exists the one desired, as far as can be; say nothing where it is."""
+        """Bring the entities to the desired set as far as possible; publish only a change."""
         desired = self._desired.get(world.hash)
         if desired is None or self._placement is None or self._simulation is None:
             return
@@ -476,7 +476,7 @@ class PhysicsNode(ClockNode):
         return self._simulation.world.name if self._simulation is not None else ""
 
     def _make_schedule(self) -> list[list[_Report]]:
-        """What to send after each step of a cycle. The clock comes last: all up to it was sent."""
+        """What to publish after each step of a cycle. The clock comes last, after all else."""
         rates: list[tuple[float | None, _Report]] = [
             (IMU.rate_hz, self._put_imu),
             (ODOM.rate_hz, self._put_odometry),

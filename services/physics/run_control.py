@@ -1,4 +1,4 @@
-"""Whether time goes on: pause, steps one by one, a run up to a time, and at what speed."""
+"""Control of simulation time: pause, single steps, run until a time, and speed."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ ControlRequest = Request[SimulationControl, SimulationControlReply]
 
 
 class RunControl:
-    """What people asked of the simulation's time.
+    """Pause, steps and speed as last requested.
 
-    A request is first judged by `problem`, which changes nothing, and then taken up by `apply`.
+    A request is first checked by `problem`, which changes nothing, and then applied by `apply`.
     """
 
     def __init__(self) -> None:
         self.speed = 1.0
         """Simulated seconds a second; 0: as fast as possible."""
         self.interventions = 0
-        """Times that a request has changed how time passes, or such a change has ended."""
+        """Times that a request changed how time passes, or a requested run of steps ended."""
         self._paused = False
         self._last_step: int | None = None
         """The step after which a run of steps ends."""
         self._running: ControlRequest | None = None
-        """Asked for that run, and is answered at its end."""
+        """The request for that run, replied to at its end."""
 
     def stands(self, steps_done: int) -> bool:
-        """Whether no step may follow the ones done."""
+        """Whether time is stopped after the steps done."""
         if self._last_step is not None:
             return steps_done >= self._last_step
         return self._paused
 
     def problem(self, asked: SimulationControl, steps_done: int) -> str:
-        """Why a request cannot be met, in one line; empty where it can."""
+        """Why a request is refused, in one line; empty if it is not."""
         if asked.seed is not None and asked.reset != "all":
             return f"seed: {asked.seed}: needs reset: all, with which the random streams begin"
         if asked.step is not None and asked.run_until_s is not None:
@@ -48,7 +48,7 @@ class RunControl:
         return ""
 
     def apply(self, request: ControlRequest, steps_done: int) -> ControlRequest | None:
-        """Do what a request without a problem asks, but for its reset, which has been done.
+        """Apply a request without a problem, except its reset, which has been done.
 
         Returns the request whose run of steps this one cuts short.
         """
@@ -74,11 +74,11 @@ class RunControl:
         return cut
 
     def running(self, request: ControlRequest) -> bool:
-        """Whether a request's answer has to wait until its run of steps has ended."""
+        """Whether a request's reply has to wait until its run of steps has ended."""
         return self._running is request
 
     def ended(self, steps_done: int) -> ControlRequest | None:
-        """The request whose run of steps has come to its end."""
+        """The request whose run of steps has ended."""
         if self._running is None or not self.stands(steps_done):
             return None
         ended, self._running, self._last_step = self._running, None, None

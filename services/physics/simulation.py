@@ -24,7 +24,7 @@ STEP_S = 1.0 / STEPS_PER_SECOND
 
 
 class Simulation:
-    """What there is from the load of a world to the load of the next."""
+    """The simulation of one loaded world."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Simulation:
         self._model = model
         self._config = config
         self.watchdog_stops_before = 0
-        """Of the robots that stood here before the last rebuild."""
+        """Watchdog stops before the last rebuild."""
         self._build()
 
     def _build(self) -> None:
@@ -83,8 +83,8 @@ class Simulation:
 
     @property
     def wheel_angles_rad(self) -> tuple[float, float]:
-        """By how much the wheels, left and right, have turned by their encoders, which slip hides
-        nothing from: where a wheel slips, PyBullet turns it only by what it rolls.
+        """Encoder angles of the wheels, left and right. They include slip, while PyBullet turns a
+        slipping wheel only by the distance that it rolls.
         """
         left, right = self.bodies.state.wheel_angles_rad
         rolls = 1.0 - self._config.wheel_slip
@@ -92,16 +92,16 @@ class Simulation:
 
     @property
     def wheel_speeds_rad_s(self) -> tuple[float, float]:
-        """The speeds of the same."""
+        """Encoder speeds of the wheels, left and right."""
         left, right = self.bodies.state.wheel_speeds_rad_s
         rolls = 1.0 - self._config.wheel_slip
         return left / rolls, right / rolls
 
     def step(self, now_ns: int) -> list[Contact] | None:
-        """Advance to `now_ns`, one step on; the touches that began.
+        """Advance by one step to `now_ns`; returns the contacts that began.
 
-        None: PyBullet had brought robot or things into a state that they cannot be in, and
-        everything was built anew, as at the start and without entities.
+        None: PyBullet had brought the robot or a moving body into a state that is not physical,
+        and everything was rebuilt as at the start, without entities.
         """
         speeds = self.drive.step(now_ns, STEP_S)
         if speeds is not None:
@@ -120,7 +120,7 @@ class Simulation:
         return self.contacts.begun(touches, now_ns, STEP_S) if touches else []
 
     def restart_clock(self, now_ns: int) -> None:
-        """Time goes on from 0 instead of `now_ns`, and the hashes begin again; nothing moves."""
+        """Set the time from `now_ns` back to 0 and reset the hashes; nothing moves."""
         self.drive.restart_clock(now_ns)
         self.contacts.restart_clock(now_ns)
         self.state_hash = StateHash()
@@ -132,7 +132,7 @@ class Simulation:
 
 
 def drive_limits(config: PhysicsConfig) -> DriveLimits:
-    """Those of a configuration."""
+    """The drive limits of a configuration."""
     return DriveLimits(
         config.wheel_separation_m,
         config.wheel_radius_m,

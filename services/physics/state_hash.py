@@ -1,4 +1,4 @@
-"""A fingerprint of a run: equal where two runs moved everything alike to the last bit."""
+"""A hash of a run: equal if two runs moved everything alike to the last bit."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _PACK_MOVER = struct.Struct("<13d").pack
 
 
 class StateHash:
-    """blake2b over the states of robot and things after each step, one after the other."""
+    """blake2b over the states of the robot and the moving bodies after each step."""
 
     def __init__(self) -> None:
         self._hash = hashlib.blake2b(digest_size=8)
 
     def add(self, state: BodyState, movers: Iterable[MoverState] = ()) -> None:
-        """Take in the state after a step."""
+        """Add the state after a step."""
         self._hash.update(
             _PACK(
                 *state.position_m,

@@ -1,4 +1,4 @@
-"""Keeps every run: draws its messages, judges it by the ground truth, keeps both in a folder."""
+"""Records every run: draws its messages, evaluates it against the ground truth, in a folder."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ _LOG = logging.getLogger("recorder")
 
 EVALUATION_PERIOD_NS = 1_000_000_000
 OVERLAP_S = 10.0
-"""By which what is heard again begins before what the dead recorder kept: what both heard counts
-once, what one missed is lost.
+"""Overlap of the messages received again with the dead recorder's progress: a message that both
+received counts once, one that either missed is lost.
 """
 SIMULATION_PATIENCE_S = 5.0
-"""Wall time within which the simulation must tell how it is, for an interrupted run to go on."""
+"""Wall time within which simulation stats must arrive for an interrupted run to be resumed."""
 _EARLY: tuple[Topic[Any], ...] = (
     WORLD_REQUEST,
     WORLD_STATUS,
@@ -65,31 +65,31 @@ _EARLY: tuple[Topic[Any], ...] = (
     NAVIGATION_RESULT,
     CONTACTS,
 )
-"""What is kept for the run until there is one."""
+"""Messages that are queued until there is a run."""
 _FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
-"""What is said once and holds until it is said anew, in the next run as well."""
+"""Latched messages, which stay valid until the next one, even in the next run."""
 
 _MOST_ASSETS = 1000
 _MOST_ASSET_BYTES = 256 * 1024 * 1024
 
 _Arrival = tuple[Any, Envelope]
-# As Inbox.arrivals() has it.
+# From Inbox.arrivals().
 
 
 def _no_frames() -> dict[Topic[Any], FrameNames | FrameTree]:
-    """What tells of each message with transforms whether it may be taken in. A ring of frames that
-    move mends itself with their next message, one of fixed frames never.
+    """Checks of messages with transforms, by topic. A cycle of moving frames is resolved by their
+    next message, one of fixed frames never is.
     """
     return {TF: FrameNames(), TF_STATIC: FrameTree()}
 
 
 class RecorderNode(Node):
-    """Keeps one folder a run. A run is one world, from one start of its simulation to its end."""
+    """Writes a folder per run. A run is one world, from one start of its simulation to its end."""
 
     name = "recorder"
     _config: RecorderConfig
     period_ns = 100_000_000
-    # The simulation tells of a pause while no time passes.
+    # Stats announce a pause while simulation time stands still.
     wakes = (
         SIMULATION_STATS,
         *(topic for topic in read_by("recorder") if topic.rate_hz is None),
@@ -102,12 +102,12 @@ class RecorderNode(Node):
         wall_clock_s: Callable[[], float] = time.monotonic,
         local_time: Callable[[], datetime] = datetime.now,
     ) -> None:
-        """Raises ConfigError where a folder cannot be written or a port is taken."""
+        """Raises ConfigError if a folder cannot be written or a port is in use."""
         self._config = config
         self._local_time = local_time
         self._parameters: dict[str, Any] = {}
         self._seed = config.seed
-        """The simulation's, as soon as that is known: a reset may bring another."""
+        """The simulation's seed, as soon as it is known: a reset may change it."""
         if config.out_dir is None:
             check_writable(config.recordings_dir)
         else:
@@ -128,12 +128,12 @@ class RecorderNode(Node):
             resumable=config.out_dir is None,
         )
         self._interrupted = interrupted(config.recordings_dir) if config.out_dir is None else None
-        """The folder of a run, and its progress, whose recorder died and that may still go on."""
+        """Folder and progress of a run whose recorder died and that may still be resumed."""
         if self._interrupted is not None:
-            # What it took in last it may have died with.
+            # The last messages that it received may not be in its progress.
             self.hears_from_s = self._interrupted[1].written_s - OVERLAP_S
         self._offered: tuple[doc.World, float] | None = None
-        """A world whose run that may be, and the wall time at which it came."""
+        """A world that may belong to that run, and the wall time of its arrival."""
         self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
@@ -148,11 +148,11 @@ class RecorderNode(Node):
         self._evaluated_ns: int | None = None
 
     def waiting_for(self) -> str | None:
-        """A world, or room for the recording."""
+        """A world, or free space for the recording."""
         return "a world" if self._run is None else self._run.trouble
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take in everything that came, and say how the run goes."""
+        """Take all queued messages, and publish the evaluation."""
         stats = inbox.arrivals(SIMULATION_STATS)
         told_ns = [round(message.sim_time_s * 1e9) for message, _ in stats]
         begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
@@ -190,7 +190,7 @@ class RecorderNode(Node):
             outbox.put(EVALUATION, evaluation)
 
     def _problem_with(self, topic: Topic[Any], arrival: _Arrival) -> str:
-        """What is wrong with a message beside those that came before it; empty: nothing."""
+        """Conflict of a message with earlier ones; empty: none."""
         frames = self._frames.get(topic)
         return "" if frames is None else frames.add(arrival[0])
 
@@ -236,13 +236,13 @@ class RecorderNode(Node):
             return
         interrupted, self._offered = self._interrupted, None
         if interrupted is not None and interrupted[1].world_hash == world.hash:
-            # Only the simulation can tell whether it is the same one.
+            # Only the simulation's stats show whether it is the same simulation.
             self._offered = world, self._setting.wall_clock_s()
         else:
             self._begin(world, now_ns)
 
     def _choose_run(self, world: doc.World, offered_s: float, now_ns: int) -> None:
-        """Go on with the run whose recorder died, or begin one, as soon as it is known which."""
+        """Resume the run whose recorder died, or start a new one, as soon as it is known which."""
         told = self._simulation
         if told is None or told[0].world_hash != world.hash:
             if self._setting.wall_clock_s() - offered_s >= SIMULATION_PATIENCE_S:
@@ -266,7 +266,7 @@ class RecorderNode(Node):
             self._begin(world, now_ns)
 
     def _let_go_of_assets(self) -> None:
-        """Forget the oldest textures and meshes that nothing has, where there are too many."""
+        """Drop the oldest textures and meshes that are not in use, if there are too many."""
         assets = self._setting.assets
         size_bytes = sum(map(len, assets.values()))
         if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
@@ -275,7 +275,7 @@ class RecorderNode(Node):
         for topic in (DESIRED_ENTITIES, ENTITIES):
             entities = self._setting.fixed.get(topic)
             used |= assets_of(*(entities.entities if entities is not None else ())).keys()
-        # The newest may be of what is still to come.
+        # The newest may belong to entities still to come.
         for sha256 in list(assets)[: -ASSETS.depth]:
             if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
                 return
@@ -283,7 +283,7 @@ class RecorderNode(Node):
                 size_bytes -= len(assets.pop(sha256))
 
     def _make_folder(self, world: doc.World) -> RunFolder:
-        """Raises OSError where none can be made."""
+        """Raises OSError if none can be created."""
         if self._config.out_dir is not None:
             return RunFolder.exactly(self._config.out_dir)
         return RunFolder.in_folder(self._config.recordings_dir, self._local_time(), world.name)
@@ -295,7 +295,7 @@ class RecorderNode(Node):
         interrupted: RunFolder | None = None,
         progress: Progress | None = None,
     ) -> None:
-        """Begin a new run in a folder of its own, with what is known already; or go on with one."""
+        """Start a new run in a new folder, with what is known already; or resume one."""
         if self._run is not None:
             self._run.close()
             self._run = None
@@ -309,7 +309,7 @@ class RecorderNode(Node):
         self._evaluated_ns = None
         self._run = Run(self._setting, make_folder, world, now_ns, progress)
         if progress is None and self.hears_from_s is not None:
-            # Of a simulation that has ended.
+            # These belong to a simulation that has ended.
             self.hears_from_s = None
             self._early = deque(
                 (entry for entry in self._early if entry[0].delivery is not Delivery.EVERY),
@@ -331,7 +331,7 @@ class RecorderNode(Node):
             self._run.take(topic, arrival, now_ns)
 
     def _write_config(self) -> None:
-        """Write config.yaml: what was asked for, what runs, and how every service is configured."""
+        """Write config.yaml: the requested world, the running one, and all services' parameters."""
         if self._run is None:
             return
         world = self._run.world

@@ -1,4 +1,4 @@
-"""What `router` is told."""
+"""The configuration of `router`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from services.common.config import ServiceConfig
 
 
 class RouterConfig(ServiceConfig):
-    """Where the router listens, and how long it may be silent."""
+    """The router's endpoint, and its timeout."""
 
     listen: str = Field(
         "tcp/127.0.0.1:7447", pattern=r"^\w+/.+:\d+$", description="Zenoh endpoint to listen on"
@@ -17,6 +17,5 @@ class RouterConfig(ServiceConfig):
         6.0,
         ge=1.0,
         le=3600.0,
-        description="wall time without an answer after which the router is ended, to be started "
-        "anew",
+        description="wall time without a response after which the router is ended, to be restarted",
     )

@@ -1,7 +1,7 @@
-"""Watches over the router's process, which nothing inside it could: it works in Zenoh's threads.
+"""Watchdog of the router, in a process outside it, because the router works in Zenoh's threads.
 
-Once a second it asks the router for its token, as any client would. Where no answer comes for too
-long, it ends the router and itself: what runs it (Docker, by `restart`) starts both anew.
+Once a second it queries the router's token, like any client. If there is no response for too long,
+it ends the router and itself: its supervisor (Docker, by `restart`) restarts both.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from services.router.config import RouterConfig
 EXIT_SILENT = 70
 PERIOD_S = 1.0
 START_TICKS = 30
-"""Periods in which a router that has just been started must answer first."""
+"""Periods within which a router that was just started must first respond."""
 STOP_S = 3.0
 STOPS = {signal.SIGTERM, signal.SIGINT}
-# Not loaded here: what reads a whole configuration, and names this one, takes 30 MB of memory.
+# Not read through BusConfig, whose import takes 30 MB of memory.
 _PREFIX = "MAZEBOT_BUS_PREFIX"
 
 
 class Silence:
-    """Counts the guard's own ticks since the last answer: while it is paused, none go by."""
+    """Counts the guard's own ticks since the last response: time while paused does not count."""
 
     def __init__(self, patience_ticks: int) -> None:
         self._patience_ticks = patience_ticks
         self._left = max(START_TICKS, patience_ticks)
 
     def answered(self) -> None:
-        """The router has answered."""
+        """The router has responded."""
         self._left = self._patience_ticks
 
     def tick(self) -> bool:
-        """One more period is over; whether no answer has come for too many of them."""
+        """One more period is over; return whether the router has timed out."""
         self._left -= 1
         return self._left < 0
 
 
 def main(arguments: list[str]) -> NoReturn:
-    """Run the router until it is told to stop or answers no more; its exit code is the router's, or
-    70.
+    """Run the router until it receives a stop signal or no longer responds; the exit code is the
+    router's, or 70.
     """
     try:
         config = load(RouterConfig, "router", arguments)
@@ -82,12 +82,12 @@ def main(arguments: list[str]) -> NoReturn:
 
 
 def reachable(listen: str) -> str:
-    """The endpoint by which this machine reaches one that may stand for all of its addresses."""
+    """The endpoint by which this machine reaches `listen`, which may be a wildcard address."""
     return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", listen)
 
 
 def _ask(endpoint: str, silence: Silence) -> None:
-    """Ask the router, again and again. A call that never returns is silence, too."""
+    """Query the router periodically. A call that never returns counts as silence, too."""
     session: zenoh.Session | None = None
     while True:
         try:

@@ -1,4 +1,4 @@
-"""The process that is the router; the guard starts it."""
+"""The router's process, which the guard starts."""
 
 import ctypes
 import logging
@@ -18,8 +18,8 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main(arguments: list[str]) -> None:
-    """Run the router until it is told to stop, or its guard ends."""
-    # Zenoh's threads inherit the mask, so that the signal comes to this one.
+    """Run the router until it receives a stop signal, or its guard ends."""
+    # Zenoh's threads inherit the mask, so that the signal is delivered to this thread.
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     try:

@@ -1,4 +1,4 @@
-"""The Zenoh router: the one process that every service connects to."""
+"""The Zenoh router, to which every service connects."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from services.router.config import RouterConfig
 
 SETTINGS_FILE = ROOT / "docker" / "router.json5"
 RECEIVING_THREADS = 8
-"""Each one forwards what one connection sends; Zenoh's own two are soon all held up by readers that
-have to be waited for.
+"""Each thread forwards the messages of one connection; Zenoh's default of two is soon blocked by
+slow readers.
 """
 
 
 class Router:
-    """A router that is open; it works in threads of its own until it is closed."""
+    """An open router; it works in its own threads until it is closed."""
 
     def __init__(self, config: RouterConfig, prefix: str = "") -> None:
-        """Open it, and declare the token by which it is known to be alive.
+        """Open it, and declare its liveliness token.
 
         Raises ConfigError where it cannot listen.
         """
@@ -42,6 +42,6 @@ class Router:
         self._token = self._session.liveliness().declare_token(key)
 
     def close(self) -> None:
-        """Cut every connection."""
+        """Close every connection."""
         self._token.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""What can be set about the spawner."""
+"""The spawner's configuration."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from services.common.config import ServiceConfig
 
 
 class SpawnerConfig(ServiceConfig):
-    """How markers are drawn and where they may hang."""
+    """Drawing and placement of markers."""
 
     panel_gap_m: float = Field(
-        0.002, gt=0.0, le=0.01, description="from a wall's face to the marker's, against z-fighting"
+        0.002,
+        gt=0.0,
+        le=0.01,
+        description="gap between a wall's face and the marker's, against z-fighting",
     )
     module_px: int = Field(
         64, ge=8, le=256, description="side of one module of a marker in its texture"

@@ -1,7 +1,8 @@
-"""What should stand in a world: its markers and what people asked for, change by change.
+"""The desired entities of a world: its markers and the requested entities, change by change.
 
-Changes are gathered into sets, each with a revision; the physics makes one so and says what stands
-then, which settles every change of that set: it is kept, or taken back with the reason.
+Changes are gathered into sets, each with a revision; the physics applies a set and publishes the
+entities that then exist, which settles every change of that set: it is kept, or reverted with the
+reason.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ from services.spawner.entity_assets import decoded
 
 MAX_ASKED_FOR = 200
 MAX_ENTITY_BYTES = 256 * 1024
-"""Of one thing as JSON: the whole set is sent with each change."""
+"""Of one entity as JSON: the whole set is published with each change."""
 MAX_SET_BYTES = 4 * 1024 * 1024
 MAX_ASSETS = 228
-"""Of all things together: 100 and one for each marker, fewer than a late reader is given."""
+"""Of all entities together: 100 and one for each marker, fewer than a late subscriber receives."""
 MAX_ASSET_BYTES = 64 * 1024 * 1024
 
 Asked = SpawnEntity | DeleteEntity | SetEntityState
@@ -43,14 +44,14 @@ Asked = SpawnEntity | DeleteEntity | SetEntityState
 
 @dataclass(frozen=True, eq=False)
 class Waits:
-    """A request is answered when the change of this name is settled."""
+    """A request is replied to when the change of this name is settled."""
 
     name: str
 
 
 @dataclass(frozen=True, eq=False)
 class Later:
-    """A request comes after what is asked of this name already."""
+    """A request has to wait for the earlier requests for this name."""
 
     name: str
 
@@ -58,11 +59,11 @@ class Later:
 @dataclass(frozen=True, eq=False)
 class _Thing:
     entity: Entity
-    """As it should stand."""
+    """In its desired state."""
     asked: Entity
-    """As it was asked for at first: the same request again changes nothing."""
+    """As first requested: the same request again changes nothing."""
     json_bytes: int
-    """As JSON; 0: not counted, it is the world's."""
+    """Size as JSON; 0: not counted, it belongs to the world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +78,8 @@ class DesiredSet:
     def __init__(
         self, world: World, placement: Placement, hung: Entities, textures: Mapping[str, bytes]
     ) -> None:
-        """`hung` are the world's markers where they hang, and those that cannot; `textures` those
-        markers' own, by sha256.
+        """`hung` are the world's markers at their poses, and those that cannot be placed;
+        `textures` are those markers' textures, by sha256.
         """
         self.revision = 0
         self._files = dict(textures)
@@ -87,14 +88,14 @@ class DesiredSet:
         self._placement = placement
         self._known = set(assets_of(world))
         self.refused = hung.refused
-        """Markers of the world that cannot hang."""
+        """Markers of the world that cannot be placed."""
         self._fixed = {wall.name for wall in world.walls} | {body.name for body in world.bodies}
         self._things = {one.name: _Thing(one, one, 0) for one in hung.entities}
         self._changes: dict[str, _Change] = {}
         self._is_stale = False
 
     def entities(self) -> Entities:
-        """The set to send."""
+        """The set to publish."""
         return Entities(
             world_hash=self._world.hash,
             revision=self.revision,
@@ -103,21 +104,21 @@ class DesiredSet:
         )
 
     def files(self) -> dict[str, bytes]:
-        """The assets of what should stand, by sha256, as far as they came this way."""
+        """The assets of the desired entities, by sha256, as far as the spawner has them."""
         wanted = assets_of(*self._entities())
         return {sha256: data for sha256, data in self._files.items() if sha256 in wanted}
 
     def take_files(self, files: Mapping[str, bytes]) -> None:
-        """Take over what should stand needs and has not come this way."""
+        """Take over the assets that the desired entities need and the spawner does not have."""
         wanted = assets_of(*self._entities()).keys() - self._known - self._files.keys()
         for sha256, data in files.items():
             if sha256 in wanted and hashlib.sha256(data).hexdigest() == sha256:
                 self._files[sha256] = data
-                # To be sent in the spawner's own name.
+                # The spawner has to publish it itself.
                 self._is_stale = True
 
     def adopt(self, standing: Entities) -> None:
-        """Take over what stands already when nothing has been asked for yet."""
+        """Take over the entities that already exist, before any request is applied."""
         stands = {one.name: one for one in standing.entities}
         refused = {one.name for one in standing.refused}
         kept = [name for name in self._things if name in stands or name in refused]
@@ -132,9 +133,9 @@ class DesiredSet:
             self._things[name] = _Thing(entity, asked, size)
 
     def apply(self, message: Asked, held: Container[str] = ()) -> EntityReply | Waits | Later:
-        """Take a request into the set; the reply where it can be given at once.
+        """Apply a request to the set; returns the reply if it can be given at once.
 
-        Of the names in `held` earlier requests wait.
+        Earlier requests wait for the names in `held`.
         """
         name = _name_of(message)
         if name in held:
@@ -156,7 +157,7 @@ class DesiredSet:
             return EntityReply(error=str(error), name=name)
 
     def publish(self) -> bool:
-        """Whether the set has changed since it was sent: then it has the next revision."""
+        """Whether the set has changed since it was published: then it gets the next revision."""
         if not (self._changes or self._is_stale):
             return False
         self.revision += 1
@@ -164,7 +165,7 @@ class DesiredSet:
         return True
 
     def settle(self, standing: Entities) -> dict[str, EntityReply]:
-        """The reply to each name that the set changed, now that the physics has made it so."""
+        """The reply for each name that the set changed, from the entities that now exist."""
         stands = {one.name: one for one in standing.entities}
         reasons = {one.name: one.reason for one in standing.refused}
         replies = {}
@@ -229,7 +230,7 @@ class DesiredSet:
         if isinstance(entity, BodyEntity):
             if is_there and entity.mass_kg == 0.0 and entity.path is None:
                 return reply_of(entity)
-            # What moves by itself is no longer where it was put.
+            # A moving body is no longer at the pose where it was placed.
             update["placed"] = entity.placed + 1
         elif is_there:
             return reply_of(entity)
@@ -292,14 +293,14 @@ class DesiredSet:
 
 
 def reply_of(entity: Entity) -> EntityReply:
-    """That it stands."""
+    """The reply that an entity exists at its pose."""
     return EntityReply(
         name=entity.name, position_m=entity.position_m, orientation_xyzw=entity.orientation_xyzw
     )
 
 
 class _RefusedError(Exception):
-    """A request that cannot be met, in one line."""
+    """A request that is refused, with the reason in one line."""
 
 
 def _name_of(message: Asked) -> str:
@@ -307,7 +308,7 @@ def _name_of(message: Asked) -> str:
 
 
 def _names(message: SpawnEntity) -> Iterator[str]:
-    """The name asked for, and where another may do, those that are like it."""
+    """The requested name and, with `allow_renaming`, that name with a number appended."""
     yield message.entity.name
     if message.allow_renaming:
         for number in itertools.count(1):
@@ -315,6 +316,6 @@ def _names(message: SpawnEntity) -> Iterator[str]:
 
 
 def _refuse(problems: Iterable[str]) -> None:
-    """Raises _RefusedError with the first problem, where there is one."""
+    """Raises _RefusedError with the first problem, if there is one."""
     for problem in problems:
         raise _RefusedError(problem)

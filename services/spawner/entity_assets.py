@@ -1,4 +1,4 @@
-"""The textures and meshes that come with a request, and whether they are whole."""
+"""Decodes and checks the textures and meshes of a request."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from services.common.world.geometry import mesh_from_bytes
 def decoded(assets: Mapping[str, str], entity: Entity, known: Container[str]) -> dict[str, bytes]:
     """The files of a request, base64 by sha256, that the entity needs and that are not `known`.
 
-    Raises ValueError, in one line, where one is missing, is not what its sha256 names, or is no
-    whole picture or mesh.
+    Raises ValueError, in one line, if one is missing, does not match its sha256, or is not a
+    complete image or mesh.
     """
     wanted = assets_of(entity)
     for sha256 in assets:

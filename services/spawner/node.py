@@ -1,5 +1,5 @@
-"""Spawner: keeps the set of things that should stand in the world, the world's ArUco markers and
-what people ask for, and answers people by what the physics makes of it.
+"""Spawner: keeps the set of desired entities, the world's ArUco markers and the requested ones, and
+replies to requests with the result from the physics.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ from services.spawner.config import SpawnerConfig
 from services.spawner.desired_set import DesiredSet, Later, Waits
 
 MAX_WAITING = 1000
-"""Requests that wait for the physics; those beyond are refused."""
+"""Requests that wait for the physics; more are refused."""
 MAX_WAITING_BYTES = 64 * 1024 * 1024
 """Of the assets, in base64, of all requests that wait."""
 
 _Waiting = Request[Any, EntityReply]
-"""Of an entity: to spawn, to delete or to move it."""
+"""A request to spawn, delete or move an entity."""
 
 _log = logging.getLogger("spawner")
 
 
 class SpawnerNode(Node):
-    """Latches the set of entities that should stand in the world that runs.
+    """Latches the set of desired entities of the running world.
 
-    One set at a time is with the physics; what is asked meanwhile makes the next. So each request
-    is answered by what became of it, and one that is refused leaves the set as it was.
+    The physics applies one set at a time; requests received meanwhile make the next. So the reply
+    to each request is its result, and a refused one leaves the set as it was.
     """
 
     name = "spawner"
@@ -66,24 +66,24 @@ class SpawnerNode(Node):
         self._style = PanelStyle(config.panel_gap_m, config.module_px)
         self._next_world: World | None = None
         self._files: dict[str, bytes] = {}
-        """Assets that came, by sha256, until the world's set has been settled once."""
+        """Assets received, by sha256, until the world's set has been settled once."""
         self._desired: DesiredSet | None = None
         self._latched: deque[str] = deque(maxlen=ASSETS.depth)
-        """The assets that a late reader is given."""
+        """The assets that a late subscriber receives."""
         self._in_use: set[str] = set()
-        """The assets of the set that was sent last."""
+        """The assets of the set that was published last."""
         self._standing: Entities | None = None
-        """What stands in the world; None before the physics has said it of this world."""
+        """The existing entities; None before the physics has published those of this world."""
         self._poses: dict[str, tuple[Vector, Quaternion]] = {}
-        """Of what has moved since."""
+        """Poses of the entities that have moved since."""
         self._is_settled = False
-        """The physics has said what became of the newest set."""
+        """Whether the physics has published the result of the newest set."""
         self._waiting: list[_Waiting] = []
         self._in_flight: list[tuple[str, _Waiting]] = []
         self._getting: list[Request[GetEntities, Entities]] = []
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take in what is new, answer what can be answered, and send what has changed."""
+        """Process new messages, reply where possible, and publish a changed set."""
         self._take_in_world(inbox, outbox)
         for standing in inbox.new(ENTITIES):
             if standing.world_hash == self.world_hash:
@@ -97,7 +97,7 @@ class SpawnerNode(Node):
         self._tell_what_stands(inbox)
 
     def waiting_for(self) -> str | None:
-        """A world, with its meshes."""
+        """The missing part of a world and its meshes."""
         if self.world_hash:
             return None
         if self._next_world is None:
@@ -119,7 +119,7 @@ class SpawnerNode(Node):
             self._next_world = None
 
     def _furnish(self, world: World, outbox: Outbox) -> None:
-        """Begin a world's set with its markers."""
+        """Start a world's set with its markers."""
         if self.world_hash:
             self._refuse_all(f"world '{world.name}' has taken the place of the one asked for")
         meshes = {}
@@ -127,7 +127,7 @@ class SpawnerNode(Node):
             try:
                 meshes[sha256] = mesh_from_bytes(self._files[sha256])
             except ValueError as error:
-                # The physics says so too, and keeps what runs.
+                # The physics reports it too, and keeps the running world.
                 _log.error("mesh %.12s: %s", sha256, error)
         placement = Placement(world, meshes)
         hung, textures = furnish(world, self._style, placement=placement)
@@ -181,7 +181,7 @@ class SpawnerNode(Node):
                 self._waiting.append(request)
 
     def _gather(self, desired: DesiredSet, outbox: Outbox) -> None:
-        """Make the next set of all requests that can go into one."""
+        """Make the next set from all requests that can go into one."""
         later: list[_Waiting] = []
         held: set[str] = set()
         for request in self._waiting:
@@ -199,12 +199,12 @@ class SpawnerNode(Node):
             self._send(desired, outbox)
 
     def _send(self, desired: DesiredSet, outbox: Outbox) -> None:
-        """Send the set, and before it the assets that a late reader would not be given."""
+        """Publish the set, and before it the assets that a late subscriber would not receive."""
         files = desired.files()
-        # What nothing needed for a while may have been forgotten.
+        # Assets that were unused for a while may have been dropped by subscribers.
         missing = [sha256 for sha256 in files if sha256 not in self._in_use]
         self._in_use = set(files)
-        # To send one may push another out.
+        # Publishing one may displace another from the latched ones.
         while missing or (missing := [one for one in files if one not in self._latched]):
             for sha256 in missing:
                 outbox.put(ASSETS, asset_message(sha256, files[sha256]))
@@ -229,7 +229,7 @@ class SpawnerNode(Node):
         self._getting = []
 
     def _follow(self, inbox: Inbox) -> None:
-        """Take in where what moves is."""
+        """Update the poses of the moving entities."""
         names = {one.name for one in self._standing.entities} if self._standing else set()
         self._poses = {name: pose for name, pose in self._poses.items() if name in names}
         for message in inbox.new(TF):

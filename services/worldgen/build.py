@@ -1,4 +1,4 @@
-"""All that can be made of a world, as files: description, map, plan, model, SDF and figures."""
+"""Builds all files of a world: description, map, plan, model, SDF and figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from services.worldgen.world_model import world_glb
 def build_world(loaded: LoadedWorld, folder: Path) -> None:
     """Fill an empty folder: world.json, map.yaml and .pgm, plan.png, world.glb, sdf/, figures.json.
 
-    Raises ConfigError where something cannot be written.
+    Raises ConfigError if a file cannot be written.
     """
     world = loaded.world
     (folder / "world.json").write_text(world.model_dump_json(indent=2) + "\n", encoding="utf-8")
@@ -31,7 +31,7 @@ def build_world(loaded: LoadedWorld, folder: Path) -> None:
 
 
 def figures(loaded: LoadedWorld) -> dict[str, object]:
-    """How hard a world is, how much of its floor can be reached, and what hangs in it."""
+    """Difficulty of a world, its reachable floor, and its markers."""
     entities, _ = furnish(loaded.world, meshes=loaded.meshes)
     floor = reach(loaded.world, loaded.meshes)
     return {

@@ -1,4 +1,4 @@
-"""Every problem of a world: of its files, its fields, and of what stands where in it."""
+"""Finds every problem of a world: in its files, its fields, and its geometry."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from services.worldgen.recipe.yaml_source import Source
 
 
 class Findings(NamedTuple):
-    """What is to be said of a world."""
+    """Result of checking a world."""
 
     problems: tuple[Problem, ...]
-    """Empty where all is well."""
+    """Empty if there are none."""
     reach: Reach | None
-    """How much of its floor can be reached; None where the world cannot be made."""
+    """Reachable floor; None if the world cannot be built."""
 
 
 def problems_of(
@@ -60,10 +60,10 @@ def findings_of(
     arguments: Mapping[str, str] | None = None,
     roots: Sequence[Path] = (),
 ) -> Findings:
-    """Everything wrong with a world, by the name of its recipe or by a file, and its floor.
+    """All problems of a world, by the name of its recipe or by a file, and its reachable floor.
 
-    A text is a name in `worlds_dir`, a path a file: a recipe with what it needs beside it, an SDF,
-    URDF or xacro file, or a model's folder. `arguments` are xacro's, `roots` folders of models.
+    A str is a name in `worlds_dir`, a Path a file: a recipe with the files it needs beside it, an
+    SDF, URDF or xacro file, or a model's folder. `arguments` are xacro's, `roots` model folders.
     Never raises.
     """
     try:
@@ -72,7 +72,7 @@ def findings_of(
             return _judged(sources, use_aruco, worlds_dir, texture_base, overrides)
         if is_sdf(name_or_path):
             with imported_recipe(name_or_path, arguments or {}, roots, "world") as recipe:
-                # The recipe is nobody's: its problems are told as the file's.
+                # The recipe is temporary: its problems are reported for the imported file.
                 sources = [Source(shown_path(name_or_path), sources_of(recipe)[0].content)]
                 return _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)
         sources, folder = sources_of(name_or_path), name_or_path.parent
@@ -89,7 +89,7 @@ def _judged(
     overrides: Sequence[str],
     name: str | None = None,
 ) -> Findings:
-    """The problems of a recipe, those of its geometry among them, and its floor."""
+    """The problems of a recipe, including its geometry, and its reachable floor."""
     loading = Loading(
         sources, use_aruco, worlds_dir, texture_base, overrides, thorough=True, name=name
     )
@@ -108,12 +108,12 @@ def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
     yield from _room_to_stand(draft)
     if found is not None:
         yield from _pocket(draft, found)
-        # Whether one can see them is asked from there.
+        # Marker visibility is checked from there.
         yield from _markers(draft)
 
 
 def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
-    """A maze's corridors must be such that the robot is sure to get through."""
+    """A maze's corridors must be wide enough for the robot."""
     recipe = draft.recipe
     if recipe.maze is None or recipe.maze.cell_m - recipe.wall_thickness_m >= CORRIDOR_M - 1e-9:
         return
@@ -123,7 +123,7 @@ def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
 
 
 def _room_to_stand(draft: Draft) -> Iterator[Mistake]:
-    """Start and locations need room for the robot, and a way, as navigation's costmap sees them."""
+    """Start and locations need clearance and a path, as seen by navigation's costmap."""
     world = draft.world
     places = [world.start, *(place for place in world.locations)]
     fields = [("start",), *(("locations", place.name) for place in world.locations)]
@@ -159,7 +159,7 @@ def _pocket(draft: Draft, found: Reach) -> Iterator[Mistake]:
 
 
 def _markers(draft: Draft) -> Iterator[Mistake]:
-    """Markers must hang where one can see them."""
+    """Markers must be placed and visible."""
     markers = draft.world.markers
     if not markers:
         return
@@ -174,8 +174,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
         name = marker.name
         said = reasons.get(name, [])
         if name in hung:
-            # Those of one name that came before it were refused for their place, those after it
-            # for their id.
+            # Earlier ones of the same name were refused for their pose, later ones for their id.
             before = sum("must be unique" not in reason for reason in said)
             said = [*said[:before], "", *said[before:]]
         reason = said[number_of[name]]
@@ -186,7 +185,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
 
 
 def _unseen(draft: Draft, entities: Entities) -> Iterator[Mistake]:
-    """Markers that hang well, and that the robot can read from nowhere."""
+    """Markers that are placed correctly, but that the robot can read from nowhere."""
     if not entities.entities:
         return
     from services.worldgen.markers.visibility import Sight  # noqa: PLC0415

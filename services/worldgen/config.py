@@ -1,4 +1,4 @@
-"""What can be set about the world generator."""
+"""Configuration of the world generator."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from services.common.root import ROOT
 
 
 class WorldgenConfig(ServiceConfig):
-    """Where recipes and textures lie."""
+    """Folders of recipes and textures."""
 
     worlds_dir: Path = Field(ROOT / "worlds", description="folder of the recipes (*.yaml)")
     texture_base: Path | None = Field(
-        None, description="folder of the textures; none: `textures` in the folder of the recipes"
+        None, description="folder of the textures; none: `textures` in the recipes' folder"
     )

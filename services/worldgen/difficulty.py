@@ -1,4 +1,4 @@
-"""How hard the way through a world is, by its map."""
+"""Difficulty of the path through a world, by its map."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from services.worldgen.recipe.loader import LoadedWorld
 
 _NEIGHBOURS = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
 _LOOK_BACK = 400
-"""Cells along the way over which a straight line may lead."""
+"""Cells along the path that one straight line may skip."""
 
 
 class Difficulty(Document):
-    """Of the way from the start to the location `goal`, or else to the one that is farthest."""
+    """Of the path from the start to the location `goal`, or else to the farthest location."""
 
-    goal: str = Field("", description="name of the location; empty: none can be reached")
-    path_length_m: float | None = Field(None, description="of a short way for the robot's middle")
+    goal: str = Field("", description="name of the location; empty: none is reachable")
+    path_length_m: float | None = Field(None, description="of a short path for the robot's centre")
     turns: int | None = Field(
         None,
-        description="of a maze: cells in which the way turns; else: quarter turns that it makes",
+        description="of a maze: cells in which the path turns; else: its quarter turns",
     )
     dead_ends: int | None = Field(None, description="cells of a maze with one passage")
     narrowest_gap_m: float | None = Field(
-        None, description="width of the narrowest place that the widest way must pass, by the map"
+        None, description="width of the narrowest gap on the widest path, by the map"
     )
     free_area_m2: float = Field(description="free floor of the map")
 
@@ -45,9 +45,9 @@ class Difficulty(Document):
 def difficulty(loaded: LoadedWorld) -> Difficulty:
     """The figures of a world.
 
-    The way is the shortest over the sides and corners of the cells where the robot fits, then
-    pulled straight: at most some hundredths longer than the shortest. The gap is by the map's
-    cells, which reach beyond the walls by up to one on either side.
+    The path is the shortest over the sides and corners of the cells where the robot fits, then
+    straightened: at most some hundredths longer than the shortest. The gap is measured on the map's
+    cells, which extend beyond the walls by up to one on either side.
     """
     world, resolution_m = loaded.world, loaded.world.map_resolution_m
     free = loaded.map_cells == FREE
@@ -86,7 +86,7 @@ def difficulty(loaded: LoadedWorld) -> Difficulty:
 
 
 def _cell(fits: Bits, origin: SE2, resolution_m: float, place: Planar) -> tuple[int, int] | None:
-    """Row and column of a place, or of the nearest where the robot fits within half a metre."""
+    """Row and column of a pose, or of the nearest cell within half a metre where the robot fits."""
     here = origin.inverse() @ place.se2()
     row, column = math.floor(here.y_m / resolution_m), math.floor(here.x_m / resolution_m)
     reach = math.ceil(0.5 / resolution_m)
@@ -100,10 +100,10 @@ def _cell(fits: Bits, origin: SE2, resolution_m: float, place: Planar) -> tuple[
 
 
 def _narrowest(free: Bits, start: tuple[int, int], goal: tuple[int, int]) -> float:
-    """Width in cells of the narrowest place on the way between two cells that is widest there.
+    """Width in cells of the narrowest gap on the path between two cells where that gap is widest.
 
-    Counted on the corners, the middles of the sides and the middles of the cells, on which the
-    distance to what is taken is exact.
+    Measured on the corners, the middles of the sides and the middles of the cells, on which the
+    distance to occupied cells is exact.
     """
     taken = np.zeros((2 * free.shape[0] + 1, 2 * free.shape[1] + 1), np.bool_)
     for row in (0, 1, 2):
@@ -124,7 +124,7 @@ def _narrowest(free: Bits, start: tuple[int, int], goal: tuple[int, int]) -> flo
 
 
 def _middle(square: NDArray[np.int64], place: tuple[int, int]) -> tuple[int, int]:
-    """Uphill from a place to where nothing beside it is farther from all that is taken."""
+    """Uphill from a cell to a local maximum of the distance to occupied cells."""
     while True:
         row, column = place
         beside = [
@@ -142,7 +142,7 @@ def _middle(square: NDArray[np.int64], place: tuple[int, int]) -> tuple[int, int
 def _search(fits: Bits, start: int) -> tuple[Array, NDArray[np.int64]]:
     """(rows, columns) of the distances from a cell, in cells, and (cells,) of the cell before each.
 
-    By Dijkstra, over sides and corners; no corner of what is taken is cut.
+    By Dijkstra, over sides and corners; corners of occupied cells are not cut.
     """
     rows, columns = fits.shape
     distance = np.full(rows * columns, np.inf)
@@ -183,7 +183,7 @@ def _straight(fits: Bits, a: NDArray[np.int64], b: NDArray[np.int64]) -> bool:
 
 @kernel()
 def _pulled(fits: Bits, way: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The way with straight lines wherever they are free, (n, 2): the shortest of such."""
+    """The path with straight lines where these are free, (n, 2): the shortest of such."""
     count = len(way)
     length = np.full(count, np.inf)
     before = np.zeros(count, np.int64)

@@ -1,4 +1,4 @@
-"""A world by whatever names it: a recipe's name, a recipe's file, or one of Gazebo's files."""
+"""Loads a world by a recipe's name, a recipe's file, or an SDF, URDF or xacro file."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ RECIPE_SUFFIXES = (".yaml", ".yml")
 
 
 def is_sdf(path: Path) -> bool:
-    """Whether a path is one of Gazebo's files, by its name, or a folder of a model."""
+    """Whether a path is an SDF, URDF or xacro file, by its name, or a model's folder."""
     try:
         return path.suffix.lower() in SDF_SUFFIXES or (path / "model.config").is_file()
     except OSError:
-        # A name that is too long, which reading will tell.
+        # A name that is too long: reading it will report that.
         return False
 
 
 def is_file(world: str) -> bool:
-    """Whether a text means a file rather than a world's name."""
+    """Whether a text is a file rather than a world's name."""
     return os.sep in world or Path(world).suffix.lower() in (*SDF_SUFFIXES, *RECIPE_SUFFIXES)
 
 
 def world_name(file: Path) -> str:
-    """`tb3_house` for `a/tb3 house.sdf.xacro`: as a recipe may be called."""
+    """`tb3_house` for `a/tb3 house.sdf.xacro`: a valid recipe name."""
     stem = file.name.split(".")[0]
     name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in stem)
     return name.lstrip("_-") or "world"
@@ -54,10 +54,10 @@ def load_any(
     roots: Sequence[Path] = (),
 ) -> LoadedWorld:
     """Load a world by the name of its recipe, by its recipe's file, or by an SDF, URDF or xacro
-    file or a model's folder, which is imported and leaves nothing on the disk.
+    file or a model's folder, which is imported without leaving files on disk.
 
     `arguments` are xacro's, `roots` folders of models; the rest is as in `load_world`. Raises
-    ConfigError where there is no such file, else WorldError.
+    ConfigError if there is no such file, else WorldError.
     """
     path = Path(world)
     if is_sdf(path):
@@ -70,7 +70,7 @@ def load_any(
 
 
 def check_there(file: Path) -> None:
-    """Raises ConfigError where there is no such file."""
+    """Raises ConfigError if there is no such file."""
     if not os.path.lexists(file):
         raise ConfigError(f"{file}: no such file, must be an SDF, URDF or xacro file or a folder")
 
@@ -79,12 +79,12 @@ def check_there(file: Path) -> None:
 def imported_recipe(
     path: Path, arguments: Mapping[str, str], roots: Sequence[Path], name: str = ""
 ) -> Iterator[Path]:
-    """The recipe that a Gazebo file becomes, with what it needs beside it, for as long as it is
-    looked at. `name` is the world's where that is not the file's.
+    """The recipe converted from a Gazebo file, with the files it needs beside it, within a context.
+    `name` is the world's, if that is not the file's.
 
-    Raises WorldError with every mistake of the file.
+    Raises WorldError with every problem of the file.
     """
-    # What reads XML takes long to import.
+    # Imports of XML readers are slow.
     from services.worldgen.sdf.convert import to_recipe  # noqa: PLC0415
     from services.worldgen.sdf.read import read_sdf  # noqa: PLC0415
     from services.worldgen.sdf.recipe_file import write_recipe  # noqa: PLC0415
@@ -107,7 +107,7 @@ def imported_recipe(
             )
         )
     if problems:
-        # What is left of the world would only give rise to more.
+        # An incomplete world would only cause further problems.
         raise WorldError(problems)
     with tempfile.TemporaryDirectory(prefix="mazebot-import-") as folder:
         recipe = Path(folder) / f"{name}.yaml"

@@ -1,4 +1,4 @@
-"""Files and whole folders of them, written in one stroke."""
+"""Writes files and whole folders atomically."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from services.common.config import ConfigError
 def write_folder(
     folder: Path, files: Mapping[str, bytes], is_ours: Callable[[str], bool] = lambda _: False
 ) -> Path:
-    """Write files, by their path in a folder, so that all of them are there or none is.
+    """Write files, by their path in a folder, so that either all of them exist or none.
 
-    A folder that is there already is replaced where `is_ours` says of every file in it that an
-    earlier writing made it. Raises ConfigError where it holds anything else, or cannot be written.
+    An existing folder is replaced if `is_ours` is true for every file in it, i.e. an earlier call
+    wrote them. Raises ConfigError if it contains anything else, or cannot be written.
     """
     try:
         _refuse_foreign(folder, is_ours)
@@ -30,7 +30,7 @@ def write_folder(
             file = making / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        # mkdtemp's folders are for their owner alone.
+        # mkdtemp's folders are accessible to their owner only.
         making.chmod(0o777 & ~_umask())
         _swap(making, folder)
     except OSError as error:
@@ -41,16 +41,16 @@ def write_folder(
 
 
 def write_file(file: Path, data: bytes) -> None:
-    """Write a file, so that all of it is there or what was there before.
+    """Write a file atomically: on failure the previous one remains.
 
-    Raises OSError where it cannot be written.
+    Raises OSError if it cannot be written.
     """
     descriptor, name = tempfile.mkstemp(prefix=f".{file.name}-", dir=file.parent)
     making = Path(name)
     try:
         with os.fdopen(descriptor, "wb") as new:
             new.write(data)
-        # mkstemp's files are for their owner alone.
+        # mkstemp's files are accessible to their owner only.
         making.chmod(0o666 & ~_umask())
         making.replace(file)
     finally:
@@ -60,7 +60,7 @@ def write_file(file: Path, data: bytes) -> None:
 def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise ConfigError(f"{folder}: must be a folder, or not there yet")
-    # One level after the other: the first that is foreign ends it, however much there is.
+    # Breadth first: the search ends at the first foreign file, however many there are.
     for inside, folders, files in os.walk(folder):
         folders.sort()
         links = [name for name in folders if (Path(inside) / name).is_symlink()]
@@ -74,7 +74,7 @@ def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:
 
 
 def _swap(making: Path, folder: Path) -> None:
-    """Put one folder in another's place; the old one stays where that fails."""
+    """Replace a folder by another; on failure the old one stays."""
     if not folder.exists():
         making.rename(folder)
         return

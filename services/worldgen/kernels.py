@@ -1,4 +1,4 @@
-"""Compiles what makes and judges mazes, so that the first takes no longer than the next."""
+"""Compiles the kernels for mazes and their checks, so that the first maze takes no longer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from services.worldgen.recipe.loader import load_world
 
 
 def compile_kernels() -> None:
-    """Make a maze by each algorithm that has kernels, one with loops; judge one, and markers."""
+    """Generate a maze by each algorithm with kernels, one with loops; check one, and markers."""
     loaded = load_world("maze", overrides=("maze.algorithm=recursive_backtracker",))
     difficulty(loaded)
     load_world("maze", overrides=("maze.algorithm=wilson", "maze.braiding=0.5"))

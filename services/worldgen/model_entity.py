@@ -1,4 +1,4 @@
-"""A model in a file, or a mesh, as one rigid thing that can be put into a world."""
+"""A model in a file, or a mesh, as one rigid body that can be spawned in a world."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from services.worldgen.sdf.read import read_sdf
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What a thing is made of, in the frame of its model."""
+    """The contents of a body, in the frame of its model."""
 
     shapes: tuple[Shape, ...]
     materials: tuple[Material, ...]
@@ -47,12 +47,12 @@ class Model:
     id), `dictionary`, `size_m`, `quiet_zone_modules`. Empty for any other.
     """
     ignored: tuple[str, ...] = ()
-    """What is in the files and is not simulated, one line each."""
+    """Contents of the files that are not simulated, one line each."""
 
 
 def find_model(name: str, roots: Sequence[Path] = ()) -> Path:
     """The file or folder of a model: a path, or the name of a folder in one of the roots or among
-    those that come with it. Raises ConfigError.
+    the shipped models. Raises ConfigError.
     """
     folders = [*roots, SHIPPED]
     for path in (Path(name), *(folder / name for folder in folders)):
@@ -72,10 +72,10 @@ def read_model(
     roots: Sequence[Path] = (),
     arguments: Mapping[str, str] = MappingProxyType({}),
 ) -> Model:
-    """The model in an SDF, URDF or xacro file, or in a model's folder; all its links are one.
+    """The model in an SDF, URDF or xacro file, or in a model's folder; all its links become one.
 
-    Raises ConfigError, in one line, where something is wrong in a file, where there is not exactly
-    one model, or where a joint lets its links move.
+    Raises ConfigError, in one line, if a file is invalid, if there is not exactly one model, or if
+    a joint lets its links move.
     """
     sdf = read_sdf(path, roots, arguments)
     _raise_first(f"{error.where}: {error.message}" for error in sdf.report.errors)
@@ -96,10 +96,10 @@ def read_model(
 
 
 def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Model:
-    """A mesh in a file as a static thing, with the file's own materials; white where it has none.
+    """A mesh in a file as a static body, with the file's own materials; white if it has none.
     Raises ConfigError.
     """
-    # What reads meshes takes long to import.
+    # Imports of mesh readers are slow.
     from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
     parts = load_mesh(path)
@@ -119,7 +119,7 @@ def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Model:
 def lowest_m(
     shapes: Iterable[Shape], meshes: Mapping[str, TriangleMesh], orientation_xyzw: Quaternion
 ) -> float:
-    """Height of the lowest point of a thing below or above its origin, as it is turned."""
+    """Height of a body's lowest point relative to its origin, in its orientation."""
     map_from_thing = rotation_from_quaternion(*orientation_xyzw)
     lows = []
     for shape in shapes:
@@ -163,7 +163,7 @@ def _one_rigid_model(path: Path, sdf: SdfWorld) -> tuple[SdfModel, tuple[SdfLink
 
 
 def _merged(sdf: SdfWorld, model: SdfModel, links: Sequence[SdfLink]) -> SdfWorld:
-    """The same with all links in one, which is where the model is, at the world's origin."""
+    """The same with all links merged into one, at the model's frame, at the world's origin."""
     model_from_world = inverse_matrix(model.world_from_model)
     shapes = []
     for link in links:
@@ -177,7 +177,7 @@ def _merged(sdf: SdfWorld, model: SdfModel, links: Sequence[SdfLink]) -> SdfWorl
         static=all(link.static for link in links),
         fixed_to=links[0].name,
         shapes=tuple(shapes),
-        # An upright box of an import is a wall otherwise.
+        # Otherwise an upright box of an import becomes a wall.
         attributes={**links[0].attributes, "kind": "body"},
     )
     return dataclasses.replace(sdf, models=(), links=(one,), lights=(), attributes={})
@@ -190,7 +190,7 @@ def _made(
     parts_of: Mapping[str, Sequence[Any]] = MappingProxyType({}),
 ) -> Model:
     """The one body of a recipe. `files` are by their path from the recipe's folder, `parts_of` the
-    parts of meshes that were read already, by file. Raises ConfigError.
+    parts of meshes that were already read, by file. Raises ConfigError.
     """
     try:
         recipe = Recipe.model_validate_json(json.dumps(content), strict=True)

@@ -1,4 +1,4 @@
-"""World generator: answers a request for a world with its assets, description and map."""
+"""World generator: replies to a world request with the world's assets, description and map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _log = logging.getLogger("worldgen")
 
 
 class WorldgenNode(Node):
-    """Loads the first world asked for, and keeps it: a request for another one is refused."""
+    """Loads the first requested world, and keeps it: requests for another one are refused."""
 
     name = "worldgen"
     _config: WorldgenConfig
@@ -34,7 +34,7 @@ class WorldgenNode(Node):
         self._error = ""
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Answer each request."""
+        """Process each request."""
         for request in inbox.new(WORLD_REQUEST):
             self._error = self._answer(request, outbox)
             if self._error:
@@ -43,7 +43,7 @@ class WorldgenNode(Node):
             outbox.put(WORLD_STATUS, status)
 
     def waiting_for(self) -> str | None:
-        """A request that can be met."""
+        """A valid request."""
         if self._running:
             return None
         return f"another world to be asked for: {self._error}" if self._error else "a world request"
@@ -78,7 +78,7 @@ class WorldgenNode(Node):
         for sha256, data in loaded.assets.items():
             outbox.put(ASSETS, asset_message(sha256, data))
         outbox.put(WORLD, world)
-        # A map of a world that does not change has no time of its own.
+        # The map of a static world has no time.
         outbox.put(
             MAP, occupancy_grid(0, world.map_resolution_m, loaded.map_origin, loaded.map_cells)
         )

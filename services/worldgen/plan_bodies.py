@@ -1,4 +1,4 @@
-"""The bodies of a world as a plan shows them: cut at the height of the lidar."""
+"""The bodies of a world for its plan: cut at the height of the lidar."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LIDAR_HEIGHT_M = 0.132
 """Of base_scan above the floor, in models/turtlebot3_waffle/model.urdf."""
 
 _SNAP_M = 1e-4
-"""Ends of cut triangles that are nearer than this are one."""
+"""Ends of cut triangles that are nearer than this are merged."""
 _WITHIN = 1e-3
-"""By which share of its height a shape is cut within its ends."""
+"""Cuts keep this share of a shape's height away from its ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,15 +30,15 @@ class BodyPlan:
     """A shape of a body from above."""
 
     corners_m: Array
-    """(n, 2), of the convex hull of all of it."""
+    """(n, 2), of the convex hull of the whole shape."""
     outline: shapely.Geometry
-    """Areas and lines around which a line is drawn: the cut, where the lidar meets it; else what
-    is around a convex or a flat shape, and any other's cut at its height nearest to the lidar's.
+    """Areas and lines to draw an outline around: the cut, if the lidar hits it; else the hull
+    of a convex or a flat shape, and any other's cut at its height nearest to the lidar's.
     """
     cut: shapely.Geometry
-    """What the lidar meets: areas, and lines where a surface encloses nothing."""
+    """What the lidar hits: areas, and lines where a surface encloses nothing."""
     floor: Footprint
-    """What it takes of the robot's level."""
+    """Its footprint on the robot's level."""
     top_m: float
     material: str
     solid: bool
@@ -64,7 +64,7 @@ def body_plans(world: World, meshes: Mapping[str, TriangleMesh]) -> list[BodyPla
                         vertices, triangles = _convex(vertices, triangles)
                     cut = areas_and_lines(
                         section(vertices, triangles, LIDAR_HEIGHT_M),
-                        # The map takes a closed surface for solid, whichever way it faces.
+                        # The map treats a closed surface as solid, whichever side it faces.
                         inside_out=floor.outline_m is not None,
                     )
             outline = cut
@@ -84,15 +84,15 @@ def body_plans(world: World, meshes: Mapping[str, TriangleMesh]) -> list[BodyPla
 
 
 def areas_and_lines(segments_m: Array, inside_out: bool = False) -> shapely.Geometry:
-    """What (n, 2, 2) segments, from and to, run around, and those that run around nothing.
+    """The areas that (n, 2, 2) segments, from and to, enclose, and the segments enclosing nothing.
 
-    What lies to their right is inside, as with a surface that faces outwards; where it may be
-    `inside_out`, so is what lies to their left. A room whose walls are thin sheets is not inside.
+    The right side of a segment is inside, as with a surface that faces outwards; if it may be
+    `inside_out`, so is the left side. A room whose walls are thin sheets is not inside.
     """
     segments = segments_m[(segments_m[:, 0] != segments_m[:, 1]).any(1)]
     if not len(segments):
         return shapely.GeometryCollection()
-    # It also cuts them where they cross each other.
+    # This also cuts them where they cross each other.
     lines = shapely.unary_union(shapely.linestrings(segments), grid_size=_SNAP_M)
     parts = shapely.get_parts(lines)
     faces = shapely.get_parts(shapely.polygonize(parts))
@@ -105,14 +105,14 @@ def areas_and_lines(segments_m: Array, inside_out: bool = False) -> shapely.Geom
 
 
 def _flat_area(triangles_m: Array) -> shapely.Geometry:
-    """What (n, 3, 2) triangles cover, of what has no height to be cut at."""
+    """The area that (n, 3, 2) triangles cover, for shapes too flat to be cut."""
     hulls = shapely.convex_hull(shapely.linestrings(triangles_m))
     return shapely.unary_union(hulls[shapely.area(hulls) > 0.0], grid_size=_SNAP_M)
 
 
 def _turns(places_m: Array, segments_m: Array) -> NDArray[np.int64]:
-    """(n,) how often directed segments wind around each place: those to the right of it that go up,
-    less those that go down.
+    """(n,) winding number of directed segments around each point: those to the right of it that go
+    up, minus those that go down.
     """
     far = np.column_stack([np.full(len(places_m), segments_m[..., 0].max() + 1.0), places_m[:, 1]])
     rays = shapely.linestrings(np.stack([places_m, far], axis=1))
@@ -136,6 +136,6 @@ def _hull(points_m: Array) -> Array:
 
 
 def _convex(vertices_m: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-    """The hull of a mesh, which is what of it is solid where it moves."""
+    """The convex hull of a mesh, which is its collision shape if it moves."""
     hull = trimesh.convex.convex_hull(vertices_m[np.unique(triangles)])
     return np.asarray(hull.vertices), np.asarray(hull.faces, np.int32)

@@ -1,4 +1,4 @@
-"""A plan of a world for people: seen from above."""
+"""A plan of a world: seen from above."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from services.worldgen.plan_bodies import BodyPlan, body_plans
 from services.worldgen.recipe.loader import LoadedWorld
 
 MAX_SIDE_PX = 1800
-"""Of the plan alone; its margins come to it."""
+"""Of the plan alone, without its margins."""
 LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX = 72, 90, 24, 92
 """The plan's margins."""
 ROBOT_RADIUS_M = 0.22
@@ -47,23 +47,23 @@ _TINTS: tuple[Rgb, ...] = (
     (230, 25, 75), (0, 130, 200), (60, 170, 60), (245, 130, 48), (145, 30, 180), (0, 150, 150),
     (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
 )  # fmt: skip
-"""Of markers, in turn."""
+"""Colours of markers, in turn."""
 _SHIFT = 4
-"""Bits of a pixel's fraction, as OpenCV counts."""
+"""Fractional bits of a pixel, in OpenCV's drawing functions."""
 _MAX_OUTLINED = 40
-"""Areas of more markers than these are tinted only."""
+"""With more markers than this, their areas are only tinted."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Where a plan's metres lie on its pixels."""
+    """Conversion from metres in the plan to pixels."""
 
     low_m: Array
     """(2,): the plan's lower left corner."""
     high_m: Array
     """(2,): its upper right corner."""
     px_m: float
-    """Pixels a metre."""
+    """Pixels per metre."""
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -83,15 +83,15 @@ class View:
 
 
 def view_of(loaded: LoadedWorld) -> View:
-    """Where things are in a plan: `LEFT_PX` and `TOP_PX` come to its pixels."""
+    """The view of a plan; `LEFT_PX` and `TOP_PX` must be added to its pixels."""
     return _view(loaded.world, body_plans(loaded.world, loaded.meshes))
 
 
 def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Picture:
-    """The plan of a world, (height, width, 3) RGB, about 2000 pixels a side at most.
+    """The plan of a world, (height, width, 3) RGB, about 2000 pixels per side at most.
 
-    `seen` is (markers, rows, columns): the cells of the map from which each marker that hangs can
-    be read, in the order of `furnish`. None: it is found out; none at all leaves these areas out.
+    `seen` is (markers, rows, columns): the cells of the map from which each placed marker can be
+    read, in the order of `furnish`. None: it is computed; an empty array omits these areas.
     """
     world = loaded.world
     meshes = loaded.meshes
@@ -128,7 +128,7 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
 
 
 def plan_png(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> bytes:
-    """The same as PNG, with the same bytes each time."""
+    """The same as PNG, with identical bytes each time."""
     options = [cv2.IMWRITE_PNG_COMPRESSION, 9]
     plan = cv2.cvtColor(draw_plan(loaded, seen), cv2.COLOR_RGB2BGR)
     done, data = cv2.imencode(".png", plan, options)
@@ -155,7 +155,7 @@ def _mean_colour(material: Material, assets: Mapping[str, bytes]) -> Rgb:
 def _view(world: World, bodies: Sequence[BodyPlan]) -> View:
     points = [np.array([[world.start.x_m, world.start.y_m]])]
     points += [np.array(wall_corners(wall)) for wall in world.walls]
-    # Wide planes lie under the world rather than in it.
+    # Wide planes are below the world rather than in it.
     points += [body.corners_m for body in bodies if body.solid or not world.walls]
     points += [np.array([[place.x_m, place.y_m]]) for place in world.locations]
     every = np.concatenate(points)
@@ -165,7 +165,7 @@ def _view(world: World, bodies: Sequence[BodyPlan]) -> View:
 
 
 def _floor(loaded: LoadedWorld, view: View, colours: Mapping[str, Rgb]) -> Picture:
-    """Free floor in the rooms' colours, what is unknown grey."""
+    """Free floor in the rooms' colours, unknown cells in grey."""
     world = loaded.world
     width, height = view.size_px
     floor = Image.new("RGB", (width, height), _light(colours.get(world.floor_material, _CORE)))
@@ -175,7 +175,7 @@ def _floor(loaded: LoadedWorld, view: View, colours: Mapping[str, Rgb]) -> Pictu
             draw.polygon(
                 view.at(np.array(room.polygon_m)), fill=_light(colours[room.floor_material])
             )
-    # The floor goes on for a cell under walls and bodies, which are drawn over it.
+    # The floor extends by a cell under walls and bodies, which are drawn over it.
     free = ndimage.binary_dilation(loaded.map_cells == FREE, np.ones((3, 3)))
     free &= loaded.map_cells != UNKNOWN
     picture = np.asarray(floor).copy()
@@ -184,7 +184,7 @@ def _floor(loaded: LoadedWorld, view: View, colours: Mapping[str, Rgb]) -> Pictu
 
 
 def _light(colour: Rgb) -> Rgb:
-    """Paler, so that lines and letters show on it."""
+    """Paler, so that lines and text are visible on it."""
     r, g, b = (round(0.45 * value + 0.55 * 255) for value in colour)
     return r, g, b
 
@@ -214,7 +214,7 @@ def _warped(cells: NDArray[np.uint8], loaded: LoadedWorld, view: View) -> NDArra
 
 
 def _tinted(picture: Picture, loaded: LoadedWorld, view: View, seen: NDArray[np.bool_]) -> Picture:
-    """Each marker's area outlined in its colour, and tinted, in the mean of all there."""
+    """Each marker's area outlined in its colour, and tinted, with the mean of overlapping ones."""
     tints = np.array([_TINTS[index % len(_TINTS)] for index in range(len(seen))], np.float32)
     count = seen.sum(0, dtype=np.float32)
     mixed = np.tensordot(seen.astype(np.float32), tints, axes=(0, 0))
@@ -278,7 +278,7 @@ def _wall(draw: ImageDraw.ImageDraw, view: View, wall: Wall, colours: Mapping[st
     length, thickness = wall.length_m / 2.0, wall.thickness_m / 2.0
     whole = _strip(wall, -length, length, -thickness, thickness)
     if wall.thickness_m * view.px_m < 6 * _OVERSAMPLING:
-        # Too thin for bands: dark, so that a maze shows its lines.
+        # Too thin for bands: dark, so that a maze's lines are visible.
         draw.polygon(view.at(whole), fill=_dark(colours[wall.material]))
         return
     draw.polygon(view.at(whole), fill=_CORE)
@@ -308,9 +308,9 @@ def _dark(colour: Rgb) -> Rgb:
 def _on_the_level(
     picture: Picture, view: View, bodies: Sequence[BodyPlan], colours: Mapping[str, Rgb]
 ) -> Picture:
-    """What of the bodies stands in the robot's way, at whatever height, in pale colours.
+    """The bodies' obstacles on the robot's level, at any height, in pale colours.
 
-    `view` is the plan's, of which each pixel is `_OVERSAMPLING` of the picture's a side.
+    `view` is the plan's; each of its pixels is `_OVERSAMPLING` picture pixels per side.
     """
     width, height = view.size_px
     low_y_m = float(view.high_m[1]) - height / view.px_m
@@ -331,7 +331,7 @@ def _on_the_level(
 
 
 def _pale(colour: Rgb) -> Rgb:
-    """Of what the lidar looks over or under."""
+    """Of bodies above or below the lidar's plane."""
     r, g, b = (round(0.6 * value + 0.4 * 255) for value in colour)
     return r, g, b
 
@@ -339,7 +339,7 @@ def _pale(colour: Rgb) -> Rgb:
 def _bodies(
     picture: Picture, view: View, bodies: Sequence[BodyPlan], colours: Mapping[str, Rgb]
 ) -> Picture:
-    """Filled where the lidar meets them, and an outline: a thick one where they move."""
+    """Filled where the lidar hits them, and an outline: a thick one if they move."""
     for body in bodies:
         fill = colours.get(body.material, _CORE)
         for part in shapely.get_parts(body.cut):
@@ -366,13 +366,13 @@ def _rings(polygon: shapely.Geometry, view: View) -> list[NDArray[np.int32]]:
 
 
 def _pixels(points_m: Array, view: View) -> NDArray[np.int32]:
-    """(n, 2) points as OpenCV takes them: in 2**-_SHIFT of a pixel, from the first one's middle."""
+    """(n, 2) points for OpenCV: in 2**-_SHIFT of a pixel, from the first one's centre."""
     pixels = np.array(view.at(points_m)) - 0.5
     return np.asarray(np.rint(pixels * 2**_SHIFT), np.int32)
 
 
 def _marker(draw: ImageDraw.ImageDraw, view: View, entity: MarkerEntity, colour: Rgb) -> None:
-    """A bar along the face, and a tick into the room it looks into."""
+    """A bar along the face, and a tick along its normal."""
     x, y, right, normal = _panel(entity)
     half = max(entity.panel_side_m / 2.0, 4.0 * _OVERSAMPLING / view.px_m)
     depth = max(0.05, 4.0 * _OVERSAMPLING / view.px_m)
@@ -393,7 +393,7 @@ def _panel(entity: MarkerEntity) -> tuple[float, float, Array, Array]:
 
 
 def _robot(draw: ImageDraw.ImageDraw, view: View, start: Planar) -> None:
-    """To scale, its heading a line from its middle to beyond its edge."""
+    """To scale, its heading a line from its centre to beyond its edge."""
     x, y = view.one(start.x_m, start.y_m)
     radius = ROBOT_RADIUS_M * view.px_m
     reach = max(1.6 * radius, 24.0 * _OVERSAMPLING)
@@ -428,11 +428,11 @@ def _font(size_px: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 
 def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[MarkerEntity]) -> None:
-    """Names over the plan, each where it hides as little as it can."""
+    """Names over the plan, each where it hides as little as possible."""
     draw = ImageDraw.Draw(plan)
     size = min(max(0.13 * view.px_m, max(view.size_px) / 100.0), 20.0)
     small = _font(size)
-    # What names must not lie on: each other, locations and robot.
+    # Areas that names must not overlap: each other, locations and the robot.
     taken: list[tuple[float, float, float, float]] = []
     for spot in (world.start, *world.locations):
         x, y = view.one(spot.x_m, spot.y_m)
@@ -466,7 +466,7 @@ def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Mark
 
 
 def _around(at: tuple[float, float], reach: float, yaw_rad: float) -> list[tuple[float, float]]:
-    """Spots for a name around a place, those farthest from its arrow first."""
+    """Candidate positions for a name around a pose, those farthest from its arrow first."""
     x, y = at
     spots = [
         (x, y - reach), (x, y + reach), (x + 2.4 * reach, y), (x - 2.4 * reach, y),
@@ -497,7 +497,7 @@ def _write(
     taken: list[tuple[float, float, float, float]],
     size_px: tuple[int, int],
 ) -> None:
-    """Write at the first of the spots where nothing is written yet, or at the first of all."""
+    """Write at the first candidate position that is still free, or else at the first one."""
     width, height = size_px
     boxes = []
     for x, y in spots:

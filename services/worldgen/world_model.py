@@ -1,4 +1,4 @@
-"""A world as a model for any viewer of glTF."""
+"""Exports a world as a glTF model for any viewer."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from services.common.world.surfaces import PLAIN, Surface, surfaces
 from services.worldgen.recipe.loader import LoadedWorld
 
 _MAP_FROM_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""glTF has y up, and z towards who looks (glTF 2.0 specification, section 3.4)."""
+"""glTF has y up, and z towards the viewer (glTF 2.0 specification, section 3.4)."""
 
-# Their types say nothing.
+# Their types are unknown.
 _PBR: Any = trimesh.visual.material.PBRMaterial
 _TextureVisuals: Any = trimesh.visual.TextureVisuals
 
 
 def world_glb(loaded: LoadedWorld) -> bytes:
-    """The world, markers and all, as binary glTF: y up, metres, textures inside.
+    """The world, including markers, as binary glTF: y up, metres, textures inside.
 
-    Bodies that move stand where they stand at the start. The same bytes for the same world.
+    Moving bodies are at their initial poses. The same bytes for the same world.
     """
     world = loaded.world
     entities, pictures = furnish(world, meshes=loaded.meshes)
     bodies = {body.name: body for body in world.bodies}
     looks = {m.name: _look(m, loaded.assets) for m in (PLAIN, *world.materials)}
     scene: Any = trimesh.Scene()
-    # One mesh for each kind and material: a maze has thousands of faces.
+    # One mesh per kind and material: a maze has thousands of faces.
     groups: dict[tuple[str, str, bool], list[TriangleMesh]] = {}
     for surface in surfaces(world, loaded.meshes):
         mesh = surface.mesh
@@ -88,8 +88,8 @@ def _look(material: Material, assets: Mapping[str, bytes]) -> Any:
 
 
 def _picture(data: bytes) -> Image.Image:
-    """A picture that trimesh writes as the file that it is, where glTF may hold such: to encode
-    those of the house anew takes a second, and a JPEG would lose by it.
+    """An image that trimesh embeds as its original file, if glTF allows the format: re-encoding
+    the house's images takes a second, and would degrade a JPEG.
     """
     picture = Image.open(io.BytesIO(data))
     if picture.format in ("PNG", "JPEG"):
@@ -118,7 +118,7 @@ def _add(
     mesh: TriangleMesh,
     material: Any,
 ) -> None:
-    # trimesh has v upwards, and turns it over for glTF.
+    # In trimesh v points upwards; it flips it for glTF.
     uvs = np.stack([mesh.uvs[:, 0], 1.0 - mesh.uvs[:, 1]], axis=1)
     scene.add_geometry(
         trimesh.Trimesh(

@@ -1,7 +1,7 @@
-"""XML without its comments, which are read as Gazebo's own parser reads them.
+"""Blanks the comments of XML, delimited as by Gazebo's own parser.
 
-XML allows no `--` in a comment, and the readers here refuse it; tinyxml2, with which SDFormat is
-read, takes everything up to the next `-->`, and so do those who write worlds.
+XML forbids `--` in a comment, and the readers used here reject it; tinyxml2, which SDFormat uses,
+accepts everything up to the next `-->`, and so do authors of worlds.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import re
 _OPENS = re.compile(rb"<!--|<!\[CDATA\[|<\?")
 _CLOSES = {b"<!--": b"-->", b"<![CDATA[": b"]]>", b"<?": b"?>"}
 _BLANK = bytes(byte if byte in b"\r\n" else 0x20 for byte in range(256))
-"""Everything but the ends of lines as a space."""
+"""Everything except line breaks as a space."""
 
 
 def without_comments(xml: bytes) -> bytes:
-    """The same text, as long, with spaces for comments; every line keeps its number.
+    """The text, of the same length, with spaces for comments; line numbers are kept.
 
-    What looks like a comment in CDATA or in a processing instruction is none. Text in an encoding
-    that does not hold ASCII as it is, like UTF-16, stays as it is.
+    Comment marks in CDATA or in a processing instruction are ignored. Text in an encoding that does
+    not include ASCII, like UTF-16, is left unchanged.
     """
     pieces, copied, at = [], 0, 0
     while (opens := _OPENS.search(xml, at)) is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import errno
+import contextlib
 import os
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,13 +39,10 @@ def stack(person: int) -> Iterator[Stack]:
 
 def fill(path: Path) -> None:
     """Write until the disk takes no more byte."""
-    with path.open("wb", buffering=0) as file:
-        for size in (_MIB, 1):
-            try:
-                while True:
-                    file.write(bytes(size))
-            except OSError as error:
-                assert error.errno == errno.ENOSPC
+    with path.open("wb", buffering=0) as file, contextlib.suppress(OSError):
+        while True:
+            file.write(bytes(_MIB))
+    assert shutil.disk_usage(path).free == 0
 
 
 def goals_reached(stack: Stack) -> int:

@@ -46,17 +46,17 @@ UNITS = {
     "s": "s",
     "m": "m",
 }
-"""Endings of names, the longer ones first, and the unit that each stands for."""
+"""Suffixes of field names and their units, longer suffixes first."""
 
 _TOLD = re.compile(r"(m/s2|rad/s2|m/s|rad/s|1/m|m|rad|s)(?:; |$)")
-"""A unit at the head of a description: Nav2's own names hold none."""
+"""A unit at the start of a description: names taken from Nav2 contain none."""
 
 _HEAD = """# Parameters
 
 Generated from the services' `config.py` files by `make generate`; do not edit.
 
-Every parameter of every service: its unit, what it may be, its default and its meaning. A parameter
-is set in one of four places; the first that sets it wins:
+Every parameter of every service: its unit, valid values, default and meaning. A parameter is set in
+one of four places; the first that sets it wins:
 
 1. a flag of one service: `python -m services.physics --scan-rate-hz 5`
 2. the environment: `MAZEBOT_PHYSICS_SCAN_RATE_HZ=5`
@@ -71,12 +71,12 @@ is set in one of four places; the first that sets it wins:
 
 A value that is a mapping or a list is JSON in the environment
 (`MAZEBOT_NAVIGATION_LOCALIZATION='{"max_beams": 60}'`). `MAZEBOT_SEED` sets the seed of all
-services. What is in force is on the topic `/parameters` and in the `config.yaml` of every run.
+services. The values in force are on the topic `/parameters` and in the `config.yaml` of every run.
 """
 
 
 def parameters_page() -> str:
-    """The page's text."""
+    """Return the text of the page."""
     parts = [_HEAD]
     for name, config in CONFIGS.items():
         about = " ".join((config.__doc__ or "").split())
@@ -95,7 +95,7 @@ def parameters_page() -> str:
 def _rows(
     schema: dict[str, Any], definitions: dict[str, Any], prefix: str = ""
 ) -> list[tuple[str, str, str, str, str]]:
-    """Name, unit, value, default and meaning of each field; those of a nested model by dots."""
+    """Name, unit, value, default and meaning of each field; nested fields have dotted names."""
     rows = []
     for name, field in schema["properties"].items():
         if "$ref" in field:
@@ -103,7 +103,7 @@ def _rows(
             rows += _rows(nested, definitions, f"{prefix}{name}.")
             continue
         unit, meaning = unit_and_meaning(name, field.get("description", ""))
-        # A default folder is told from the repository's place, not from this machine's.
+        # A default folder is relative to the repository, not to this machine's root.
         value = field.get("default")
         if isinstance(value, str):
             value = value.removeprefix(f"{ROOT}/")
@@ -120,8 +120,9 @@ def _rows(
 
 
 def unit_and_meaning(name: str, description: str) -> tuple[str, str]:
-    """The unit of a field, by its name's ending or the head of its description, and the rest of the
-    description. A number without a unit has "".
+    """The unit of a field, by its name's suffix or its description's start, and the other text.
+
+    The unit is "" where there is none.
     """
     told = _TOLD.match(description)
     if told:

@@ -15,13 +15,13 @@ Generated from `services/worldgen/recipe/recipe.py` by `make generate`; do not e
 made and used: [worlds.md](worlds.md).
 
 A recipe is a YAML file in `worlds/`. Everything is in the frame `map`: metres, radians, x and y on
-the floor, z up. Unknown fields are refused, and so is what is not finite. A field without a default
-must be given.
+the floor, z up. Unknown fields and non-finite numbers are refused. A field without a default is
+required.
 """
 
 
 def recipes_page() -> str:
-    """The page's text."""
+    """Return the text of the page."""
     schema: dict[str, Any] = Recipe.model_json_schema()
     definitions: dict[str, Any] = schema["$defs"]
     parts = [_HEAD, _section("Recipe", schema, definitions)]
@@ -33,7 +33,7 @@ def recipes_page() -> str:
 
 
 def _in_use(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """Names of the definitions, in the order in which a reader meets them."""
+    """Names of the definitions, in the order of their first reference."""
     found: dict[str, None] = {}
     waiting = [schema]
     while waiting:

@@ -1,4 +1,4 @@
-"""Prints docs/recordings.md from the documents that a run leaves."""
+"""Prints docs/recordings.md from the documents that a run writes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HEAD = """# Recordings: what a run leaves
 
 Generated from `services/recorder/` by `make generate`; do not edit.
 
-Each run gets a folder of its own, `recordings/<local time>_<world>/` or the one that `--out` names:
+Each run gets its own folder, `recordings/<local time>_<world>/` or the one given with `--out`:
 
 | file | what |
 | --- | --- |
@@ -23,13 +23,13 @@ Each run gets a folder of its own, `recordings/<local time>_<world>/` or the one
 _FILES = (
     (
         RECORDING,
-        "everything that was said, drawn: a [Rerun](https://rerun.io) recording on the timeline "
-        "`sim_time`, simulation time; entities are named like the topics",
+        "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
+        "simulation time; entities are named like the topics",
     ),
-    (SUMMARY, "the run in numbers, judged by the ground truth; field by field below"),
+    (SUMMARY, "the run in numbers, compared with the ground truth; its fields are listed below"),
     (
         CONFIG,
-        "the world asked for, the world that ran and its hash, the seed, and every parameter of "
+        "the requested world, the world that ran and its hash, the seed, and every parameter of "
         "every service",
     ),
     (
@@ -40,9 +40,9 @@ _FILES = (
 )
 
 _VIEWER = f"""
-`{SUMMARY}` is written anew every 5 s while the run lasts, and at its end. Without recording
-(`--no-record`) only `{SUMMARY}` and `{CONFIG}` are left. While its recorder lives, the folder also
-has a locked file `{LOCK}`.
+`{SUMMARY}` is rewritten every 5 s during the run, and at its end. Without recording
+(`--no-record`) only `{SUMMARY}` and `{CONFIG}` are written. While its recorder is alive, the folder
+also contains a locked file `{LOCK}`.
 
 `mazebot recordings list` lists the runs, `mazebot recordings view` shows one in the browser.
 
@@ -55,23 +55,22 @@ has a locked file `{LOCK}`.
 _TABS = (
     (
         "Maze",
-        "the world from the south and above. The robot stands in its shape at its true pose, and "
-        "as an orange outline at the estimated one, each with its way; costmap, scan, particles, "
-        "plan and goal",
+        "the world from above and south. The robot model is at the true pose, an orange outline "
+        "at the estimated pose, each with its driven path; costmap, scan, particles, plan and goal",
     ),
     (
         "Map",
-        "the world from straight above, as RViz shows it: x to the right, y up. The occupancy map, "
+        "the world from straight above, as in RViz: x to the right, y up. The occupancy map, "
         "the costmap in RViz's colours, the names of locations and rooms, the robot as above",
     ),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
-    ("Results", "the table that the tour prints: the goals that have ended, the run's errors"),
+    ("Results", "the table that the tour prints: the finished goals, the run's errors"),
     (
         "the plots",
-        "the whole run. A line is broken where there was nothing to measure: the marker's error "
-        "has no value while no marker is seen",
+        "the whole run. A line has a gap where nothing was measured: the marker's error has no "
+        "value while no marker is detected",
     ),
 )
 
@@ -86,7 +85,7 @@ _DIGESTS = f"""
 ## digests.bin
 
 One line of JSON (`head`: "{HEAD}", and the lists `topics` and `services`), and then {ROW.itemsize}
-bytes a message, little-endian, in the order in which the recorder took them in.
+bytes per message, little-endian, in the order in which the recorder processed them.
 
 | field | type | what |
 | --- | --- | --- |
@@ -94,7 +93,7 @@ bytes a message, little-endian, in the order in which the recorder took them in.
 
 
 def recordings_page() -> str:
-    """The page's text."""
+    """Return the text of the page."""
     schema: dict[str, Any] = RunSummary.model_json_schema()
     definitions: dict[str, Any] = schema["$defs"]
     files = [f"| `{name}` | {about} |\n" for name, about in _FILES]
@@ -115,7 +114,7 @@ def _section(title: str, schema: dict[str, Any]) -> Iterator[str]:
 
 
 def _in_use(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
-    """Names of the definitions, in the order in which a reader meets them."""
+    """Names of the definitions, in the order of their first reference."""
     found: dict[str, None] = {}
     for field in schema["properties"].values():
         for name in _references(field):
@@ -141,7 +140,7 @@ def _title(name: str) -> str:
 
 
 def _kind(field: dict[str, Any]) -> str:
-    """What may stand there, in words."""
+    """The type of a field, in words."""
     if "$ref" in field:
         title = _title(field["$ref"].rpartition("/")[2])
         return f"[{title.lower()}](#{title.lower().replace(' ', '-')})"

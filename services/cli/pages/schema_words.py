@@ -1,4 +1,4 @@
-"""What a field of a JSON schema holds, in words, for the generated pages."""
+"""Describes the fields of a JSON schema in words, for the generated pages."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 
 
 def title_of(definition: dict[str, Any]) -> str:
-    """`PointLightRecipe` as `Point light`; geometries, which have a `kind`, as such."""
+    """`PointLightRecipe` as `Point light`; a geometry, which has a `kind`, as `Box geometry`."""
     name = re.sub("(Recipe|Geometry)$", "", definition["title"])
     words = re.sub(r"(?<!^)(?=[A-Z])", " ", name).capitalize()
     return f"{words} geometry" if "kind" in definition["properties"] else words
 
 
 def one_cell(text: str) -> str:
-    """A text as it stands in one cell of a Markdown table."""
+    """A text formatted for one cell of a Markdown table."""
     return " ".join(text.split()).replace("|", "\\|")
 
 
 def default_in_yaml(value: object) -> str:
-    """A default, as code; `none` where there is none."""
+    """A default as code; `none` if there is none."""
     text = value_in_yaml(value)
     return "none" if text in ("none", "") else f"`{text}`"
 
 
 def value_in_yaml(value: object) -> str:
-    """As YAML has it, on one line."""
+    """A value as YAML on one line."""
     match value:
         case None:
             return "none"
@@ -46,7 +46,7 @@ def value_in_yaml(value: object) -> str:
 
 
 def kind_in_words(field: dict[str, Any], definitions: dict[str, Any]) -> str:
-    """What may stand there, in words."""
+    """The valid values of a field, in words."""
     if "$ref" in field:
         title = title_of(definitions[field["$ref"].rpartition("/")[2]]).lower()
         return f"[{title}](#{title.replace(' ', '-')})"

@@ -12,28 +12,28 @@ _HEAD = """# Topics
 
 Generated from `services/common/node/topics.py` by `make generate`; do not edit.
 
-Keys are the plain ROS names without their slash. `latest`: dropped under pressure, a reader keeps
-the newest; `every`: sent again to a reader that has missed it; `latched`: a late reader gets the
-last one. A type of our own is a JSON document in `std_msgs/msg/String`, declared in
-`services/common/node/documents.py`.
+Keys are the ROS names without their leading slash. `latest`: best effort, a subscriber keeps the
+newest message; `every`: reliable, resent to a subscriber that has missed it; `latched`: transient
+local, a late subscriber gets the last message. Types that are not from ROS are JSON documents in
+`std_msgs/msg/String`, declared in `services/common/node/documents.py`.
 
-| topic | key | type | rate Hz | written by | read by | delivery | what |
+| topic | key | type | rate Hz | publishers | subscribers | delivery | what |
 | --- | --- | --- | --- | --- | --- | --- | --- |
 """
 
 _QUERIES_HEAD = """
 ## Queries
 
-What people's tools ask one service, as a Zenoh query on the name's key; request and answer are JSON
+Zenoh queries of user tools to one service, on the key of the name; request and reply are JSON
 documents of `services/common/node/documents.py`.
 
-| query | key | request | answer | asked of | what |
+| query | key | request | reply | answered by | what |
 | --- | --- | --- | --- | --- | --- |
 """
 
 
 def topics_page() -> str:
-    """The page's text."""
+    """Return the text of the page."""
     rows: list[tuple[str, ...]] = []
     for topic in sorted(TOPICS, key=lambda topic: topic.name):
         kind = type_name(topic)

@@ -1,4 +1,4 @@
-"""The Zenoh session of one process: how every node's messages get on the wire and off it."""
+"""The Zenoh session of one process: publishers, subscribers and queries of a node."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ WAIT_BEFORE_DROP_US = 10_000
 """As in docker/router.json5."""
 
 RESENT = 100
-"""Messages of an EVERY topic that a publisher keeps for readers that have missed them."""
+"""Messages of an EVERY topic that a publisher caches for readers that have missed them."""
 HEARTBEAT_S = 1.0
-"""How often the number of the last message is sent, by which a reader sees that it missed one."""
+"""Period of sending the last sequence number, by which a reader detects that it missed messages."""
 
-# rmw_zenoh's attachment (sequence number, source time, gid with its length), behind it the world's
-# hash, and then the name of the topic.
+# rmw_zenoh's attachment (sequence number, source time, gid with its length), followed by the
+# world's hash and the topic's name.
 _ATTACHMENT = struct.Struct("<qqB16s16s")
 
 
@@ -65,17 +65,17 @@ MAX_SPEED = 1000.0
 
 
 class BusConfig(ServiceConfig):
-    """How to reach the others."""
+    """The connection to the other services."""
 
     connect: str = Field("tcp/127.0.0.1:7447", description="Zenoh endpoint of the router")
-    prefix: str = Field("", description="put before every key, to run several stacks on one router")
+    prefix: str = Field("", description="prefix of every key, to run several stacks on one router")
     pace: str = Field(
         "real_time",
         description="real_time; simulated seconds a second, as 0.5; fast: as fast as possible; "
-        "lockstep: every service takes its turn, and a run repeats; the same for all services",
+        "lockstep: services step in turn, and a run is repeatable; the same for all services",
     )
     lockstep_timeout_s: float = Field(
-        10.0, gt=0.0, le=15.0, description="wall time in which a service must end its turn"
+        10.0, gt=0.0, le=15.0, description="wall time within which a service must end its turn"
     )
 
     @field_validator("pace")
@@ -95,25 +95,24 @@ class BusConfig(ServiceConfig):
 
     @property
     def lockstep(self) -> bool:
-        """Whether every service takes its turn."""
+        """Whether the services run in lockstep."""
         return self.pace == "lockstep"
 
     @property
     def speed(self) -> float:
-        """Simulated seconds a second at which time begins; 0: as fast as possible."""
+        """Initial speed in simulated seconds a second; 0: as fast as possible."""
         return PACES[self.pace] if self.pace in PACES else float(self.pace)
 
 
 class BusUnavailableError(ConnectionError):
-    """No router answers at the endpoint."""
+    """No router responds at the endpoint."""
 
 
 def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
     """Open a client session.
 
-    A finite time-out, to be called in a loop: an endless one inside Zenoh would not let signals
-    through.
-    Raises BusUnavailableError where no router answers within `timeout_s`.
+    The timeout is finite, to be called in a loop: an endless one inside Zenoh would block signals.
+    Raises BusUnavailableError where no router responds within `timeout_s`.
     """
     settings = zenoh.Config()
     options = {
@@ -128,11 +127,11 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
         },
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
-        # In lockstep one who is slow is waited for; whose process ends is missed at once anyway.
+        # In lockstep slow services are waited for; the end of a process is detected at once anyway.
         "transport/link/tx/lease": round(config.lockstep_timeout_s * 1e3)
         if config.lockstep
         else 2000,
-        # Zenoh's own 1 ms is less than a busy machine needs to send what is queued.
+        # Zenoh's default of 1 ms is too short for a busy machine to send its queue.
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
     }
     try:
@@ -146,7 +145,7 @@ def open_session(config: BusConfig, timeout_s: float = 1.0) -> zenoh.Session:
 
 
 def close_links_at_once(session: zenoh.Session) -> None:
-    """See to it that the end of one connection holds up no other, now and after each reconnect."""
+    """Keep a closing connection from blocking the others, now and after each reconnect."""
     session.info.declare_link_events_listener(
         cast("Any", zenoh.handlers.Callback(lambda _: stop_lingering(), indirect=False)),
         history=True,
@@ -154,7 +153,7 @@ def close_links_at_once(session: zenoh.Session) -> None:
 
 
 def pack_attachment(topic: Topic[M], envelope: Envelope) -> bytes:
-    """The bytes that travel beside a message of a topic."""
+    """The attachment of a message of a topic."""
     fixed = _ATTACHMENT.pack(
         envelope.sequence,
         envelope.sent_ns,
@@ -166,10 +165,10 @@ def pack_attachment(topic: Topic[M], envelope: Envelope) -> bytes:
 
 
 def unpack_attachment(topic: Topic[M], data: bytes) -> Envelope:
-    """The envelope in the bytes beside a message that came as one of a topic.
+    """The envelope in the attachment of a message received on a topic.
 
-    Raises ValueError where they hold none, or name another topic: after a reconnect Zenoh may
-    deliver a message under a key that is not its own.
+    Raises ValueError where it is invalid, or names another topic: after a reconnect Zenoh may
+    deliver a message under a wrong key.
     """
     fixed, name = data[: _ATTACHMENT.size], data[_ATTACHMENT.size :]
     try:
@@ -185,7 +184,7 @@ def unpack_attachment(topic: Topic[M], data: bytes) -> Envelope:
 
 
 class Bus:
-    """The publications and subscriptions of one node, as the table has them."""
+    """The publishers, subscribers and queryables of one node, as declared in the topic table."""
 
     def __init__(
         self,
@@ -195,7 +194,7 @@ class Bus:
         prefix: str = "",
         lossless: bool = False,
     ) -> None:
-        """Declare them. `lossless` is for lockstep: no message is dropped, whoever is slow."""
+        """Declare them. `lossless` is for lockstep: no message is dropped for a slow reader."""
         self._inbox = inbox
         self._prefix = prefix
         self._lossless = lossless
@@ -248,13 +247,13 @@ class Bus:
         return self._begun if from_s is None else datetime.fromtimestamp(from_s, UTC)
 
     def keep(self, declare: Callable[[zenoh.Session], Any]) -> None:
-        """Make a declaration beside those of the table, and make it again on each new session."""
+        """Make an additional declaration, and repeat it on each new session."""
         with self._lock:
             self._extras.append(declare)
             self._kept.append(declare(self._session))
 
     def watch_sources(self) -> None:
-        """Tell the inbox from now on which sources of messages end, and which come back."""
+        """Keep the inbox informed of which message sources leave, and which are back."""
 
         def declare(session: zenoh.Session) -> Any:
             def on_change(source: str, is_there: bool) -> None:
@@ -266,19 +265,19 @@ class Bus:
         self.keep(declare)
 
     def announce(self) -> None:
-        """Tell the others, by a liveliness token, that this node takes messages."""
+        """Declare the liveliness token: this node now accepts messages."""
         with self._lock:
             self._announced = True
             self._token = self._session.liveliness().declare_token(self._alive_key)
 
     def move_to(self, session: zenoh.Session) -> None:
-        """Go on with another session, and give up the present one.
+        """Switch to another session, and close the current one.
 
-        What is latched is sent anew: the cache that served those who come late goes with the old
+        Latched messages are published again: the cache for late readers is lost with the old
         session. Raises BusUnavailableError where the new one has ended already.
         """
         with self._lock:
-            # It may hang where it has lost its router; what it still hears is not listened to.
+            # Closing may hang if the router is lost; messages still received there are ignored.
             threading.Thread(target=self._session.close, name="closing", daemon=True).start()
             try:
                 self._declare(session)
@@ -291,7 +290,7 @@ class Bus:
                 raise BusUnavailableError("the router was lost again") from error
 
     def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
-        """Put a message on the wire."""
+        """Publish a message."""
         payload, attachment = wire.encode(topic, message), pack_attachment(topic, envelope)
         with self._lock:
             if topic.name in self._latched:
@@ -303,8 +302,8 @@ class Bus:
         return Outbox(node, self.send, self.source)
 
     def matched(self, among: Container[str]) -> bool:
-        """Whether each publisher with a reader `among` these services knows of a reader, as far as
-        it can be asked: those that keep messages for a reader that comes late cannot.
+        """Whether each publisher with a reader `among` these services matches a reader. Advanced
+        publishers, which cache messages for late readers, cannot tell and are not checked.
         """
         with self._lock:
             return all(
@@ -315,15 +314,15 @@ class Bus:
             )
 
     def is_mute(self) -> bool:
-        """Whether a publisher knows of no reader although one is there: then nothing that is sent
-        goes any further. It asks the router, and may wait for its answer.
+        """Whether a publisher matches no reader although one is alive: then its messages are lost.
+        This queries the router, and may block until it replies.
         """
         try:
             if self.matched(SERVICES):
                 return False
             return not self.matched(alive(self._session, self._prefix) - {self.node_name})
         except zenoh.ZError:
-            # The session has ended, by `close` or by itself.
+            # The session has ended, by `close` or on error.
             return not self._closed
 
     def _receiver(
@@ -337,8 +336,8 @@ class Bus:
         return receive
 
     def _is_repeated(self, topic: Topic[M], envelope: Envelope) -> bool:
-        """Whether a latched message has come before: a publisher or a reader with a new session has
-        it sent again.
+        """Whether a latched message is a duplicate: it is sent again when its publisher or a reader
+        opens a new session.
         """
         if topic.delivery is not Delivery.LATCHED or not envelope.source:
             return False
@@ -380,9 +379,7 @@ class Bus:
 
 
 def alive_key(service: str, source: str, prefix: str = "") -> str:
-    """The key of the token by which a service, and the source of its messages, are known to be
-    there.
-    """
+    """The key of a service's liveliness token, which names the service and its message source."""
     return f"{prefix}{ALIVE_PREFIX}{service}/{source}"
 
 
@@ -404,14 +401,14 @@ def subscribe(
     reject: Callable[[str], None] = _ignore,
     since: Callable[[], datetime] | None = None,
 ) -> Any:
-    """Subscribe as the topic's delivery says; keep what is returned.
+    """Subscribe with the topic's delivery; keep a reference to the returned object.
 
-    What was sent before the time that `since` has (None: now) is not sent again to this reader,
-    latched messages excepted: a goal that has ended is no goal for a service that has just started.
+    Messages of EVERY topics that were sent before `since` (None: now) are ignored: a service that
+    has just started must not act on an old goal.
 
-    `receive` gets each message, with an envelope that is empty where the sender gave none, as
-    hand-written scripts do; `reject` gets a short reason for each one whose attachment is not one
-    of the topic. Both run on Zenoh's thread: they must only store.
+    `receive` gets each message, with an empty envelope if the sender attached none, as hand-written
+    scripts do; `reject` gets a short reason for each message with an invalid attachment. Both run
+    on Zenoh's thread: they must only store.
     """
     begin = now_of(session)
     since = since or (lambda: begin)
@@ -445,7 +442,7 @@ def subscribe(
 
 
 def now_of(session: zenoh.Session) -> datetime:
-    """The time by which messages that are sent now are stamped."""
+    """The session's current time, with which it stamps messages."""
     return session.new_timestamp().get_time()
 
 
@@ -457,12 +454,11 @@ def _was_sent_before(begin: datetime, sample: zenoh.Sample) -> bool:
 def publish(
     session: zenoh.Session, topic: Topic[M], prefix: str = "", lossless: bool = False
 ) -> Any:
-    """Declare a publisher as the topic's delivery says, or one that never drops.
+    """Declare a publisher with the topic's delivery, or one that never drops (`lossless`).
 
-    A message that must arrive is waited with until the router has it. The router itself waits for
-    nobody: from there on what a slow reader has missed is sent to it again, as far as it is kept
-    here. Where nothing may be lost the router waits, too; docker/router.json5 knows those messages
-    by their priority.
+    Reliable messages block until the router has them. The router itself drops messages for slow
+    readers; they are sent again as far as they are cached here. Lossless messages block in the
+    router, too; docker/router.json5 recognises them by their priority.
     """
     key = wire.key_from_topic(topic, prefix)
     encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(wire.type_name(topic))
@@ -485,8 +481,8 @@ def publish(
         priority=priority,
         cache=zenoh.ext.CacheConfig(
             max_samples=topic.depth if latched else RESENT,
-            # One who asks and then does not keep up would hold up all that comes from here; what
-            # is dropped it misses at the next heartbeat, and asks again.
+            # A reader that is too slow for the replies would block all messages from here; it
+            # detects dropped ones at the next heartbeat, and requests them again.
             replies_config=zenoh.ext.RepliesConfig(
                 congestion_control=control.BLOCK if lossless or topic.large else control.DROP
             ),
@@ -499,20 +495,20 @@ def publish(
 
 
 _AT_ONCE = {CLOCK.name, CMD_VEL.name}
-"""Sent on at once, with what waits: the clock comes last in each of its instants. To send each
-message of an instant by itself costs sender, router and readers several times as much.
+"""Express topics: they flush the batch. The clock is the last message of each instant; to send each
+message by itself costs sender, router and readers several times as much.
 """
 
 
 def _priority(topic: Topic[M]) -> zenoh.Priority:
-    """Each priority has a queue of its own: what is small never waits behind a picture."""
+    """Each priority has its own queue: small messages never wait behind an image."""
     if topic.name == CMD_VEL.name:
         return zenoh.Priority.REAL_TIME
     return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
 
 
 class SeatOnBus:
-    """A service's seat in lockstep: it is asked to take its turn by a query."""
+    """A service's seat in lockstep: each turn is given by a query."""
 
     def __init__(
         self,
@@ -521,7 +517,7 @@ class SeatOnBus:
         on_turn: Callable[[bytes, Callable[[bytes], None]], None],
         prefix: str = "",
     ) -> None:
-        """`on_turn` gets each turn and what sends its end; it runs on Zenoh's thread."""
+        """`on_turn` gets each turn and a function to reply to it; it runs on Zenoh's thread."""
         self._session = session
         self._wake_key = f"{prefix}{WAKE_PREFIX}{bus.node_name}/{bus.source}"
         key = f"{prefix}{SEAT_PREFIX}{bus.node_name}/{bus.source}"
@@ -538,7 +534,7 @@ class SeatOnBus:
         self._token = session.liveliness().declare_token(key)
 
     def call(self) -> None:
-        """Tell that something waits for which the service steps at once."""
+        """Announce that a message is pending for which the service steps at once."""
         self._session.put(self._wake_key, b"", express=True)
 
 
@@ -548,8 +544,9 @@ def watch_seats(
     on_wake: Callable[[str, str], None],
     prefix: str = "",
 ) -> list[Any]:
-    """Tell of each seat's service and source, with whether it is there, and of each call; keep what
-    is returned. The callbacks run on Zenoh's thread: they must only store.
+    """Call `on_seat` with each seat's service, source and whether it is alive, and `on_wake` on
+    each call; keep a reference to the returned list. The callbacks run on Zenoh's thread: they must
+    only store.
     """
 
     def on_token(sample: zenoh.Sample) -> None:
@@ -580,8 +577,8 @@ def give_turn(
     prefix: str = "",
     still_wanted: Callable[[], bool] = lambda: True,
 ) -> bytes | None:
-    """The end of a service's turn; None where none came within `timeout_s`, where nobody has that
-    seat, or where it is no longer wanted: that is asked every 50 ms.
+    """The end of a service's turn; None on timeout, where nobody has that seat, or as soon as
+    `still_wanted`, called every 50 ms, returns False.
     """
     ends: list[bytes] = []
     done = threading.Event()
@@ -610,7 +607,7 @@ def put_once(
 ) -> None:
     """Send one message of an EVERY topic from outside the services.
 
-    Raises WireError where it is none that a service would take.
+    Raises WireError where a service would reject it.
     """
     wire.validate(topic, message)
     publisher = publish(session, topic, prefix)
@@ -619,7 +616,7 @@ def put_once(
 
 
 class NoAnswerError(ConnectionError):
-    """Nobody answered a query, in one line."""
+    """A query without a reply, or refused; the text is one line."""
 
 
 def ask(
@@ -630,11 +627,11 @@ def ask(
     prefix: str = "",
     start_s: float = 5.0,
 ) -> A:
-    """Ask a running stack, and wait for the answer.
+    """Send a query to a running stack, and wait for the reply.
 
-    A service that is starting is waited for, up to `start_s`: an empty answer is Zenoh's way to say
-    that nobody is there, or no more. Raises NoAnswerError where none came within `timeout_s` or it
-    was refused.
+    A service that is starting is waited for, up to `start_s`: Zenoh gives an empty reply if no
+    queryable exists, or if it has gone. Raises NoAnswerError on timeout or where the query was
+    refused.
     """
     key = wire.key_from_topic(query, prefix)
     payload = wire.encode_document(cast("Document", message))
@@ -655,7 +652,7 @@ def ask(
 
 
 def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:
-    """Names of the services whose tokens are there."""
+    """Names of the services with a liveliness token."""
     names = set()
     for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
         if reply.ok is not None:
@@ -666,8 +663,8 @@ def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> s
 def watch_sources(
     session: zenoh.Session, on_change: Callable[[str, bool], None], prefix: str = ""
 ) -> Any:
-    """Tell of the source of each service whether it is there, now and whenever that changes; keep
-    what is returned. `on_change` runs on Zenoh's thread: it must only store.
+    """Call `on_change` with the source of each service and whether it is present: now, and on every
+    change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only store.
     """
 
     def on_token(sample: zenoh.Sample) -> None:
@@ -684,7 +681,7 @@ def watch_sources(
 def wait_until_alive(
     session: zenoh.Session, service: str, deadline_s: float, prefix: str = ""
 ) -> bool:
-    """Whether a service is there before the deadline, in seconds from now."""
+    """Wait until a service is alive; False at the deadline, in seconds from now."""
     end = time.monotonic() + deadline_s
     while time.monotonic() < end:
         if service in alive(session, prefix):

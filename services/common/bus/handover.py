@@ -1,4 +1,4 @@
-"""Hands what is latched to those who come late, where its publisher is there no more."""
+"""Passes latched messages on to late subscribers when their publisher is gone."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from services.common.node.topics import BY_NAME, Topic
 HELD_PREFIX = "mazebot/held/"
 TIMEOUT_S = 2.0
 
-# When the message was received, and how long its topic's name is, which follows.
+# Receive time, and the length of the topic's name, which follows.
 _HEAD = struct.Struct("<qH")
 
 
 class Handover:
-    """One service's part: it gives what it has read to others, and asks them for what it lacks."""
+    """One service's part: it gives kept messages to others, and requests those that it lacks."""
 
     def __init__(self, bus: Bus, inbox: Inbox, prefix: str = "") -> None:
         self._inbox = inbox
@@ -37,10 +37,10 @@ class Handover:
         return session.declare_queryable(self._key, self._give)
 
     def ask(self, of_the_living: bool = False) -> None:
-        """Ask the others for what has not been heard of. What they have comes as any message.
+        """Request missing latched messages from the others. Replies are delivered to the inbox.
 
-        Those that are there have a cache of their own. Only one who waits all the same, because
-        something was lost on the way, asks for what they have said as well.
+        Living publishers serve their own cache. Only a service that is still waiting, because a
+        message was lost, requests their messages (`of_the_living`) as well.
         """
         names = [topic.name for topic in self._wanted if not self._is_complete(topic)]
         if not names or self._session is None:
@@ -75,8 +75,8 @@ class Handover:
 
     def _take(self, held: HeldMessage[Envelope], of_the_living: bool) -> None:
         topic = held.topic
-        # What a publisher that is there has said in the meantime is newer. Where there are several,
-        # each has its own.
+        # A message received meanwhile from a living publisher is newer. With several owners, each
+        # has its own messages.
         if topic in self._wanted and (len(topic.owners) > 1 or not self._is_heard(topic)):
             self._inbox.deliver(topic, held.data, held.envelope)
             if not of_the_living:
@@ -96,14 +96,14 @@ class Handover:
 
 
 def _pack(message: HeldMessage[Envelope]) -> bytes:
-    """What travels beside a message that is handed over."""
+    """The attachment of a message that is handed over."""
     name = message.topic.name.encode()
     head = _HEAD.pack(message.received_ns, len(name))
     return head + name + pack_attachment(message.topic, message.envelope)
 
 
 def _unpack(data: bytes, attachment: bytes) -> HeldMessage[Envelope]:
-    """Raises ValueError where the attachment is none of a message that is handed over."""
+    """Raises ValueError where the attachment is invalid."""
     try:
         received_ns, length = _HEAD.unpack_from(attachment)
         topic = BY_NAME[attachment[_HEAD.size : _HEAD.size + length].decode()]

@@ -1,7 +1,7 @@
-"""Whether a service is alive, by its liveliness token:
+"""Health check of a service by its liveliness token:
 `python -m services.common.bus.health physics`.
 
-Docker asks this of every container every few seconds, so it loads nothing but Zenoh.
+Docker runs it in every container every few seconds, so it imports nothing but Zenoh.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import threading
 import zenoh
 
 ALIVE_KEY = "mazebot/alive/"
-"""What a service's name is put behind; the same as in `bus.py`, which is slow to load."""
+"""Prefix of a service's name; the same as in `bus.py`, which is slow to load."""
 PATIENCE_S = 2.5
 
 
 def open_client(endpoint: str) -> zenoh.Session:
-    """A session of a client. Raises ZError where no router takes connections at the endpoint."""
+    """A client session. Raises ZError where no router accepts connections at the endpoint."""
     settings = zenoh.Config()
     options = {
         "mode": "client",
@@ -40,7 +40,7 @@ def token_stands(session: zenoh.Session, service: str, prefix: str = "") -> bool
 
 
 def is_alive(endpoint: str, service: str, prefix: str = "") -> bool:
-    """Whether a router answers at `endpoint` and knows the service's token."""
+    """Whether a router responds at `endpoint` and knows the service's token."""
     try:
         session = open_client(endpoint)
     except zenoh.ZError:
@@ -49,17 +49,17 @@ def is_alive(endpoint: str, service: str, prefix: str = "") -> bool:
 
 
 def main(arguments: list[str]) -> None:
-    """End the process: 0 where the service is alive, 1 where it is not, 2 where nobody is named."""
+    """End the process: 0 if the service is alive, 1 if it is not, 2 if no service is named."""
     if len(arguments) != 1:
         sys.stderr.write("usage: python -m services.common.bus.health SERVICE\n")
         os._exit(2)
-    # A router that hangs takes the connection and never answers.
+    # A router that hangs accepts the connection and never responds.
     watchdog = threading.Timer(PATIENCE_S, os._exit, (1,))
     watchdog.daemon = True
     watchdog.start()
     endpoint = os.environ.get("MAZEBOT_BUS_CONNECT") or "tcp/127.0.0.1:7447"
     alive = is_alive(endpoint, arguments[0], os.environ.get("MAZEBOT_BUS_PREFIX", ""))
-    # Nothing is left to close that the kernel does not close.
+    # The kernel closes everything that is left.
     os._exit(0 if alive else 1)
 
 

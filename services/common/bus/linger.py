@@ -1,4 +1,4 @@
-"""TCP connections that end at once."""
+"""TCP connections that close at once."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ _LINGER = struct.Struct("ii")
 
 
 def stop_lingering() -> None:
-    """Have the TCP connections of this process close in the background.
+    """Make the TCP connections of this process close in the background.
 
-    Zenoh has each one linger: to close it then waits, for as long as 10 s, until its reader has
-    taken in what is left, and a reader that is frozen or cut off never does. Zenoh does so on one
-    of the few threads that carry everybody's messages, and has no setting for it.
+    Zenoh sets SO_LINGER on each one: closing then blocks, for up to 10 s, until the peer has read
+    the remaining data, which a frozen or disconnected peer never does. Zenoh closes on one of the
+    few threads that carry all messages, and has no setting for it.
     """
     for path in Path("/dev/fd").iterdir():
-        # What is no socket, and what was closed in the meantime, is an OSError.
+        # A descriptor that is no socket, or was closed in the meantime, raises OSError.
         with contextlib.suppress(OSError):
             connection = socket.socket(fileno=int(path.name))
             try:
                 if connection.type == socket.SOCK_STREAM and connection.family != socket.AF_UNIX:
                     _close_at_once(connection)
             finally:
-                # It is Zenoh's, or another's.
+                # The descriptor belongs to Zenoh, or another owner.
                 connection.detach()
 
 

@@ -1,9 +1,9 @@
 """Lockstep between processes: physics gives each service its turn, so that a run over the bus is
 the same as in one process, to the last bit.
 
-A service steps only in its turn. The turn names each message that the service has to have taken in
-before, in the order in which they were sent; the end of the turn says what the service sent. So
-neither the bus's speed nor its order can be seen in a run.
+A service steps only in its turn. The turn lists the messages that the service must receive first,
+in the order in which they were sent; the end of the turn lists what the service sent. So a run does
+not depend on the bus's latency or order.
 """
 
 from __future__ import annotations
@@ -35,61 +35,61 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 MAY_LEAVE = ("bringup",)
-"""Services whose work ends; the others go on without them."""
+"""Services that may exit; the others continue without them."""
 MAX_UNTOLD = 1000
-"""Messages that wait for a service which does not step; it then takes them in without a step."""
+"""Messages pending for a service that is not due; beyond this it receives them without a step."""
 MAX_OUTSIDE = 1000
-"""Messages a topic from none of the services that wait for a turn; the oldest go first."""
+"""Queue length of a topic for messages from outside the services; the oldest are dropped first."""
 
 _LOOK_UP_S = 0.05
-"""How often one who waits for a message asks whether it is still wanted."""
+"""Period at which `still_wanted` is checked while waiting for a message."""
 
 _LATCHED = {topic.name for topic in TOPICS if topic.delivery is Delivery.LATCHED}
 
 
 class LockstepError(RuntimeError):
-    """A service did not keep step, in one line."""
+    """A service broke the lockstep; the text is one line."""
 
 
 class Turn(Document):
-    """Tells a service to take in messages and, with `step`, to step."""
+    """Makes a service receive messages and, with `step`, step."""
 
     executive: str
-    """Whose turn it is: another one begins anew."""
+    """Source of the executive that gives the turn; a new executive starts a new run."""
     now_ns: int
     step: bool
     sources: dict[str, str]
     """The bus source of each service that has a seat."""
     sent: tuple[tuple[str, str, int], ...]
-    """Topic, source and number of the last message of each run of messages, in the order in which
-    they were sent on their topic.
+    """Topic, source and last sequence number of each run of messages, in the order in which they
+    were sent on their topic.
     """
     timeout_s: float
 
 
 class TurnEnd(Document):
-    """What a service is like at the end of its turn."""
+    """The state of a service at the end of its turn."""
 
     error: str = ""
     sent: dict[str, int]
     """Messages sent so far, by topic."""
     woken: bool
-    """Whether something waits for which it steps at once."""
+    """Whether a message or query is pending for which it steps at once."""
     wakes: tuple[str, ...]
     period_ns: int | None
     exit_code: int | None
     matched: bool
-    """Whether its publishers know of the readers that have a seat."""
+    """Whether its publishers match the readers that have a seat."""
 
 
 _GONE = TurnEnd(sent={}, woken=False, wakes=(), period_ns=None, exit_code=0, matched=False)
 
 Ask = Callable[[str, str, Turn], TurnEnd | None]
-"""Gives the service of a name and a bus source its turn; None where it does not end it in time."""
+"""Gives the service with this name and bus source a turn; None where it does not end in time."""
 
 
 class Ledger:
-    """What was sent, and which service was not yet told of it."""
+    """The messages sent, and those not yet announced to each service."""
 
     def __init__(self) -> None:
         self.sources: dict[str, str] = {}
@@ -98,8 +98,8 @@ class Ledger:
         self._waiting: dict[str, int] = {}
 
     def join(self, service: str, source: str, sent: dict[str, int]) -> None:
-        """Enter a service, with the messages that it has sent before. Of those sent before by
-        anyone only the latched ones are still to be had.
+        """Add a service, with the number of messages it has sent so far. Of all messages sent
+        before, it still receives only the latched ones.
         """
         self.sources[service] = source
         self._untold[service] = {}
@@ -114,13 +114,13 @@ class Ledger:
         self.add(service, {name: count for name, count in sent.items() if name in _LATCHED})
 
     def leave(self, service: str) -> None:
-        """Strike a service out."""
+        """Remove a service."""
         source = self.sources.pop(service)
         del self._untold[service], self._waiting[service]
         self._counts = {key: count for key, count in self._counts.items() if key[1] != source}
 
     def add(self, service: str, sent: dict[str, int]) -> None:
-        """Enter how many messages a service has sent so far, by topic."""
+        """Update how many messages a service has sent so far, by topic."""
         source = self.sources[service]
         for name, count in sent.items():
             new = count - self._counts.get((name, source), 0)
@@ -139,7 +139,7 @@ class Ledger:
         self._waiting[reader] += new
 
     def take(self, reader: str) -> tuple[tuple[str, str, int], ...]:
-        """What a service was not yet told of; see Turn.sent."""
+        """The messages not yet announced to a service, now marked as announced; see Turn.sent."""
         untold, self._untold[reader] = self._untold[reader], {}
         self._waiting[reader] = 0
         return tuple(
@@ -147,18 +147,18 @@ class Ledger:
         )
 
     def wakes(self, reader: str, topics: Iterable[str]) -> bool:
-        """Whether a service was not yet told of a message on one of these topics."""
+        """Whether a message on one of these topics is not yet announced to a service."""
         untold = self._untold[reader]
         return any(topic in untold for topic in topics)
 
     def waiting(self, reader: str) -> int:
-        """Messages of which a service was not yet told."""
+        """Number of messages not yet announced to a service."""
         return self._waiting[reader]
 
 
 class HeldInbox(Inbox):
-    """Holds what comes until a turn names it. Queries, and messages of none of the services, are
-    taken in at the next turn, whichever it is.
+    """Holds messages until a turn lists them. Messages from outside the services are received at
+    the next step.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class HeldInbox(Inbox):
         on_outside: Callable[[], None],
         still_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
-        """`still_wanted` is asked while a message is waited for, often."""
+        """`still_wanted` is called often while waiting for a message."""
         super().__init__(node)
         self._on_outside = on_outside
         self._still_wanted = still_wanted
@@ -180,7 +180,7 @@ class HeldInbox(Inbox):
         self._sources: frozenset[str] = frozenset()
 
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
-        """Hold a message, and tell where it is one from outside."""
+        """Hold a message; call `on_outside` if it is from outside and wakes the node."""
         key = topic.name, envelope.source
         with self._arrival:
             inside = envelope.source in self._sources
@@ -202,15 +202,15 @@ class HeldInbox(Inbox):
         return taken
 
     def wakes(self) -> bool:
-        """See Inbox. A message from outside counts before it is taken in."""
+        """See Inbox. Held messages from outside count, too."""
         return super().wakes() or any(self._outside[name] for name in self._waking_names)
 
     def outside(self) -> bool:
-        """Whether a message from outside waits."""
+        """Whether a message from outside is held."""
         return any(self._outside.values())
 
     def forget(self) -> None:
-        """Let go of what was held for an executive that is gone, but for what is latched."""
+        """Drop the messages held for a previous executive, except latched ones."""
         with self._arrival:
             self._held = {key: held for key, held in self._held.items() if key[0] in _LATCHED}
 
@@ -221,9 +221,9 @@ class HeldInbox(Inbox):
         timeout_s: float,
         and_outside: bool,
     ) -> str:
-        """Take in the messages that a turn names, in its order, when they have come; then, where
-        that is said, those from outside. What has not come within `timeout_s`, or before it was no
-        longer wanted, in words; empty: all has.
+        """Wait for the messages that a turn lists and receive them in its order; then, with
+        `and_outside`, those from outside. Return which message did not arrive within `timeout_s`
+        or while it was wanted; empty: all have arrived.
         """
         deadline_s = time.monotonic() + timeout_s
         with self._arrival:
@@ -246,7 +246,7 @@ class HeldInbox(Inbox):
         return ""
 
     def _sort_out_newcomers(self) -> None:
-        """Hold what has come from a service before it was known to be one."""
+        """Move messages that a service sent before it was known from outside to held."""
         for name, waiting in self._outside.items():
             for _ in range(len(waiting)):
                 message, envelope = waiting.popleft()
@@ -267,7 +267,7 @@ def sent_so_far(node: Node, outbox: Outbox) -> dict[str, int]:
 
 
 class Participant:
-    """A service that steps when it is told to."""
+    """A service that steps in its turns."""
 
     def __init__(
         self,
@@ -291,7 +291,7 @@ class Participant:
         return bool(self._executive)
 
     def take(self, turn: Turn) -> TurnEnd:
-        """Do what a turn says."""
+        """Execute a turn."""
         if turn.executive != self._executive:
             self._inbox.forget()
             self._seat = LocalSeat(self._node, self._inbox, self._outbox, self._rosout)
@@ -333,7 +333,7 @@ class _OwnSeat(LocalSeat):
         return super().due(now_ns)
 
     def take_in(self, now_ns: int, and_outside: bool) -> None:
-        """Raises LockstepError where a message does not come."""
+        """Raises LockstepError where a message does not arrive."""
         ledger = self._ledger
         error = self._held.take_in(
             ledger.sources.values(), ledger.take(self.name), self._timeout_s, and_outside
@@ -371,14 +371,14 @@ class _RemoteSeat:
         return on_beat or self.woken or self._ledger.wakes(self.name, self._wakes)
 
     def step(self, now_ns: int) -> None:
-        """See Seat. Raises LockstepError where it does not answer."""
+        """See Seat. Raises LockstepError where it does not reply."""
         end = self._turn(now_ns, step=True)
         if end is not None:
             self._ledger.add(self.name, end.sent)
 
     def take_in(self, now_ns: int) -> bool:
-        """Have it take in what it was not told of, without a step; whether its publishers know of
-        their readers.
+        """Make it receive the unannounced messages, without a step; return whether its publishers
+        match their readers.
         """
         end = self._turn(now_ns, step=False)
         return end is not None and end.matched
@@ -386,7 +386,7 @@ class _RemoteSeat:
     def _turn(
         self, now_ns: int, step: bool, sent: tuple[tuple[str, str, int], ...] | None = None
     ) -> TurnEnd | None:
-        """None where it has left, as it may."""
+        """None where it has left, if it may."""
         start_s = time.monotonic()
         end = self._ask(
             self.name,
@@ -397,7 +397,7 @@ class _RemoteSeat:
                 step=step,
                 sources=self._ledger.sources,
                 sent=self._ledger.take(self.name) if sent is None else sent,
-                # What is missing is told by the one who misses it.
+                # Shorter, so that the service itself reports which message is missing.
                 timeout_s=self._timeout_s * 0.8,
             ),
         )
@@ -444,7 +444,7 @@ class Lockstep:
         self._candidates: dict[str, list[str]] = {name: [] for name in SERVICES}
         self._begun = False
         self.gathered = False
-        """Whether all have come to know of each other, so that turns are given."""
+        """Whether all services are matched, so that turns are given."""
 
     @property
     def now_ns(self) -> int:
@@ -460,10 +460,9 @@ class Lockstep:
         return [name for name in self.missing() if not self._candidates[name]]
 
     def note(self, service: str, source: str, there: bool | None) -> None:
-        """Take note of a service on the bus: it is there, or no longer, or (None) something from
-        outside waits for it.
+        """Note that a service is alive, or gone, or (None) has a message from outside pending.
 
-        Raises LockstepError where a service is gone that has a seat and may not leave.
+        Raises LockstepError where a service with a seat is gone and may not leave.
         """
         if there is None:
             self._wake(service, source)
@@ -492,10 +491,10 @@ class Lockstep:
             seat.woken = True
 
     def turn(self, advance: bool = True) -> bool:
-        """Seat who has come and give each who is due its turn; whether any stepped. Nobody steps
-        before all are there, and time stands still but for `advance`.
+        """Seat new services and give each one that is due its turn; return whether any stepped. No
+        service steps before all are present, and time advances only with `advance`.
 
-        Raises LockstepError where one does not keep step.
+        Raises LockstepError where a service breaks the lockstep.
         """
         self._seat_newcomers()
         if not self.gathered:
@@ -516,7 +515,7 @@ class Lockstep:
         if not self._begun and newcomers != self.missing():
             return
         for name in SERVICES:
-            # In table order, as they would begin in one process.
+            # In table order, as they start in one process.
             if name == self._own.name and name not in self._ledger.sources:
                 sent = sent_so_far(self._own.node, self._own.outbox)
                 self._ledger.join(name, self._executive, sent)
@@ -528,7 +527,7 @@ class Lockstep:
                 self.gathered = False
         if self.gathered:
             return
-        # All have to know of each other before the first message is sent.
+        # All publishers and readers have to match before the first message is sent.
         self._own.take_in(self.now_ns, and_outside=False)
         known = [seat.take_in(self.now_ns) for seat in self._remote.values()]
         self._let_go()

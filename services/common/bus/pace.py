@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 MAX_LAG_S = 0.1
-"""A clock that is later than this gives up catching up: simulation time then runs slower than real
-time.
-"""
+"""A lag beyond this is not caught up with: simulation time then runs slower than real time."""
 
 
 class Pace:
@@ -17,7 +15,7 @@ class Pace:
         self._speed: float | None = None
 
     def rest(self) -> None:
-        """Time stands still: what passes meanwhile is not caught up with."""
+        """Simulation time is stopped: the wall time that passes is not caught up with."""
         self._speed = None
 
     def wait_s(self, now_s: float, next_ns: int, speed: float) -> float:

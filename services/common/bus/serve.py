@@ -50,29 +50,29 @@ C = TypeVar("C", bound=ServiceConfig)
 
 WATCHDOG_PERIOD_S = 1.0
 WATCHDOG_TICKS = 20
-"""A loop that has not turned for so many of the watchdog's periods will never turn again: the
-process ends and is started anew.
+"""After this many watchdog periods without an iteration the loop counts as hung: the process exits
+and is restarted.
 """
 SAY_AGAIN_S = 2.0
 IDLE_S = 0.01
 RESTING_NS = 33_000_000
-"""By which the steps of a simulation in which nothing moves may be late, but where something comes:
-each moment of waking costs as much as several steps.
+"""Permitted delay of steps while nothing moves and no message arrives: each wake-up costs as much
+as several steps.
 """
 LOOK_S = 0.25
-"""How often a service looks whether those that are there hear it."""
+"""Period at which a service checks that its messages reach the readers that are alive."""
 MUTE_S = 0.5
-"""Time for which it is not heard before it opens its session anew."""
+"""Time without a matching reader after which it reopens its session."""
 MAX_MUTE_S = 60.0
-"""The same, where that has not helped time and again."""
+"""Maximum of that time, which grows while reopening does not help."""
 ENDING_S = 1.0
 EXIT_WATCHDOG = 70
 EXIT_OUT_OF_STEP = 75
 
 
 def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
-    """Run one service until it is told to stop or its work is done; the process ends with its exit
-    code.
+    """Run one service until it receives a stop signal or its work is done; the process exits with
+    its exit code.
     """
     name: str = node_type.name  # type: ignore[attr-defined]
     stop = threading.Event()
@@ -85,7 +85,7 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
         node = node_type(config)
     except ConfigError as error:
         fail(str(error))
-    # To look through what a start has made takes as long as a control period.
+    # A collection of the objects made at startup takes as long as a control period.
     settled()
     code = 0
     try:
@@ -99,15 +99,15 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
     finally:
         with contextlib.suppress(ConfigError):
             node.close()
-    # Zenoh's threads may outlive a lost router; nothing of ours is left to finish.
+    # Zenoh's threads may hang after the router is lost; there is nothing left to finish here.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
 
 
 class Watchdog:
-    """Tells when a loop hangs. It counts its own ticks: the time in which the whole process is
-    paused, or the machine asleep, is nobody's delay.
+    """Detects a hung loop. It counts its own ticks, so that time in which the process is paused or
+    the machine asleep does not count.
     """
 
     def __init__(self, patience_ticks: int = WATCHDOG_TICKS) -> None:
@@ -115,11 +115,11 @@ class Watchdog:
         self._ticks = 0
 
     def feed(self) -> None:
-        """The loop has turned."""
+        """The loop has completed an iteration."""
         self._ticks = 0
 
     def tick(self) -> bool:
-        """One more period is over; whether the loop has not turned for too many of them."""
+        """One more period is over; return whether the loop has timed out."""
         self._ticks += 1
         return self._ticks > self._patience_ticks
 
@@ -171,16 +171,16 @@ class _Service:
         self._log.info("connected to %s", self._bus_config.connect)
 
     def _still_wanted(self) -> bool:
-        """Whether nobody has told the service to end; asked whenever it waits."""
+        """Whether no stop signal was received; called whenever the service waits."""
         self._turn()
         return not self._stop.is_set()
 
     def _working(self) -> bool:
-        """Whether to go on; asked once a turn of the loop."""
+        """Whether to continue; called once per loop iteration."""
         return self._still_wanted() and self._node.exit_code is None
 
     def _rest(self, seconds: float) -> None:
-        """Wait for something to come, no longer than that."""
+        """Wait until woken, at most for this time."""
         self._wake.wait(seconds)
         self._wake.clear()
 
@@ -212,8 +212,8 @@ class _Service:
             bus.close()
 
     def _keep_heard(self, bus: Bus, done: threading.Event) -> None:
-        """Open the session anew where what is sent reaches nobody: after some reconnects Zenoh
-        believes that a publisher has no reader, and nothing but another session makes it look.
+        """Reopen the session if messages reach no reader: after some reconnects Zenoh believes that
+        a publisher has no reader, and only a new session makes it check again.
         """
         wait_s, mute_s = MUTE_S, 0.0
         while not done.wait(LOOK_S):
@@ -226,7 +226,7 @@ class _Service:
             with contextlib.suppress(BusUnavailableError):
                 bus.move_to(open_session(self._bus_config))
                 self._log.warning("opened the session anew: nobody heard what was sent")
-                # Where the fault is the other's, this changes nothing, and need not be often.
+                # If the fault is on the other side, this does not help: retry less often.
                 wait_s, mute_s = min(wait_s * 4.0, MAX_MUTE_S), 0.0
 
     def _follow_time(self, inbox: Inbox, outbox: Outbox) -> None:
@@ -273,7 +273,7 @@ class _Service:
                 outbox.put(DIAGNOSTICS, self._report.report(self._now_ns, now_s))
 
     def _run_in_lockstep(self, session: zenoh.Session) -> None:
-        """What is said outside of a turn stays on the console: it is no part of the run."""
+        """Logs outside of a turn go to the console only: they are not part of the run."""
         prefix = self._bus_config.prefix
         inbox = HeldInbox(self._node, self._wake.set, self._still_wanted)
         bus = Bus(session, self._node, inbox, prefix, lossless=True)
@@ -310,7 +310,7 @@ class _Service:
                     continue
                 end = participant.take(turn)
                 if end.error and self._stop.is_set():
-                    # It leaves, rather than be blamed for what it no longer waits for.
+                    # Leave without a reply: the error is only that waiting was interrupted.
                     return
                 called = end.woken
                 respond(end.model_dump_json().encode())
@@ -359,7 +359,7 @@ class _Service:
                     pace.rest()
                     wait_s = 0.0
                 else:
-                    # With no tour there is no hurry.
+                    # Without bringup's tour, run in real time.
                     speed = node.speed or (1.0 if lockstep.missing() else 0.0)
                     wait_s = pace.wait_s(time.monotonic(), next_ns, speed)
                 moved = lockstep.turn(advance=wait_s == 0.0)
@@ -368,14 +368,14 @@ class _Service:
                 awaited = [] if lockstep.gathered else lockstep.awaited()
                 self._say(f"lockstep with {', '.join(awaited)}" if awaited else node.waiting_for())
         except LockstepError:
-            # Where all are told to end at once, some end sooner.
+            # When all services are stopped together, some end sooner.
             if not self._stop.wait(ENDING_S):
                 raise
         finally:
             del watch
 
     def _say(self, waiting_for: str | None) -> None:
-        """Tell once what the service waits for, and again every two seconds while it does."""
+        """Log what the service waits for, and again every two seconds while it waits."""
         now_s = time.monotonic()
         if waiting_for is None:
             if self._said is not None:
@@ -384,7 +384,7 @@ class _Service:
             self._said_s = now_s
             self._log.info("waiting for %s", waiting_for)
             if self._handover is not None:
-                # It may have been lost, or who has it has come back only now.
+                # The message may have been lost, or a service that keeps it may be back only now.
                 self._handover.ask(of_the_living=True)
         else:
             return

@@ -1,4 +1,4 @@
-"""Topic to key expression, message to bytes and back, and what no message may hold."""
+"""Topic to key expression, message to bytes and back, and message validation."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ M = TypeVar("M")
 D = TypeVar("D", bound=Document)
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
-"""Of a picture, a map, a file, or a document."""
+"""Size limit of an image, a map, a file, or a document."""
 MAX_SMALL_MESSAGE_BYTES = 1024 * 1024
-"""Of any other message."""
+"""Size limit of any other message."""
 MAX_COORDINATE = 1e6
 """Largest component of a position (m), a velocity (m/s, rad/s) or an acceleration (m/s2)."""
 MAX_NUMBER = 1e9
-"""Largest of any other number."""
+"""Largest value of any other number."""
 MAX_IN_ARRAY = 1e12
-"""Largest number in an array: a covariance of -1, or a huge one, is an honest answer."""
+"""Largest number in an array: a covariance of -1, or a huge one, is valid."""
 MAX_CELLS = 16_000_000
-"""Of a map, as many as the world generator makes."""
+"""Cells of a map: as many as the world generator makes at most."""
 MAX_CELL_SIDE_M = 1_000.0
 MAX_NAME_CHARACTERS = 255
-"""Of a frame's name."""
+"""Maximum length of a frame's name."""
 
-# A lidar has no echo at inf. Only these may be infinite.
+# inf is a lidar ray without an echo. Only these fields may be infinite.
 _MAY_BE_INFINITE = {("sensor_msgs/msg/LaserScan", "ranges")}
-# Each of these costs its reader a frame to keep, or an update of the filter.
+# Each item costs its reader a stored frame, or an update of the filter.
 _MOST_ITEMS = {
     ("tf2_msgs/msg/TFMessage", "transforms"): 1000,
     ("vision_msgs/msg/Detection3DArray", "detections"): 250,
@@ -50,13 +50,11 @@ _MOST_ITEMS = {
 _COORDINATES = {"geometry_msgs/msg/Point", "geometry_msgs/msg/Vector3"}
 _MAX_INTEGER = 2**63 - 1
 _FEW = 40
-"""Numbers in an array that are looked at faster in Python than in numpy."""
+"""Array length up to which Python checks faster than numpy."""
 
 
 class WireError(ValueError):
-    """A message that must not cross a service's boundary; `reason` is a short phrase to count it
-    by.
-    """
+    """An invalid message; `reason` is a short phrase by which it is counted."""
 
     def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(f"{reason}: {detail}" if detail else reason)
@@ -64,14 +62,14 @@ class WireError(ValueError):
 
 
 def key_from_topic(topic: Topic[M] | Query[Any, Any], prefix: str = "") -> str:
-    """Zenoh key expression of a topic or a query: the plain ROS name without its slash, as
-    zenoh-bridge-ros2dds has it.
+    """Zenoh key expression of a topic or a query: the plain ROS name without its slash, as in
+    zenoh-bridge-ros2dds.
     """
     return prefix + topic.name.removeprefix("/")
 
 
 def type_name(topic: Topic[M]) -> str:
-    """ROS type name of what a topic carries on the wire."""
+    """ROS type name of a topic's messages on the wire."""
     if issubclass(topic.type, Document):
         return msg.String.__msgtype__
     return cast("type[msg.RosMessage]", topic.type).__msgtype__
@@ -106,7 +104,7 @@ def encode_document(document: Document) -> bytes:
 def decode(topic: Topic[M], data: bytes) -> M:
     """The message in CDR bytes.
 
-    Raises WireError where they hold none of the topic's type.
+    Raises WireError where they are no message of the topic's type.
     """
     if issubclass(topic.type, Document):
         return cast("M", decode_document(topic.type, data))
@@ -116,7 +114,7 @@ def decode(topic: Topic[M], data: bytes) -> M:
 def decode_document(kind: type[D], data: bytes) -> D:
     """The document of a kind in CDR bytes.
 
-    Raises WireError where they hold none.
+    Raises WireError where they are no such document.
     """
     text = cast("msg.String", _decode(msg.String.__msgtype__, data)).data
     try:
@@ -138,7 +136,7 @@ def _decode(type_name_: str, data: bytes) -> object:
 
 @functools.cache
 def _most_bytes(type_name_: str) -> int:
-    """Of a message: of one with an array of bytes many, and so of a document, which is a string."""
+    """Size limit of a message: the large one for types with a byte array, and for documents."""
     if type_name_ == msg.String.__msgtype__:
         return MAX_MESSAGE_BYTES
     for _, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
@@ -156,10 +154,11 @@ def _first_mistake(error: ValidationError) -> str:
 
 
 def validate(topic: Topic[M], message: M) -> None:
-    """Check what types cannot say.
+    """Check a message's type and values.
 
-    Raises WireError where a number is not finite or absurdly large, an array has the wrong length,
-    a list has too many items, a rotation is none, or frames hang on each other in a ring.
+    Raises WireError where the type is wrong, a number is not finite or too large, an array has the
+    wrong length, a list has too many items, a quaternion is not of unit length, or frames form a
+    cycle.
     """
     if not isinstance(message, topic.type):
         raise WireError("not of its type", type(message).__name__)
@@ -175,7 +174,7 @@ def validate(topic: Topic[M], message: M) -> None:
 
 
 def _document(document: Document) -> str:
-    """What is wrong with a number anywhere in a document."""
+    """The problem of any number in a document; empty: none."""
     waiting: list[Any] = list(document.__dict__.values())
     while waiting:
         value = waiting.pop()
@@ -202,23 +201,23 @@ _NOT_FINITE, _OUT_OF_RANGE, _TOO_MANY = "not finite", "out of range", "too many 
 
 @dataclass
 class _Fields:
-    """Dotted paths of what has to be looked at in a message."""
+    """Dotted paths of the fields to check in a message."""
 
     coordinates: list[str]
     numbers: list[str]
-    """Those that are no coordinates."""
+    """Numbers that are not coordinates."""
     arrays: list[tuple[str, bool]]
-    """With whether its values may be infinite."""
+    """Path, and whether the values may be infinite."""
     extras: list[tuple[str, _Check]]
     lists: list[tuple[str, str, int]]
-    """With the type of their messages, and how many there may be."""
+    """Path, type of the items, and the maximum number of items."""
 
 
 @dataclass(frozen=True)
 class _Checks:
-    """What to look at in a message of a type.
+    """The checks of a message type.
 
-    Most messages hold little but numbers, and each is checked: one call fetches all of them.
+    Most messages consist mainly of numbers, and each one is checked: one call fetches all of them.
     """
 
     coordinates: _Get | None
@@ -246,7 +245,7 @@ def _checks(type_name_: str) -> _Checks:
 
 @functools.cache
 def _checker(type_name_: str) -> _Check:
-    """The function that looks through a message of a type; made once."""
+    """The function that validates messages of a type; made once."""
     checks = _checks(type_name_)
 
     def check(message: object) -> str:
@@ -267,7 +266,7 @@ def _checker(type_name_: str) -> _Check:
 
 
 def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
-    """Note what has to be looked at in a type, and in the types within it."""
+    """Collect the fields to check in a type, and in its nested types."""
     for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
         path = prefix + name
         is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
@@ -290,7 +289,7 @@ def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
 
 
 def _all_of(paths: list[str]) -> _Get | None:
-    """What fetches the values at the paths as a tuple; None where there are none."""
+    """A getter of the values at the paths as a tuple; None where there are no paths."""
     if not paths:
         return None
     get: _Get = operator.attrgetter(*paths)
@@ -302,7 +301,7 @@ def _itself(message: object) -> object:
 
 
 def _within(values: Sequence[float], largest: float) -> str:
-    """What is wrong with some numbers. The length of all together is at least that of each."""
+    """The problem of some numbers; empty: none. Their norm is at least each one's magnitude."""
     if math.hypot(*values) <= largest or all(-largest <= value <= largest for value in values):
         return ""
     return _OUT_OF_RANGE if all(map(math.isfinite, values)) else _NOT_FINITE

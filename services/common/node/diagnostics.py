@@ -1,4 +1,4 @@
-"""What every service says of itself on /diagnostics."""
+"""The status that every service publishes on /diagnostics."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ RATE_KEY = "rate_hz "
 REAL_TIME_FACTOR_KEY = "real_time_factor"
 
 ENOUGH = 0.9
-"""Share of a nominal rate below which it is not kept."""
+"""A rate below this share of the nominal rate counts as slow."""
 _PERIODS = 20
-"""Of a topic over which its rate is taken, so that one message more or less is within ENOUGH."""
+"""Periods of a topic over which its rate is measured: one message more or less is within ENOUGH."""
 _LEAST_WINDOW_NS = 1_000_000_000
 
 _OK, _WARN = 0, 1
@@ -27,22 +27,22 @@ Nominal = float | Topic[object] | None
 
 @dataclass
 class _Window:
-    """From when a topic's messages are counted, and what its rate was before."""
+    """The start of the counting window of a topic, and its rate in the window before."""
 
     start_ns: int
     sent: int
     nominal: Nominal
     source_sent: int
-    """Messages on the topic whose rate is the nominal one, where that is a topic's."""
+    """Messages on the topic that `nominal` refers to, where it is a topic."""
     rate_hz: float | None = None
     kept: bool = True
 
 
 class SelfReport:
-    """Tells the state of one node: what it waits for, what it rejected by topic and reason, what
-    never came, and how often it puts out what is periodic, per second of simulation.
+    """Reports the state of one node: what it waits for, rejected messages by topic and reason, lost
+    messages, and the rate of its periodic topics per second of simulation time.
 
-    Rates are taken from counts and simulation time: where a run repeats, they repeat.
+    Rates are computed from counts and simulation time: a repeated run gives the same rates.
     """
 
     def __init__(self, node: Node, inbox: Inbox, outbox: Outbox) -> None:
@@ -55,7 +55,7 @@ class SelfReport:
 
     def report(self, now_ns: int, wall_s: float | None = None) -> msg.DiagnosticArray:
         """The message for /diagnostics. `wall_s` is a steady clock's time, for the real time factor
-        of the node that makes time pass; without it none is told.
+        of the clock node; without it no factor is reported.
         """
         node = self._node
         waiting = node.waiting_for()
@@ -103,7 +103,7 @@ class SelfReport:
         return values, slow
 
     def _measured(self, topic: Topic[object], now_ns: int, nominal: Nominal) -> _Window | None:
-        """The window of a topic, brought up to now; None before its first message."""
+        """The current window of a topic; None before its first message."""
         sent = self._outbox.sent(topic)
         if not sent:
             return None
@@ -112,7 +112,7 @@ class SelfReport:
             source_sent = self._inbox.counts[nominal.name].sent
         window = self._windows.get(topic.name)
         if window is None or now_ns < window.start_ns or nominal != window.nominal:
-            # What was promised only in part of a window was not kept in all of it.
+            # The nominal rate changed within the window: it does not apply to all of it.
             window = _Window(now_ns, sent, nominal, source_sent)
             self._windows[topic.name] = window
         elapsed_ns = now_ns - window.start_ns
@@ -130,7 +130,7 @@ class SelfReport:
         return window
 
     def _pace(self, now_ns: int, wall_s: float | None) -> tuple[list[msg.KeyValue], list[str]]:
-        """The real time factor since the last report, and what to say where time is behind."""
+        """The real time factor since the last report, and a warning where it is too low."""
         if wall_s is None or not isinstance(self._node, ClockNode):
             return [], []
         before, self._paced = self._paced, (now_ns, wall_s, self._node.interventions)
@@ -139,7 +139,7 @@ class SelfReport:
         if before is None or self._paced is None or now_ns <= before[0] or wall_s <= before[1]:
             return [], []
         if self._node.interventions != before[2]:
-            # Time passed in another way for a part of what has gone by.
+            # The user paused, reset or changed the speed within the interval.
             return [], []
         factor = (now_ns - before[0]) * 1e-9 / (wall_s - before[1])
         value = msg.KeyValue(key=REAL_TIME_FACTOR_KEY, value=f"{factor:.3f}")

@@ -1,4 +1,4 @@
-"""The JSON documents of our own: what travels in std_msgs/String where ROS has no type.
+"""Mazebot's own JSON documents, sent in std_msgs/String where ROS has no message type.
 
 Each one is a frozen pydantic model: unknown keys and non-finite numbers are refused.
 Lengths are metres, angles radians, times seconds of simulation, in the frame `map` unless a name
@@ -24,29 +24,29 @@ Quaternion = tuple[Finite, Finite, Finite, Finite]
 
 
 class Document(BaseModel):
-    """A message of our own."""
+    """A message type of Mazebot."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class WorldRequest(Document):
-    """Which world should run; `bringup` latches it."""
+    """The requested world; `bringup` publishes it latched."""
 
     world_name: str = Field(description="name of a recipe in worlds/, e.g. `sim_house_enhanced`")
     use_aruco: bool = Field(True, description="keep the recipe's ArUco markers")
     overrides: tuple[str, ...] = Field(
-        (), description="`field=value` in YAML, put over the recipe's: `maze.seed=3`"
+        (), description="`field=value` in YAML, overrides the recipe's value: `maze.seed=3`"
     )
 
 
 class WorldStatus(Document):
-    """What became of a request: `error` is empty where the world was loaded."""
+    """The result of a world request: `error` is empty where the world was loaded."""
 
     request: WorldRequest
     world_hash: str = Field(
-        "", description="hash of the world that runs, of this request or another"
+        "", description="hash of the running world, from this request or another one"
     )
-    error: str = Field("", description="one line that says what is wrong and what would be right")
+    error: str = Field("", description="one line: what is wrong, and what is allowed")
 
 
 class Planar(Document):
@@ -83,7 +83,7 @@ class Material(Document):
 
 
 class Covering(Document):
-    """A stretch of a wall's face, from the floor to the top, with a material of its own."""
+    """A section of a wall's face, from the floor to the top, with its own material."""
 
     side: Literal["left", "right"] = Field(description="as a marker's")
     from_m: Finite = Field(description="along the wall's x axis, from its centre")
@@ -102,7 +102,7 @@ class Wall(Document):
     y_m: Finite = Field(description="centre")
     yaw_rad: Finite
     material: str = Field(description="name of a material of the world")
-    coverings: tuple[Covering, ...] = Field((), description="what looks otherwise; none overlap")
+    coverings: tuple[Covering, ...] = Field((), description="none overlap")
 
     def map_from_wall(self) -> SE2:
         """Pose of the wall's centre."""
@@ -110,15 +110,15 @@ class Wall(Document):
 
 
 class Marker(Document):
-    """An ArUco marker by the surface it hangs on. `offset_m` runs along the wall's x axis from its
-    centre.
+    """An ArUco marker, given by the wall it hangs on. `offset_m` runs along the wall's x axis from
+    the wall's centre.
     """
 
     id: Annotated[int, Field(ge=0, le=100_000)] = Field(description="unique in the world")
     dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
     size_m: Positive = Field(0.3, description="side of the black square")
     quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = Field(
-        1, description="width of the white around it, in modules of the marker"
+        1, description="width of the white quiet zone around it, in modules of the marker"
     )
     wall: str = Field(description="name of a wall")
     side: Literal["left", "right"] = Field(
@@ -129,7 +129,7 @@ class Marker(Document):
 
     @property
     def name(self) -> str:
-        """Of its entity, where a world's own marker hangs."""
+        """Name of the entity of a marker that is part of the world."""
         return f"aruco_{self.id}"
 
 
@@ -179,7 +179,7 @@ class Ellipsoid(Document):
 
 
 class Plane(Document):
-    """A flat rectangle at z = 0, seen and solid from +z only."""
+    """A flat rectangle at z = 0, visible and solid from +z only."""
 
     kind: Literal["plane"] = "plane"
     size_m: tuple[Positive, Positive]
@@ -209,18 +209,18 @@ Geometry = Annotated[
 
 
 class Shape(Document):
-    """A part of a body: what is seen, what is solid, or both."""
+    """A part of a body: visual, collision geometry, or both."""
 
     name: str
     geometry: Geometry
     position_m: Vector = Field((0.0, 0.0, 0.0), description="in the body's frame")
     orientation_xyzw: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="body_from_shape")
-    material: str = Field("", description="name of a material of the world; empty: not seen")
-    solid: bool = Field(True, description="robot, lidar and map meet it")
+    material: str = Field("", description="name of a material of the world; empty: invisible")
+    solid: bool = Field(True, description="the robot, the lidar and the map take it into account")
 
 
 class Body(Document):
-    """A rigid thing of any shapes. Walls are not among them."""
+    """A rigid body of any shapes. Walls are not bodies."""
 
     name: str
     position_m: Vector
@@ -232,7 +232,7 @@ class Body(Document):
 
     @property
     def moves(self) -> bool:
-        """Whether it can ever be elsewhere than at its pose."""
+        """Whether it can ever leave its pose."""
         return self.mass_kg > 0.0
 
 
@@ -240,7 +240,7 @@ class Room(Document):
     """A named part of the floor."""
 
     name: str
-    polygon_m: tuple[Point2, ...] = Field(description="its corners, in turn")
+    polygon_m: tuple[Point2, ...] = Field(description="its corners, in order")
     floor_material: str = Field("", description="empty: the world's")
 
 
@@ -253,7 +253,7 @@ class Ceiling(Document):
 
 class PointLight(Document):
     """A lamp. At distance d within `range_m` its light is diffuse / (constant + linear d +
-    quadratic d^2), as in SDF; beyond, nothing.
+    quadratic d^2), as in SDF; beyond it is 0.
     """
 
     name: str
@@ -266,7 +266,7 @@ class PointLight(Document):
 
 
 class World(Document):
-    """A resolved world: everything in it, with the hash that identifies it."""
+    """A resolved world: everything it contains, with the hash that identifies it."""
 
     name: str
     recipe: str = Field(description="file name of the recipe it came from")
@@ -280,7 +280,7 @@ class World(Document):
     start: Planar
     map_resolution_m: Positive = 0.05
     map_sha256: str = Field("", description="of a ready map's cells; empty: made from the world")
-    floor_material: str = Field("", description="name of a material; empty: a plain grey one")
+    floor_material: str = Field("", description="name of a material; empty: plain grey")
     ceiling: Ceiling | None = None
     lights: tuple[PointLight, ...] = ()
     sky: Rgba = (0.7, 0.7, 0.7, 1.0)
@@ -289,21 +289,21 @@ class World(Document):
     light_diffuse: Finite = 0.8
 
     def content_hash(self) -> str:
-        """The hash that `hash` must hold."""
+        """The value that `hash` must have."""
         content = json.dumps(self.model_dump(mode="json", exclude={"hash"}), sort_keys=True)
         return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 class MarkerEntity(Document):
-    """An ArUco marker on its panel. Its pose is that of the panel's centre; its face looks along
-    +z, with +x to the right and +y up as one looks at it.
+    """An ArUco marker on its panel. Its pose is that of the panel's centre; its face points along
+    +z, with +x to the right and +y up seen from the front.
     """
 
     name: str
     kind: Literal["marker"] = "marker"
     position_m: Vector
     orientation_xyzw: Quaternion
-    panel_side_m: Positive = Field(description="side of the panel, quiet zone and all")
+    panel_side_m: Positive = Field(description="side of the panel, with the quiet zone")
     texture_sha256: str
     marker_id: int
     marker_size_m: Positive = Field(description="side of the black square")
@@ -314,38 +314,38 @@ MAX_PATH_SPEED_M_S = 5.0
 
 
 class ScriptedPath(Document):
-    """A way that a body follows over and over, at one speed, looking ahead: from its pose to each
-    waypoint in turn, and then back to its pose (`loop`) or the same way back.
+    """A path that a body follows repeatedly at constant speed, facing forward: from its pose to
+    each waypoint in order, then straight back to its pose (`loop`) or back along the same path.
     """
 
     waypoints_m: tuple[Point2, ...] = Field(min_length=1, max_length=1000)
     speed_m_s: Annotated[float, Field(gt=0.0, le=MAX_PATH_SPEED_M_S, allow_inf_nan=False)]
     loop: bool = False
-    yields: bool = Field(True, description="waits while the robot is in its way")
+    yields: bool = Field(True, description="stops while the robot blocks its path")
 
 
 class BodyEntity(Document):
-    """A rigid thing of any shapes that was put into a world. Its pose is that of its origin."""
+    """A rigid body of any shapes that was spawned in a world. Its pose is that of its origin."""
 
     name: str
     kind: Literal["body"] = "body"
     position_m: Vector
     orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     mass_kg: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
-        0.0, description="0: only its path, if it has one, moves it"
+        0.0, description="0: moved only by its path, if it has one"
     )
     shapes: tuple[Shape, ...] = Field(min_length=1)
-    materials: tuple[Material, ...] = Field((), description="those its shapes name")
+    materials: tuple[Material, ...] = Field((), description="the materials that its shapes name")
     path: ScriptedPath | None = Field(None, description="needs mass_kg 0")
     placed: Annotated[int, Field(ge=0)] = Field(
         0,
-        description="counts the times it was put at its pose: a new count puts there again what "
-        "has moved since",
+        description="counts how often it was put at its pose: a new count moves it back to its "
+        "pose if it has moved since",
     )
 
     @property
     def moves(self) -> bool:
-        """Whether it can be elsewhere than at its pose, but for being put there."""
+        """Whether it can leave its pose without being set to another one."""
         return self.mass_kg > 0.0 or self.path is not None
 
 
@@ -354,7 +354,7 @@ Thing = Body | BodyEntity
 
 
 class Refusal(Document):
-    """A thing that was refused, and why."""
+    """An entity that was refused, and why."""
 
     name: str
     reason: str
@@ -366,41 +366,41 @@ class Entities(Document):
     world_hash: str
     revision: Annotated[int, Field(ge=0)] = Field(
         0,
-        description="counts the desired sets; of the set that exists: which of them it answers. "
-        "0: the first set of a spawner that has just begun. Where a set exists already, all of it "
-        "stays as it is, and of this one only what was refused before is tried again",
+        description="number of the desired set; in the set that exists: number of the desired set "
+        "that it answers. 0: the first set of a spawner that has just started. If a set exists "
+        "already, it is kept, and only entities that were refused before are tried again",
     )
     entities: tuple[Entity, ...] = ()
     refused: tuple[Refusal, ...] = ()
 
     @property
     def markers(self) -> tuple[MarkerEntity, ...]:
-        """Those of the entities that are markers, in order."""
+        """The entities that are markers, in order."""
         return tuple(one for one in self.entities if isinstance(one, MarkerEntity))
 
     @property
     def bodies(self) -> tuple[BodyEntity, ...]:
-        """Those of the entities that are bodies, in order."""
+        """The entities that are bodies, in order."""
         return tuple(one for one in self.entities if isinstance(one, BodyEntity))
 
 
 class Contact(Document):
-    """The robot began to touch something that is not the floor."""
+    """A contact of the robot with anything but the floor has begun."""
 
     time_s: Finite = Field(description="simulation time, s")
     robot_link: str = Field(description="link of the robot")
-    body: str = Field(description="what it touched: a wall, a body or an entity, by name")
+    body: str = Field(description="name of the wall, body or entity it collided with")
     position_m: tuple[Finite, Finite, Finite] = Field(description="x, y, z in `map`, m")
     impulse_n_s: Finite = Field(description="impulse of the first step, N s")
 
 
 class SpawnEntity(Document):
-    """Asks for a thing to stand in the world. The same request again changes nothing."""
+    """Requests that an entity be spawned. Repeating the same request changes nothing."""
 
     entity: Entity
     allow_renaming: bool = Field(
         False,
-        description="where another thing has the name, take the first that is free: `name_1`",
+        description="if the name is taken, use the first free one: `name_1`",
     )
     assets: dict[str, str] = Field(
         default_factory=dict,
@@ -409,13 +409,13 @@ class SpawnEntity(Document):
 
 
 class DeleteEntity(Document):
-    """Asks for a thing to be gone."""
+    """Requests that an entity be deleted."""
 
     name: str
 
 
 class SetEntityState(Document):
-    """Asks for a thing to be elsewhere."""
+    """Requests that an entity be moved to another pose."""
 
     name: str
     position_m: Vector
@@ -423,20 +423,20 @@ class SetEntityState(Document):
 
 
 class EntityReply(Document):
-    """What became of a request for an entity: where it is now, or why it is not."""
+    """The result of an entity request: the entity's pose, or the reason of the failure."""
 
     error: str = Field("", description="one line; empty: done")
-    name: str = Field("", description="under which it stands")
+    name: str = Field("", description="name of the entity in the world")
     position_m: Vector = (0.0, 0.0, 0.0)
     orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 class GetEntities(Document):
-    """Asks for what stands in the world."""
+    """Requests the list of entities in the world."""
 
 
 MIN_SPEED = 0.01
-"""The slowest that simulation time passes by a factor of real time."""
+"""The smallest factor of real time at which simulation time can pass."""
 
 
 def _as_fast_as_possible_or_a_factor(speed: float) -> float:
@@ -454,26 +454,26 @@ Speed = Annotated[
 
 
 class SimulationControl(Document):
-    """Asks the simulation to stand still, to go on, or to begin again. What is None stays as it is.
+    """Requests a pause, resume or reset of the simulation. Fields that are None change nothing.
 
-    Of several things in one request, `reset` comes first, then the rest. The answer to `step` and
-    `run_until_s` comes when they are done; both leave the simulation paused.
+    Of several fields in one request, `reset` is done first, then the rest. The reply to `step` and
+    `run_until_s` is sent when they are done; both leave the simulation paused.
     """
 
     pause: bool | None = None
     step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
-        None, description="advance by so many steps"
+        None, description="advance by this number of steps"
     )
     run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
         None, description="advance to this simulation time"
     )
     reset: Literal["all", "time"] | None = Field(
         None,
-        description="`all`: everything is where it was at the start, at time 0; `time`: only the "
-        "clock begins again",
+        description="`all`: everything returns to its initial state, at time 0; `time`: only the "
+        "clock restarts",
     )
     seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
-        None, description="of the random streams from now on; needs `reset: all`"
+        None, description="new seed of the random streams; needs `reset: all`"
     )
     speed: Speed | None = Field(
         None, description="simulated seconds a second; 0: as fast as possible"
@@ -489,32 +489,32 @@ class SimulationStats(Document):
     step_size_s: Positive
     paused: bool = False
     speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
-        1.0, description="simulated seconds a second asked for; 0: as fast as possible"
+        1.0, description="requested simulated seconds a second; 0: as fast as possible"
     )
-    seed: int = Field(0, description="of the random streams")
+    seed: int = Field(0, description="seed of the random streams")
     epoch: int = Field(
-        0, description="counts the beginnings: load, reset, and every time the world was built anew"
+        0, description="counts the starts: load, reset, and every rebuild of the world"
     )
-    entities: int = Field(0, description="how many stand in the world")
+    entities: int = Field(0, description="number of entities in the world")
     renderer: str = Field(
         description="`cpu_rasterizer`, `moderngl (...)`, `tiny_renderer`, or `none`"
     )
     state_hash: str = Field(
-        description="chained hash of the states of robot and things after every step of this epoch"
+        description="chained hash of the states of robot and bodies after every step of this epoch"
     )
-    image_hash: str = Field("", description="chained hash of the camera's pictures of this epoch")
+    image_hash: str = Field("", description="chained hash of the camera images of this epoch")
     watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
 
 
 class SimulationControlReply(Document):
-    """How the simulation is after a request."""
+    """The state of the simulation after a request."""
 
     error: str = Field("", description="one line; empty: done")
-    stats: SimulationStats | None = Field(None, description="None before there is a world")
+    stats: SimulationStats | None = Field(None, description="None before a world is loaded")
 
 
 class NavigationStatus(Document):
-    """What localisation and navigation are doing."""
+    """The state of localisation and navigation."""
 
     localization_active: bool
     navigation_active: bool
@@ -525,12 +525,10 @@ class NavigationStatus(Document):
 
 
 class NavigationResult(Document):
-    """How a goal ended, with Nav2's error codes (0 is success)."""
+    """The result of a goal, with Nav2's error codes (0 is success)."""
 
     goal: Planar
-    goal_stamp_ns: int = Field(
-        description="stamp of the goal's message: tells one goal from another"
-    )
+    goal_stamp_ns: int = Field(description="stamp of the goal's message: identifies the goal")
     error_code: int
     error_msg: str = ""
     start_time_s: Finite
@@ -539,26 +537,26 @@ class NavigationResult(Document):
 
 
 class CancelGoal(Document):
-    """Asks navigation to give up the goal to which it drives: the robot stops."""
+    """Requests that navigation cancel the current goal: the robot stops."""
 
     goal_stamp_ns: int | None = Field(
-        None, description="stamp of the goal's message: that goal and no other; None: any"
+        None, description="stamp of the goal's message: cancel only that goal; None: any"
     )
 
 
 class CancelGoalReply(Document):
-    """What became of a request to cancel."""
+    """The result of a cancel request."""
 
     error: str = Field("", description="one line; empty: canceled")
     return_code: Literal[0, 2] = Field(
         0, description="as in action_msgs/srv/CancelGoal: 0 canceled, 2 no such goal"
     )
-    goal: Planar | None = Field(None, description="the goal that was given up")
+    goal: Planar | None = Field(None, description="the canceled goal")
     goal_stamp_ns: int = Field(0, description="stamp of that goal's message")
 
 
 class Parameters(Document):
-    """The configuration with which a service runs."""
+    """The configuration of a running service."""
 
     service: str
     values: dict[str, JsonValue]
@@ -573,13 +571,13 @@ class ErrorStatistics(Document):
 
 
 class GoalReport(Document):
-    """One goal, judged by the ground truth."""
+    """The evaluation of one goal against the ground truth."""
 
     name: str = Field(
-        description="of the location whose pose it is; `home`: the start pose; `goal`: another pose"
+        description="name of the location at this pose; `home`: the start pose; `goal`: any other"
     )
     reached: bool = Field(
-        description="navigation reports success, and the robot truly stands within 0.25 m and "
+        description="navigation reports success, and the robot's true pose is within 0.25 m and "
         "0.25 rad of the goal"
     )
     time_s: Finite = Field(description="simulation time from start to end, s")
@@ -597,14 +595,14 @@ class GoalReport(Document):
     goal_stamp_ns: int = Field(0, description="stamp of the goal's message, ns of simulation time")
     localisation_error_m: Finite | None = Field(
         None,
-        description="mean distance between estimated and true pose on the way, m; null: there was "
-        "no estimate",
+        description="mean distance between estimated and true pose during the drive, m; null: "
+        "there was no estimate",
     )
-    contacts: int = Field(0, description="number of contacts on the way")
+    contacts: int = Field(0, description="number of contacts during the drive")
 
 
 class Evaluation(Document):
-    """The run so far, judged by the ground truth."""
+    """The evaluation of the run so far against the ground truth."""
 
     goals: tuple[GoalReport, ...] = Field((), description="the goals that have ended, oldest first")
     contacts: tuple[Contact, ...] = Field((), description="the first 1,000 contacts, oldest first")
@@ -619,11 +617,11 @@ class Evaluation(Document):
         ErrorStatistics(), description="angle between estimated and true heading, rad"
     )
     marker_error_m: ErrorStatistics = Field(
-        ErrorStatistics(), description="distance between a marker as detected and as it hangs, m"
+        ErrorStatistics(), description="distance between a marker's detected and true position, m"
     )
     odometry_drift_m: Finite | None = Field(
         None,
         description="distance between the pose by wheel odometry alone and the true one at the "
         "newest odometry message, m; null: no odometry or no ground truth",
     )
-    recording: str = Field("", description="folder of the run, as the recorder knows it")
+    recording: str = Field("", description="folder of the run, as given by the recorder")

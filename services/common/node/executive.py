@@ -19,41 +19,41 @@ DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 
 
 class StalledError(RuntimeError):
-    """Time stands still and no node has anything to do."""
+    """Simulation time does not advance and no node is due."""
 
 
 class Transport(Protocol):
-    """How messages get from one node's outbox to the others' inboxes."""
+    """Carries messages from one node's outbox to the others' inboxes."""
 
     def connect(self, node: Node) -> tuple[Inbox, Outbox]:
-        """The boxes of a node."""
+        """The inbox and outbox of a node."""
 
     def settle(self, node: Node, outbox: Outbox) -> None:
-        """Return when everything that the node has sent is in its readers' inboxes."""
+        """Return when all messages that the node has sent are in its readers' inboxes."""
 
     def close(self) -> None:
-        """Let go of what the transport holds."""
+        """Release the transport's resources."""
 
 
 class MemoryTransport:
-    """Hands each message over as the object it is."""
+    """Passes each message on as an object, without encoding it."""
 
     def __init__(self) -> None:
         self._inboxes: dict[str, Inbox] = {}
 
     def connect(self, node: Node) -> tuple[Inbox, Outbox]:
-        """The boxes of a node."""
+        """The inbox and outbox of a node."""
         self._inboxes[node.name] = Inbox(node)
         return self._inboxes[node.name], Outbox(node, self._send)
 
     def settle(self, node: Node, outbox: Outbox) -> None:
-        """Nothing is ever on its way."""
+        """Messages are delivered at once."""
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to release."""
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
-        """Ask the node that the table names; see Inbox.ask."""
+        """Query the node that the table names; see Inbox.ask."""
         return self._inboxes[query.owner].ask(query, message, respond)
 
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
@@ -63,7 +63,7 @@ class MemoryTransport:
 
 
 class Seat(Protocol):
-    """A node's place among those that take turns, in this process or in another."""
+    """A node that takes part in a round, in this process or in another one."""
 
     @property
     def name(self) -> str:
@@ -74,14 +74,14 @@ class Seat(Protocol):
         """See Node."""
 
     def due(self, now_ns: int) -> bool:
-        """Whether the node has to step at `now_ns`. Asked once a turn."""
+        """Whether the node has to step at `now_ns`. Called once a turn."""
 
     def step(self, now_ns: int) -> None:
-        """Step, and return when everything that was sent is known of."""
+        """Step, and return when everything that was sent is accounted for."""
 
 
 class LocalSeat:
-    """The seat of a node in this process. What it says of itself goes by simulation time."""
+    """The seat of a node in this process. Its diagnostics are published by simulation time."""
 
     def __init__(
         self, node: Node, inbox: Inbox, outbox: Outbox, rosout: RosoutHandler | None = None
@@ -130,15 +130,15 @@ class Round:
         self.now_ns = 0
 
     def join(self, seat: Seat) -> None:
-        """Give a seat its place."""
+        """Add a seat at its position in the order."""
         if seat.name == self._clock.name:
             self._clock_seat = seat
         self.seats.append(seat)
         self.seats.sort(key=lambda one: SERVICES.index(one.name))
 
     def turn(self, advance: bool = True) -> bool:
-        """Advance physics one step where time is to go on, then step each node that is due; whether
-        any stepped.
+        """Advance physics by one step if `advance` is set, then step each node that is due; return
+        whether any stepped.
         """
         next_ns = self._clock.next_step_ns() if advance else None
         if next_ns is not None:
@@ -151,13 +151,13 @@ class Round:
                 seat.step(self.now_ns)
                 moved = True
                 if ticks:
-                    # Earlier than before where the simulation began anew.
+                    # Earlier than before after a reset.
                     self.now_ns = self._clock.now_ns
         return moved
 
 
 class _SettledSeat(LocalSeat):
-    """A seat whose step ends when the transport has carried what it sent."""
+    """A seat whose step ends when the transport has delivered what it sent."""
 
     def __init__(self, node: Node, transport: Transport, rosout: RosoutHandler | None) -> None:
         super().__init__(node, *transport.connect(node), rosout)
@@ -169,7 +169,7 @@ class _SettledSeat(LocalSeat):
 
 
 class Executive:
-    """Nodes in lockstep in one process. A run is a function of the nodes' configurations: the same
+    """Nodes in lockstep in one process. A run depends only on the nodes' configurations: the same
     ones give the same bytes.
     """
 
@@ -179,7 +179,7 @@ class Executive:
         self._transport = transport
         ordered = sorted(nodes, key=lambda node: SERVICES.index(node.name))
         (self._clock,) = (node for node in ordered if isinstance(node, ClockNode))
-        # Nobody waits for the wall clock.
+        # As fast as possible.
         self._clock.speed = 0.0
         self._seats = [_SettledSeat(node, transport, rosout) for node in ordered]
         self._round = Round(self._clock)
@@ -202,7 +202,7 @@ class Executive:
         """Step until a node is done (its exit code is returned) or `until()` holds after a step
         (None).
 
-        Raises StalledError, with what each node waits for, where nothing will ever happen again.
+        Raises StalledError, with what each node waits for, where no further step is possible.
         """
         while True:
             moved = self.turn()
@@ -216,7 +216,7 @@ class Executive:
                 raise StalledError(f"the simulation stands still: {self._why()}")
 
     def turn(self) -> bool:
-        """Advance physics one step, then step each node that is due; whether any stepped."""
+        """Advance physics by one step, then step each node that is due; whether any stepped."""
         return self._round.turn()
 
     def _why(self) -> str:
@@ -230,13 +230,13 @@ class Executive:
         return "; ".join(waits) or "no node is due"
 
     def _flush(self) -> None:
-        """Let those that are due take in what the last one had to say."""
+        """Step the other nodes once more, so that they process the last messages."""
         for seat in self._seats:
             if seat.exit_code is None and seat.node is not self._clock:
                 seat.step(self.now_ns)
 
     def close(self) -> None:
-        """Close every node, the last in the order first, and the transport."""
+        """Close every node, in reverse order, and the transport."""
         for seat in reversed(self._seats):
             seat.node.close()
         self._transport.close()

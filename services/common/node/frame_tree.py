@@ -1,4 +1,4 @@
-"""Which frame hangs on which, by the transforms that came so far."""
+"""The TF tree from the transforms received so far."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from services.common.frames import Array
 from services.common.node.messages import TFMessage, TransformStamped, chain_transforms, has_ring
 
 MAX_FRAMES = 2000
-"""Several times as many as a robot and the most bodies that may move have."""
+"""Several times the frames of a robot and the maximum number of moving bodies."""
 _TOO_MANY = "too many frames"
 
 
 class FrameNames:
-    """The frames that were heard of. A message by which there would be too many is refused."""
+    """The known frame names. A message that would exceed MAX_FRAMES is refused."""
 
     def __init__(self) -> None:
         self._names: set[str] = set()
 
     def add(self, message: TFMessage) -> str:
-        """Take in transforms; in a few words, why they are refused, or nothing."""
+        """Add transforms; return a short reason if they are refused, else an empty string."""
         new = {entry.child_frame_id for entry in message.transforms} - self._names
         if len(self._names) + len(new) > MAX_FRAMES:
             return _TOO_MANY
@@ -26,15 +26,15 @@ class FrameNames:
 
 
 class FrameTree:
-    """The newest transform of each frame. What would make a ring of them, or too many, is refused
-    as a whole, and changes nothing.
+    """The newest transform of each frame. A message that would make a cycle or too many frames is
+    refused as a whole.
     """
 
     def __init__(self) -> None:
         self._entries: dict[str, TransformStamped] = {}
 
     def add(self, message: TFMessage) -> str:
-        """Take in transforms; in a few words, why they are refused, or nothing."""
+        """Add transforms; return a short reason if they are refused, else an empty string."""
         entries = self._entries
         moved = [
             entry
@@ -53,5 +53,5 @@ class FrameTree:
         return ""
 
     def chain(self, parent_frame: str, child_frame: str) -> Array | None:
-        """Rigid (4, 4) `parent_from_child`; None where no transforms connect the two."""
+        """Rigid (4, 4) `parent_from_child`; None where no transforms connect the frames."""
         return chain_transforms(self._entries.values(), parent_frame, child_frame)

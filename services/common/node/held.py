@@ -1,4 +1,4 @@
-"""What is latched outlives its publisher: those who read it keep it, for those who come later."""
+"""Latched messages outlive their publisher: subscribers keep them for later subscribers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from services.common.node.topics import Delivery, Topic, owned_by, read_by
 
 MAX_SOURCES = 16
-"""Publishers of one topic whose messages are kept: those heard last."""
+"""Publishers of one topic whose messages are kept: the most recent ones."""
 MAX_BYTES = 128 * 1024 * 1024
 
 
 class _Sent(Protocol):
     @property
     def source(self) -> str:
-        """Who sent it."""
+        """Its publisher."""
 
 
 E = TypeVar("E", bound=_Sent)
@@ -30,12 +30,12 @@ class HeldMessage(NamedTuple, Generic[E]):
     data: bytes
     envelope: E
     received_ns: int
-    """By the wall clock."""
+    """Wall clock time."""
 
 
 def wanted_by(service: str) -> list[Topic[object]]:
-    """The topics whose last messages a service that has just begun asks the others for: of what it
-    reads all that is said but once, and of its own what its next life goes on from.
+    """The latched topics whose last messages a service requests from the others when it starts: the
+    non-periodic ones that it reads, and its own ones that are `returned` after a restart.
     """
     read = [topic for topic in read_by(service) if topic.rate_hz is None]
     own = [topic for topic in owned_by(service) if topic.returned]
@@ -43,7 +43,7 @@ def wanted_by(service: str) -> list[Topic[object]]:
 
 
 class HeldMessages(Generic[E]):
-    """The newest messages of each publisher of what others may ask for."""
+    """The newest messages of each publisher, for topics that others may request."""
 
     def __init__(self, service: str) -> None:
         self._topics = {
@@ -58,8 +58,8 @@ class HeldMessages(Generic[E]):
         self._bytes = 0
 
     def keep(self, name: str, data: bytes, envelope: E) -> None:
-        """Keep a message in place of an older one. Of too many publishers the one not heard for the
-        longest goes; of too many bytes, what is new.
+        """Keep a message in place of an older one. Beyond MAX_SOURCES the least recent publisher is
+        dropped; beyond MAX_BYTES the new message is.
         """
         topic = self._topics.get(name)
         if topic is None or self._bytes + len(data) > MAX_BYTES:
@@ -78,7 +78,7 @@ class HeldMessages(Generic[E]):
     def said_by(
         self, names: Collection[str], is_meant: Callable[[str], bool]
     ) -> list[HeldMessage[E]]:
-        """What is kept on topics of the publishers that are meant."""
+        """The kept messages on these topics, of the publishers for which `is_meant` is true."""
         return [
             message
             for name in names
@@ -89,13 +89,13 @@ class HeldMessages(Generic[E]):
 
 
 def newest(messages: Iterable[HeldMessage[E]]) -> list[HeldMessage[E]]:
-    """Of what several readers have kept, each message once, oldest first; of a topic that one
-    service alone writes, only the messages of the publisher that was heard last.
+    """The messages kept by several subscribers, without duplicates, oldest first; of a topic with
+    only one owner, only the messages of the most recent publisher.
     """
     by_topic: dict[str, dict[str, list[HeldMessage[E]]]] = {}
     for message in sorted(messages, key=lambda one: one.received_ns):
         sources = by_topic.setdefault(message.topic.name, {})
-        # The last one heard stands last.
+        # The most recent publisher comes last.
         kept = sources.pop(message.envelope.source, [])
         if all(message.data != other.data for other in kept):
             kept.append(message)

@@ -17,7 +17,7 @@ class RosFormatter(logging.Formatter):
     """`[INFO] [node]: text`, as `ros2 launch` shows it."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line of a record; an exception is told by its own words, without its traceback."""
+        """The line of a record; of an exception only the message, without the traceback."""
         level = _ROS_NAMES.get(record.levelname, record.levelname)
         text = record.getMessage()
         if record.exc_info and record.exc_info[1]:
@@ -26,14 +26,14 @@ class RosFormatter(logging.Formatter):
 
 
 class RosoutHandler(logging.Handler):
-    """Sends each record to /rosout through the box of whichever node is at work."""
+    """Publishes each record on /rosout through the outbox of the node that is running."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self.outbox: Outbox | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Put the record on /rosout."""
+        """Publish the record on /rosout."""
         if self.outbox is None:
             return
         self.outbox.put(
@@ -58,6 +58,6 @@ def configure(console: logging.Handler | None = None) -> RosoutHandler:
     root = logging.getLogger()
     root.handlers = [handler, rosout]
     root.setLevel(logging.INFO)
-    # numba tells of each compiler pass.
+    # numba logs every compiler pass.
     logging.getLogger("numba").setLevel(logging.WARNING)
     return rosout

@@ -1,4 +1,4 @@
-"""The ROS 2 (Jazzy) message types under their own names, and the short functions that fill them.
+"""The ROS 2 (Jazzy) message types under their own names, and helper functions that fill them.
 
 The classes of standard packages come from `rosbags`; vision_msgs, which it does not ship, is
 declared here.
@@ -118,7 +118,7 @@ class RosMessage(Protocol):
 
 @dataclass
 class ObjectHypothesis:
-    """vision_msgs/ObjectHypothesis: what the thing is, and how sure that is (0 to 1)."""
+    """vision_msgs/ObjectHypothesis: the object's class, and the score (0 to 1)."""
 
     class_id: str
     score: float
@@ -147,7 +147,7 @@ class BoundingBox3D:
 
 @dataclass
 class Detection3D:
-    """vision_msgs/Detection3D: the hypotheses of one thing, best first."""
+    """vision_msgs/Detection3D: the hypotheses of one object, best first."""
 
     header: Header
     results: list[ObjectHypothesisWithPose]
@@ -158,7 +158,7 @@ class Detection3D:
 
 @dataclass
 class Detection3DArray:
-    """vision_msgs/Detection3DArray: everything found in one image."""
+    """vision_msgs/Detection3DArray: all objects detected in one image."""
 
     header: Header
     detections: list[Detection3D]
@@ -187,8 +187,8 @@ for _class, _text in _VISION_MSGS.items():
 
 
 def float32(value: float) -> float:
-    """The value a float32 field holds after the wire, so that both ways of running see the same
-    one.
+    """The value of a float32 field after serialization, so that a run in one process sees the same
+    value as one over the bus.
     """
     return float(np.float32(value))
 
@@ -283,7 +283,7 @@ def matrix_from_transform(transform: Transform) -> Array:
 def chain_transforms(
     transforms: Iterable[TransformStamped], parent_frame: str, child_frame: str
 ) -> Array | None:
-    """Rigid (4, 4) `parent_from_child` through TF entries; None where they connect no such pair."""
+    """Rigid (4, 4) `parent_from_child` through TF entries; None where they are not connected."""
     parents = {entry.child_frame_id: entry for entry in transforms}
     parent_from_child = np.eye(4)
     frame = child_frame
@@ -300,7 +300,7 @@ def chain_transforms(
 
 
 def has_ring(parents: Mapping[str, str]) -> bool:
-    """Whether frames, each given with the frame it hangs on, hang on each other in a ring."""
+    """Whether frames, each given with its parent frame, form a cycle."""
     hung: set[str] = set()
     for first in parents:
         frame, way = first, set[str]()
@@ -320,7 +320,7 @@ _OTHER_VARIANCES_OF_36 = np.array([14, 21, 28])
 def planar_covariance(covariance_3x3: Array, unused: float = 0.0) -> NDArray[np.float64]:
     """ROS (36,) row-major covariance of (x, y, z, roll, pitch, yaw) from one of (x, y, yaw).
 
-    `unused` is put on the diagonal of z, roll and pitch.
+    `unused` is the diagonal value for z, roll and pitch.
     """
     full = np.zeros(36)
     full[_PLANAR_OF_36] = np.asarray(covariance_3x3).reshape(9)

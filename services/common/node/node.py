@@ -1,4 +1,4 @@
-"""What a node is: `step(now_ns, inbox, outbox)`, with typed boxes and no I/O."""
+"""The node interface: `step(now_ns, inbox, outbox)`, with typed queues and no I/O."""
 
 from __future__ import annotations
 
@@ -23,20 +23,18 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 MAX_REQUESTS = 1000
-"""That wait for one node; those beyond are answered with an error."""
+"""Queue length of one query of a node; further requests are answered with an error."""
 MAX_WAITING = 1000
-"""Messages of one topic that wait for one node; of more, the newest."""
+"""Queue length of one topic of a node; beyond it the oldest messages are dropped."""
 MAX_WAITING_BYTES = 256 * 1024 * 1024
-"""Of all topics together, as they came from the wire."""
+"""Maximum of all topics' queues together, in serialized bytes."""
 MAX_SOURCES = 1000
-"""Of one topic, whose sequence numbers are remembered: those that sent last."""
+"""Publishers of one topic whose sequence numbers are remembered: the most recent ones."""
 QUEUE_FULL = "queue full"
 
 
 class Envelope(NamedTuple):
-    """What travels beside a message: its number at its source, when it was sent, and in which
-    world.
-    """
+    """A message's metadata: its source, its sequence number there, its send time and its world."""
 
     source: str
     sequence: int
@@ -46,101 +44,96 @@ class Envelope(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Request(Generic[Q, A]):
-    """A query that waits for its answer. It may be answered in a later step, once."""
+    """A pending query. It may be answered once, in this step or a later one."""
 
     query: Query[Q, A]
     message: Q
     respond: Callable[[A], None]
-    """Sends the answer. What was not answered when the asker's patience ends is never answered."""
+    """Sends the reply. A reply after the client's timeout is lost."""
 
 
 class Node(ABC):
-    """A service's logic. It reads no clock, no file and no environment: all it knows comes through
-    its boxes.
+    """A service's logic. It reads no clock, no file and no environment: all its input comes through
+    its inbox.
 
-    A node steps every `period_ns` of simulation time, and at once where a message on one of `wakes`
-    has come, or a query.
+    A node steps every `period_ns` of simulation time, and at once when a query or a message on one
+    of the `wakes` topics arrives.
     """
 
     name: ClassVar[str]
     period_ns: ClassVar[int | None] = None
     wakes: ClassVar[tuple[Topic[Any], ...]] = ()
     depth: ClassVar[int] = 0
-    """Messages of a LATEST topic to keep where that is more than the topic's own depth."""
+    """Queue depth for LATEST topics where it is greater than the topic's own depth."""
 
     _config: ServiceConfig
     world_hash: str = ""
-    """The world this node works in; empty before it has one."""
+    """Hash of the world this node uses; empty before it has one."""
     exit_code: int | None = None
-    """Set by a node whose work is done: its process ends with it."""
+    """Set by a node whose work is done: the process ends with this exit code."""
     hears_from_s: float | None = None
-    """Unix time from which on it hears what was sent, before it was there, on topics of which it
-    gets every message; None: nothing. It may change at any time.
+    """Unix time from which on the node accepts EVERY messages that were sent before it started;
+    None: it accepts none of them. It may change at any time.
     """
 
     @abstractmethod
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Take in what is new, advance to `now_ns`, put out what is due."""
+        """Process new messages, advance to `now_ns`, publish what is due."""
 
     def parameters(self) -> Parameters:
-        """The configuration with which this node runs."""
+        """The configuration of this node."""
         return Parameters(service=self.name, values=self._config.model_dump(mode="json"))
 
     def waiting_for(self) -> str | None:
-        """The one thing this node cannot work without and does not have yet, in words; None: it is
-        active.
-        """
+        """Description of the required input that this node still lacks; None: it is active."""
         return None
 
     def nominal_rates_hz(self) -> Mapping[str, float | Topic[Any]]:
-        """By topic name, the rate at which this node means to put out now, per second of
-        simulation; or the topic of which it answers every message. A topic that is not named here
-        may be slow.
+        """By topic name, the current nominal publishing rate per second of simulation time; or the
+        topic whose every message is answered with one. Topics not named here may be slow.
         """
         return {}
 
     def close(self) -> None:  # noqa: B027 - most nodes hold nothing
-        """Let go of what the node holds. Called once, at the end."""
+        """Release the node's resources. Called once, at the end."""
 
 
 class ClockNode(Node):
-    """The node that makes simulation time pass."""
+    """The node that advances simulation time."""
 
     speed: float = 1.0
-    """Simulated seconds a second to keep to; 0: as fast as possible."""
+    """Target speed in simulated seconds a second; 0: as fast as possible."""
     paused: bool = False
-    """Whether the user has paused the simulation, rather than it waiting for something."""
+    """Whether the user has paused the simulation (it is not waiting for input)."""
     interventions: int = 0
     """How often the user has paused, resumed, reset or changed the speed of the simulation."""
     now_ns: int = 0
-    """The time it has come to; after a step in which the simulation began anew, earlier than
-    before.
-    """
+    """Current simulation time; it goes backwards in a step that resets the simulation."""
 
     @property
     def resting(self) -> bool:
-        """Whether nothing moves, so that nobody misses steps that come several at once."""
+        """Whether nothing moves, so that several steps may be run in one batch."""
         return False
 
     @abstractmethod
     def next_step_ns(self) -> int | None:
-        """The time to which the next step advances; None: time stands still."""
+        """The time to which the next step advances; None: time does not advance."""
 
 
 @dataclass
 class TopicCounts:
-    """What an inbox has seen of one topic. Any thread may read it while others count."""
+    """Message counts of one topic in an inbox. Any thread may read them while others count."""
 
     received: int = 0
     sent: int = 0
-    """Messages that the publishers seen here have sent so far."""
+    """Messages sent so far by the publishers seen here."""
     lost: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
-    """By reason. Replaced where it changes: who reads it may take their time."""
+    """By reason. Replaced on each change, never modified, so that it can be read without a lock."""
     last_sequence: dict[str, int] = field(default_factory=dict)
 
     def take_in(self, source: str, sequence: int) -> None:
-        """Count a message of a source by its number there."""
+        """Count a message of a source by its sequence number."""
         self.received += 1
         last = self.last_sequence.get(source)
         if last is None:
@@ -155,12 +148,12 @@ class TopicCounts:
         self.last_sequence[source] = sequence
 
     def reject(self, reason: str, count: int = 1) -> None:
-        """Count messages that were not acted on."""
+        """Count rejected messages."""
         self.rejected = self.rejected + Counter({reason: count})
 
 
 class Inbox:
-    """The messages that came for one node since its last step. Any thread may deliver."""
+    """The messages received for one node since its last step. Any thread may deliver."""
 
     def __init__(self, node: Node, on_delivery: Callable[[], None] = lambda: None) -> None:
         self._node = node
@@ -181,16 +174,16 @@ class Inbox:
             query.name: deque() for query in asked_of(node.name)
         }
         self._gone: set[str] = set()
-        # Time does not pass of itself while nothing moves; see ClockNode.resting.
+        # Steps are delayed while nothing moves; see ClockNode.resting.
         self._calls_always = isinstance(node, ClockNode)
         self._waking = [self._queues[topic.name] for topic in node.wakes]
         self._waking_names = frozenset(topic.name for topic in node.wakes)
         self._may_wake = False
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
-        """Take in a query, to be answered by `respond`; False: too many wait already.
+        """Queue a query, to be answered by `respond`; False: the queue is full.
 
-        Raises KeyError where the table does not name this node as the one to answer it.
+        Raises KeyError where the table does not name this node as the query's owner.
         """
         with self._lock:
             waiting = self._requests[query.name]
@@ -202,14 +195,13 @@ class Inbox:
         return True
 
     def asked(self) -> bool:
-        """Whether a query waits."""
+        """Whether a query is pending."""
         return any(self._requests.values())
 
     def wakes(self) -> bool:
-        """Whether a message on one of the node's `wakes` waits, or a query.
+        """Whether a query or a message on one of the node's `wakes` topics is queued.
 
-        Asked on every step of every node: where nothing has come since it was last answered with
-        no, that is known without looking.
+        Called on every step of every node, so a negative answer is cached until something arrives.
         """
         if not self._may_wake:
             return False
@@ -228,9 +220,9 @@ class Inbox:
         return waiting
 
     def deliver(self, topic: Topic[M], message: M | bytes, envelope: Envelope) -> None:
-        """Take in a message, as an object or as bytes of the wire, decoded when it is read.
+        """Queue a message, as an object or as serialized bytes, which are decoded when it is read.
 
-        Where too many wait, the oldest of the topic go, and are counted.
+        If the queue is full, the oldest messages of the topic are dropped and counted.
         """
         name, source = topic.name, envelope.source
         with self._lock:
@@ -252,29 +244,29 @@ class Inbox:
             self._on_delivery()
 
     def leave(self, source: str) -> None:
-        """Take in that a source of messages has ended. Its last messages may come after that."""
+        """Mark a message source as gone. Its last messages may still arrive after that."""
         with self._lock:
             self._gone.add(source)
 
     def come_back(self, source: str) -> None:
-        """Take in that a source of messages is there, as far as it has ever been missed."""
+        """Mark a message source as present, whether or not it was gone."""
         with self._lock:
             self._gone.discard(source)
 
     def is_gone(self, source: str) -> bool:
-        """Whether a source of messages has ended, or is out of reach."""
+        """Whether a source has ended or cannot be reached."""
         return source in self._gone
 
     def held(
         self, names: Collection[str], of_the_living: bool = False
     ) -> list[HeldMessage[Envelope]]:
-        """The last messages on latched topics of those who have ended, or of everybody."""
+        """The last messages on these latched topics, of publishers that are gone, or of all."""
         with self._lock:
             gone = self._gone
             return self._kept.said_by(names, lambda source: of_the_living or source in gone)
 
     def pending(self, topic: Topic[M]) -> bool:
-        """Whether a message waits."""
+        """Whether a message is queued."""
         return bool(self._queues[topic.name])
 
     def new(self, topic: Topic[M]) -> list[M]:
@@ -303,7 +295,7 @@ class Inbox:
                     self.reject(topic, error.reason)
                     continue
             else:
-                # The outbox that it comes from has looked through it.
+                # The sender's outbox has validated it.
                 message = cast("M", raw)
             ours = self._node.world_hash
             if ours and envelope.world_hash and envelope.world_hash != ours:
@@ -319,7 +311,7 @@ class Inbox:
         return messages[-1] if messages else None
 
     def reject(self, topic: Topic[M], reason: str) -> None:
-        """Count a message that was not acted on. The reason is a short phrase, one of few."""
+        """Count a rejected message. The reason is a short phrase, from a small set."""
         with self._lock:
             self.counts[topic.name].reject(reason)
 
@@ -330,7 +322,7 @@ def _size(message: object) -> int:
 
 
 class Outbox:
-    """Where a node puts what it has to say."""
+    """Publishes a node's messages."""
 
     def __init__(
         self, node: Node, send: Callable[[Topic[object], object, Envelope], None], source: str = ""
@@ -345,7 +337,7 @@ class Outbox:
     def put(self, topic: Topic[M], message: M) -> None:
         """Send a message.
 
-        A message that is not finite is counted and goes no further.
+        An invalid message (such as one with non-finite values) is dropped and counted.
         Raises PermissionError where the table does not name this node as an owner.
         """
         if self._node.name not in topic.owners:
@@ -367,20 +359,20 @@ class Outbox:
 
 
 class Beat:
-    """Whole multiples of a period of simulation time."""
+    """A timer at whole multiples of a period of simulation time."""
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._next_ns = 0
 
     def is_due(self, now_ns: int) -> bool:
-        """Whether a multiple has been reached since the last one, or the simulation began anew."""
+        """Whether the next multiple has been reached, or the simulation was reset."""
         return not self._next_ns - self._period_ns <= now_ns < self._next_ns
 
     def due(self, now_ns: int) -> bool:
-        """As `is_due()`; asking moves on to the next."""
+        """As `is_due()`, and move on to the next multiple."""
         if now_ns < self._next_ns - self._period_ns:
-            # The simulation began anew.
+            # The simulation was reset.
             self._next_ns = now_ns
         if now_ns < self._next_ns:
             return False
@@ -389,20 +381,20 @@ class Beat:
 
 
 class Trigger:
-    """Tells when a node has to step."""
+    """Decides when a node has to step."""
 
     def __init__(self, node: Node) -> None:
         self._beat = Beat(node.period_ns) if node.period_ns is not None else None
 
     def due(self, now_ns: int, inbox: Inbox) -> bool:
-        """Whether the node has to step at `now_ns`; asking moves a periodic node's next time on."""
+        """Whether the node has to step at `now_ns`; the call advances a periodic node's timer."""
         return (self._beat is not None and self._beat.due(now_ns)) or inbox.wakes()
 
     def is_time(self, now_ns: int) -> bool:
-        """Whether the time alone makes the node step at `now_ns`."""
+        """Whether the node's timer is due at `now_ns`."""
         return self._beat is not None and self._beat.is_due(now_ns)
 
 
 def random_generator(seed: int, stream: str) -> np.random.Generator:
-    """The generator of one named stream of a run's seed, independent of every other stream's."""
+    """The random generator of a named stream of the run's seed, independent of other streams."""
     return np.random.default_rng([seed, zlib.crc32(stream.encode())])

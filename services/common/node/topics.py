@@ -1,5 +1,5 @@
-"""THE table: one row a topic. Subscriptions, publications, access, documentation and recording come
-from it.
+"""The topic table, one row a topic: the single source for subscriptions, publications, access,
+documentation and recording.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ SERVICES = (
 """The services in table order: the order in which they step within one instant."""
 
 EDGE = "cli"
-"""Name under which people's tools publish."""
+"""Publisher name of the user's tools."""
 
 
 class Delivery(Enum):
-    """How a topic's messages travel."""
+    """The quality of service of a topic."""
 
     LATEST = "latest"
-    """Dropped under pressure; a reader keeps the newest `depth`."""
+    """Dropped under congestion; a reader keeps the newest `depth`."""
     EVERY = "every"
-    """Small; sent again to a reader that has missed it. A reader keeps all."""
+    """Small messages; resent to a reader that has missed one. A reader keeps all."""
     LATCHED = "latched"
-    """As EVERY, and a late reader gets each publisher's last `depth`, and where that is gone, from
-    the other readers.
+    """As EVERY, and a late reader gets the last `depth` messages of each publisher, or from the
+    other readers if the publisher is gone.
     """
 
 
 @dataclass(frozen=True, eq=False)
 class Topic(Generic[M]):
-    """One row: a ROS topic, its type, its rate in simulation time, who writes and reads it, and how
-    it travels.
+    """One row: a ROS topic, its type, its rate in simulation time, its publishers and subscribers,
+    and its delivery.
     """
 
     name: str
@@ -56,9 +56,9 @@ class Topic(Generic[M]):
     rate_hz: float | None = None
     depth: int = 1
     returned: bool = False
-    """Whether its owner, where it is started anew, gets its last message back from the readers."""
+    """Whether its owner gets its last message back from the readers after a restart."""
     large: bool = False
-    """Whether a message may be so large that whoever asks for it late has to be waited for."""
+    """Whether a message may be so large that replies to a late reader must block, not drop."""
 
 
 Q = TypeVar("Q")
@@ -67,8 +67,8 @@ A = TypeVar("A")
 
 @dataclass(frozen=True, eq=False)
 class Query(Generic[Q, A]):
-    """One row: what people's tools may ask a service, as a Zenoh query on the name's key. Services
-    ask each other nothing: they share state by topics.
+    """One row: a request that the user's tools may send to a service, as a Zenoh query on the
+    name's key. Services do not query each other: they share state by topics.
     """
 
     name: str
@@ -91,17 +91,17 @@ CLOCK = Topic(
 )
 WORLD_REQUEST = Topic(
     "/world/request", doc.WorldRequest, ("bringup",), ("worldgen", "recorder"), _LATCHED,
-    "the world that should run",
+    "the requested world",
 )  # fmt: skip
 WORLD_STATUS = Topic(
     "/world/status", doc.WorldStatus, ("worldgen",), ("bringup", "recorder"), _LATCHED,
-    "what became of the request",
+    "the result of the request",
 )  # fmt: skip
 ASSETS = Topic(
     "/world/assets", msg.CompressedImage, ("worldgen", "spawner", "physics"),
     ("physics", "spawner", "recorder"), _LATCHED,
     "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes; from `physics`: "
-    "those of what stands, for a spawner that has just begun", depth=256, large=True,
+    "those of the entities in the world, for a restarted spawner", depth=256, large=True,
 )  # fmt: skip
 WORLD = Topic(
     "/world", doc.World, ("worldgen",),
@@ -114,12 +114,12 @@ MAP = Topic(
 )  # fmt: skip
 DESIRED_ENTITIES = Topic(
     "/entities/desired", doc.Entities, ("spawner",), ("physics", "recorder"), _LATCHED,
-    "what should stand in the world, and what was refused by its placement",
+    "the entities that should exist, and those refused because of their placement",
 )  # fmt: skip
 ENTITIES = Topic(
     "/entities", doc.Entities, ("physics",),
     ("spawner", "perception", "navigation", "recorder"), _LATCHED,
-    "what stands in the world, and what physics refused",
+    "the entities that exist, and those that physics refused",
 )  # fmt: skip
 TF = Topic(
     "/tf", msg.TFMessage, ("physics", "navigation"), ("spawner", "perception", "recorder"), _LATEST,
@@ -147,19 +147,19 @@ SCAN = Topic(
 )  # fmt: skip
 CAMERA_IMAGE = Topic(
     "/camera/color/image_raw", msg.Image, ("physics",), ("perception", "recorder"), _LATEST,
-    "rgb8 picture", rate_hz=10,
+    "rgb8 image", rate_hz=10,
 )  # fmt: skip
 CAMERA_INFO = Topic(
     "/camera/color/camera_info", msg.CameraInfo, ("physics",), ("perception", "recorder"), _LATEST,
-    "intrinsics of the picture with the same stamp", rate_hz=10,
+    "intrinsics of the image with the same stamp", rate_hz=10,
 )  # fmt: skip
 CAMERA_COMPRESSED = Topic(
     "/camera/color/image_raw/compressed", msg.CompressedImage, ("physics",), ("recorder",), _LATEST,
-    "the picture as JPEG, where that is asked for", rate_hz=10,
+    "the image as JPEG, if it is enabled", rate_hz=10,
 )  # fmt: skip
 DEPTH_IMAGE = Topic(
     "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("recorder",), _LATEST,
-    "32FC1, metres along the optical axis, of the same render as the picture; 0: nothing in range",
+    "32FC1, metres along the optical axis, same render as the colour image; 0: nothing in range",
     rate_hz=10,
 )  # fmt: skip
 DEPTH_INFO = Topic(
@@ -172,7 +172,7 @@ GROUND_TRUTH_ODOM = Topic(
 )  # fmt: skip
 CONTACTS = Topic(
     "/contacts", doc.Contact, ("physics",), ("recorder",), _EVERY,
-    "the robot began to touch something",
+    "a contact of the robot has begun",
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",), ("navigation", "recorder"), _LATCHED,
@@ -193,7 +193,7 @@ INITIAL_POSE = Topic(
 )  # fmt: skip
 GOAL_POSE = Topic(
     "/goal_pose", msg.PoseStamped, ("bringup", EDGE), ("navigation", "recorder"), _EVERY,
-    "where to drive",
+    "the goal pose",
 )  # fmt: skip
 AMCL_POSE = Topic(
     "/amcl_pose", msg.PoseWithCovarianceStamped, ("navigation",), ("recorder",), _LATEST,
@@ -216,47 +216,47 @@ CMD_VEL = Topic(
 )  # fmt: skip
 NAVIGATION_STATUS = Topic(
     "/navigation/status", doc.NavigationStatus, ("navigation",), ("bringup", "recorder"), _LATCHED,
-    "what localisation and navigation do", rate_hz=2,
+    "state of localisation and navigation", rate_hz=2,
 )  # fmt: skip
 NAVIGATION_RESULT = Topic(
     "/navigation/result", doc.NavigationResult, ("navigation",), ("bringup", "recorder"), _EVERY,
-    "how a goal ended",
+    "the result of a goal",
 )  # fmt: skip
 EVALUATION = Topic(
     "/evaluation", doc.Evaluation, ("recorder",), ("bringup",), _LATCHED,
-    "the run judged by the ground truth", rate_hz=1,
+    "the run evaluated against the ground truth", rate_hz=1,
 )  # fmt: skip
 PARAMETERS = Topic(
     "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
-    "the configuration with which each service runs",
+    "the configuration of each service",
 )  # fmt: skip
 DIAGNOSTICS = Topic(
     "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
-    "state of each service, what it waits for, what it rejected", rate_hz=1, depth=20,
+    "state of each service, what it waits for, what it rejected and lost", rate_hz=1, depth=20,
 )  # fmt: skip
 ROSOUT = Topic(
     "/rosout", msg.Log, SERVICES, ("recorder",), _EVERY, "the log of every service"
 )  # fmt: skip
 
 SPAWN_ENTITY = Query(
-    "/spawn_entity", doc.SpawnEntity, doc.EntityReply, "spawner", "put a thing into the world"
+    "/spawn_entity", doc.SpawnEntity, doc.EntityReply, "spawner", "spawn an entity"
 )
 DELETE_ENTITY = Query(
-    "/delete_entity", doc.DeleteEntity, doc.EntityReply, "spawner", "take a thing out of the world"
+    "/delete_entity", doc.DeleteEntity, doc.EntityReply, "spawner", "delete an entity"
 )
 SET_ENTITY_STATE = Query(
-    "/set_entity_state", doc.SetEntityState, doc.EntityReply, "spawner", "put a thing elsewhere"
+    "/set_entity_state", doc.SetEntityState, doc.EntityReply, "spawner", "move an entity to a pose"
 )
 GET_ENTITIES = Query(
-    "/get_entities", doc.GetEntities, doc.Entities, "spawner", "what stands in the world"
+    "/get_entities", doc.GetEntities, doc.Entities, "spawner", "the entities in the world"
 )
 SIMULATION_CONTROL = Query(
     "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
-    "pause, go on, step, reset, seed, speed, run until",
+    "pause, resume, step, reset, seed, speed, run until",
 )  # fmt: skip
 CANCEL_GOAL = Query(
     "/navigate_to_pose/_action/cancel_goal", doc.CancelGoal, doc.CancelGoalReply, "navigation",
-    "give up the goal that is being driven to",
+    "cancel the current goal",
 )  # fmt: skip
 
 QUERIES: tuple[Query[Any, Any], ...] = tuple(

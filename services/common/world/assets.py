@@ -1,4 +1,4 @@
-"""The files that documents name by their sha256: textures (PNG) and meshes (npz)."""
+"""The files that documents refer to by their sha256: textures (PNG) and meshes (npz)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PNG_MAGIC = b"\x89PNG"
 
 
 def assets_of(*named: World | Entity) -> dict[str, str]:
-    """Format (`png`, `npz`) of each file that some documents name, by its sha256."""
+    """Format (`png`, `npz`) of each file that the documents refer to, by its sha256."""
     formats: dict[str, str] = {}
     for one in named:
         if isinstance(one, MarkerEntity):
@@ -28,7 +28,7 @@ def assets_of(*named: World | Entity) -> dict[str, str]:
 
 
 def mesh_sha256s(things: Iterable[Thing]) -> list[str]:
-    """The meshes of some things, each once."""
+    """The meshes of some bodies, without duplicates."""
     return list(
         dict.fromkeys(
             shape.geometry.sha256
@@ -40,6 +40,6 @@ def mesh_sha256s(things: Iterable[Thing]) -> list[str]:
 
 
 def asset_message(sha256: str, data: bytes) -> CompressedImage:
-    """A file as it travels, with its format by its first bytes."""
+    """The message that carries a file, with its format detected from the first bytes."""
     kind = "png" if data.startswith(_PNG_MAGIC) else "npz"
     return CompressedImage(header(0, sha256), format=kind, data=np.frombuffer(data, np.uint8))

@@ -1,5 +1,5 @@
-"""Where a round robot can stand on a map: the rule of Nav2's costmap, shared by what makes maps,
-what judges places in them and what plans on them.
+"""Free poses of a round robot on a map: the rule of Nav2's costmap, shared by map generation, pose
+checks and planning.
 """
 
 from __future__ import annotations
@@ -18,17 +18,15 @@ Clearance = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 ROBOT_RADIUS_M = 0.24
-"""Navigation's default `robot_radius`: of a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm to spare.
-"""
+"""Navigation's default `robot_radius`: a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm margin."""
 OCCUPIED = 100
-"""From this value on a map's cell is a lethal obstacle; below 0 it is unknown."""
+"""A map cell with at least this value is a lethal obstacle; below 0 it is unknown."""
 START_TOLERANCE_M = 0.5
-"""Navigation's default `start_tolerance`: a start inside inflated cells moves to a free one this
-near.
+"""Navigation's default `start_tolerance`: a start in inflated cells moves to a free cell this near.
 """
 
 _STRAIGHT_RAD = 1e-6
-"""A map turned by less is not turned."""
+"""A map rotated by less counts as not rotated."""
 
 
 def clearance_m(lethal: Mask, resolution_m: float) -> Clearance:
@@ -42,25 +40,26 @@ def clearance_m(lethal: Mask, resolution_m: float) -> Clearance:
 
 
 def inscribed(clearance: Clearance, robot_radius_m: float = ROBOT_RADIUS_M) -> Mask:
-    """(rows, columns): where the robot's circle would touch a lethal cell (cost 253 and more)."""
+    """(rows, columns): cells where the robot's circle hits a lethal cell (cost 253 and more)."""
     return np.asarray(clearance.astype(np.float64) - robot_radius_m <= 0.0)
 
 
 def traversable(
     cells: Cells, resolution_m: float, robot_radius_m: float = ROBOT_RADIUS_M
 ) -> tuple[Mask, Clearance]:
-    """(rows, columns) each: where a planner lets the robot's centre pass (known, cost below 253),
-    and the clearance. `cells` are occupancy: 100 occupied, -1 unknown.
+    """(rows, columns) each: cells that a planner allows for the robot's centre (known, cost below
+    253), and the clearance. `cells` are occupancy: 100 occupied, -1 unknown.
     """
     clearance = clearance_m(cells >= OCCUPIED, resolution_m)
     return ~inscribed(clearance, robot_radius_m) & (cells >= 0), clearance
 
 
 def reachable_from(free: Mask, row: int, column: int, tolerance_cells: float = 0.0) -> Mask:
-    """(rows, columns): the traversable cells to which a path leads from a cell.
+    """(rows, columns): the traversable cells that a path from a cell can reach.
 
-    Where the cell itself is not traversable, from the nearest that is within the tolerance; none
-    where there is none. Planners that go over cells' corners, but cut none, reach the same cells.
+    If the cell itself is not traversable, the path starts at the nearest traversable cell within
+    the tolerance; without one, no cell is reachable. Planners that move diagonally without cutting
+    corners reach the same cells.
     """
     start = nearest_cell(free, row, column, tolerance_cells)
     if start is None:
@@ -72,7 +71,7 @@ def reachable_from(free: Mask, row: int, column: int, tolerance_cells: float = 0
 def nearest_cell(
     where: Mask, row: int, column: int, within_cells: float = math.inf
 ) -> tuple[int, int] | None:
-    """The chosen cell nearest to another; of several the first by row and column."""
+    """The true cell of `where` nearest to a cell; of several the first by row and column."""
     rows, columns = np.nonzero(where)
     if not len(rows):
         return None
@@ -84,11 +83,11 @@ def nearest_cell(
 
 
 def straightened(resolution_m: float, origin: SE2, cells: Cells) -> tuple[SE2, Cells]:
-    """A map with its rows along the map's x axis: origin and (rows, columns) cells of one that may
-    be turned.
+    """A possibly rotated map, resampled with its rows along the x axis: origin and (rows, columns)
+    cells.
 
-    Each new cell has the value at its centre, but none of what is occupied gets lost between
-    centres; beyond the map is unknown.
+    Each new cell has the value at its centre, but no occupied cell is lost between centres; cells
+    beyond the map are unknown.
     """
     if abs(origin.yaw_rad) <= _STRAIGHT_RAD or cells.size == 0 or not resolution_m > 0.0:
         return origin, cells
@@ -110,7 +109,7 @@ def straightened(resolution_m: float, origin: SE2, cells: Cells) -> tuple[SE2, C
         return np.where(inside, found, np.int8(-1))
 
     turned = at(0.0, 0.0)
-    # However it is turned, the middle of some new cell's quarter lies in every old cell.
+    # At any rotation, each old cell contains the middle of a quarter of some new cell.
     for dx, dy in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
         turned = np.where((near := at(dx, dy)) >= 100, near, turned)
     moved = SE2(

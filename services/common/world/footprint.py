@@ -1,7 +1,7 @@
-"""What of a solid thing a robot on the floor runs into, as seen from above.
+"""The part of a solid object with which a robot on the floor can collide, seen from above.
 
-That is all of it between `FOOT_M` and `TOP_M`: a doorstep lower than the wheels climb is floor, and
-so is the space under a table's top, but for the legs.
+That is everything between `FOOT_M` and `TOP_M`: a doorstep low enough for the wheels is free, and
+so is the space under a table's top, except for the legs.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from services.common.node import documents as doc
 from services.common.world.geometry import TriangleMesh, triangles_of
 
 FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which the robot meets things: above what its 33 mm wheels roll
+"""Heights above the floor between which the robot can collide: above what its 33 mm wheels roll
 over, up to the top of a TurtleBot3 waffle with its camera (0.214 m) and a little more.
 """
 
 _TURN = 64
 """Sides of the polygon drawn around a circle; it is wider than the circle by up to 0.12 %."""
 _ARC = 32
-"""The same from pole to pole of a sphere."""
+"""The same, from pole to pole of a sphere."""
 _SHEET_M = 5e-4
-"""Half of the thickness given to a mesh's upright triangles where nothing closes it."""
+"""Half of the thickness given to the upright triangles of a mesh that is not closed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """The floor that a thing takes, in the map."""
+    """The floor area that an object occupies, in the map frame."""
 
     polygons_m: tuple[Array, ...] = ()
-    """Each (n, k, 2): n convex polygons, the k corners of each in turn. Corners may be the same,
-    and a polygon as thin as a line.
+    """Each (n, k, 2): n convex polygons, the k corners of each in order. Corners may coincide, and
+    a polygon may be as thin as a line.
     """
     outline_m: Array | None = None
-    """(n, 2, 2): closed loops of segments, from and to. All that they wind around is taken."""
+    """(n, 2, 2): closed loops of segments, from and to. The area that they enclose is occupied."""
 
 
 @functools.lru_cache(maxsize=20_000)
@@ -56,10 +56,10 @@ def wall_corners(wall: doc.Wall) -> tuple[tuple[float, float], ...]:
 
 
 def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Footprint, ...]:
-    """Of everything solid in a world: walls first, whatever their height, then the bodies' shapes
-    where they stand at the start.
+    """The footprints of everything solid in a world: walls first, of any height, then the bodies'
+    shapes at their initial poses.
 
-    `meshes` are by sha256. Raises KeyError where one is not there.
+    `meshes` are by sha256. Raises KeyError where one is missing.
     """
     walls = [wall_corners(wall) for wall in world.walls]
     return Footprint((np.array(walls),) if walls else ()), *(
@@ -73,9 +73,9 @@ def footprints(world: doc.World, meshes: Mapping[str, TriangleMesh]) -> tuple[Fo
 def footprint(
     geometry: doc.Geometry, map_from_shape: Array, meshes: Mapping[str, TriangleMesh]
 ) -> Footprint:
-    """Of one shape at a pose, (4, 4).
+    """The footprint of one shape at a pose, (4, 4).
 
-    Boxes, polylines and meshes are exact; what is round is drawn around, never cut into.
+    Boxes, polylines and meshes are exact; round shapes are circumscribed.
     """
     match geometry:
         case doc.Mesh():
@@ -92,7 +92,7 @@ def footprint(
 
 def section(vertices_m: Array, triangles: NDArray[np.int32], height_m: float) -> Array:
     """(n, 2, 2) segments, from and to, in which a surface of (k, 3) vertices and (m, 3) triangles
-    meets a height. What the triangles face away from lies to their right.
+    intersects a height. The side behind the triangles lies to the right of the segments.
     """
     return _section(vertices_m, _merged(vertices_m, triangles), height_m)
 
@@ -102,7 +102,7 @@ def _moved(points: Array, a_from_b: Array) -> Array:
 
 
 def _of_sphere(radius_m: float, centre_m: Array) -> Footprint:
-    """The widest of the circles that it has between the heights."""
+    """The widest horizontal circle of the sphere between the heights."""
     height_m = float(np.clip(centre_m[2], FOOT_M, TOP_M))
     square_m2 = portable.square(radius_m) - portable.square(height_m - centre_m[2])
     if square_m2 <= 0.0:
@@ -112,32 +112,32 @@ def _of_sphere(radius_m: float, centre_m: Array) -> Footprint:
 
 @functools.lru_cache(maxsize=20_000)
 def _of_convex(geometry: doc.Geometry, map_from_shape: bytes) -> Footprint:
-    """Of a convex shape at a pose, a (4, 4) matrix as bytes."""
+    """The footprint of a convex shape at a pose, a (4, 4) matrix as bytes."""
     points, edges = _edges(geometry)
     points = _moved(points, np.frombuffer(map_from_shape).reshape(4, 4))
     z = points[:, 2]
     if z.max() <= FOOT_M or z.min() >= TOP_M:
         return Footprint()
-    # What is between the heights has for corners those of the body that are, and where its edges
-    # meet the heights.
+    # The part between the heights has as corners those of the body between them, and the
+    # intersections of its edges with the heights.
     corners = [points[(z >= FOOT_M) & (z <= TOP_M), :2]]
     start, end = points[edges[:, 0]], points[edges[:, 1]]
     for height in (FOOT_M, TOP_M):
         across = (start[:, 2] < height) != (end[:, 2] < height)
         corners.append(_at_height(start[across], end[across], height))
-    # A line through all of them has the same hull, and is made faster than that many points.
+    # A line through all points has the same hull, and is made faster than a multipoint.
     hull = shapely.convex_hull(shapely.linestrings(np.concatenate(corners)))
     return Footprint((np.array(shapely.get_coordinates(hull))[None],))
 
 
 def _at_height(start: Array, end: Array, height_m: float) -> Array:
-    """(n, 2) points where segments, which do, pass through a height."""
+    """(n, 2) points where segments that cross a height intersect it."""
     share = (height_m - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
     return np.asarray(start[:, :2] + share * (end[:, :2] - start[:, :2]))
 
 
 def _edges(geometry: doc.Geometry) -> tuple[Array, NDArray[np.intp]]:
-    """(n, 3) corners and (m, 2) edges of a convex body that the shape just fits into."""
+    """(n, 3) corners and (m, 2) edges of a tight convex body around the shape."""
     match geometry:
         case doc.Box():
             corners = np.array([[(i >> axis & 1) - 0.5 for axis in range(3)] for i in range(8)])
@@ -161,8 +161,8 @@ def _edges(geometry: doc.Geometry) -> tuple[Array, NDArray[np.intp]]:
 
 @functools.cache
 def _sphere(stretch: float) -> tuple[Array, NDArray[np.intp]]:
-    """Around a sphere of radius 1 whose halves lie `stretch` apart along z."""
-    # The corners of the polygon around a half circle lie between the points where it touches.
+    """A body around a sphere of radius 1 whose halves lie `stretch` apart along z."""
+    # The corners of the polygon around a half circle lie between its tangent points.
     step = math.pi / _ARC
     angles = (np.arange(_ARC) + 0.5) * step - math.pi / 2.0
     radii, heights = portable.cos_sin_each(angles)
@@ -182,7 +182,7 @@ def _around() -> Array:
 
 
 def _lathe(profile: tuple[tuple[float, float], ...]) -> tuple[Array, NDArray[np.intp]]:
-    """Around what a profile of (radius, z) makes when it is turned about z."""
+    """A body around the solid of revolution of a (radius, z) profile about z."""
     around = _around()
     points = np.concatenate(
         [np.column_stack([radius * around, np.full(_TURN, z)]) for radius, z in profile]
@@ -196,7 +196,7 @@ def _lathe(profile: tuple[tuple[float, float], ...]) -> tuple[Array, NDArray[np.
 def _of_triangles(
     vertices_m: Array, triangles: NDArray[np.int32], map_from_shape: Array
 ) -> Footprint:
-    """Of a surface: what lies under it, and within it where it is closed."""
+    """The footprint of a surface: its projection, and its interior if it is closed."""
     vertices = _moved(vertices_m, map_from_shape)
     corners = vertices[triangles]
     z = corners[..., 2]
@@ -206,8 +206,8 @@ def _of_triangles(
     polygons = _between_heights(corners)
     merged = _merged(vertices_m, triangles)
     if _is_closed(merged):
-        # Inside of the body and between the heights, but under none of its surface, is only what
-        # is inside at every one of the heights.
+        # Interior points between the heights that no part of the surface projects onto are inside
+        # at every height: one section finds them.
         return Footprint(polygons, _section(vertices, merged, FOOT_M))
     return Footprint(tuple(part for stack in polygons for part in _thickened(stack)))
 
@@ -218,7 +218,7 @@ def _between_heights(corners: Array) -> tuple[Array, ...]:
     whole = (z.min(1) >= FOOT_M) & (z.max(1) <= TOP_M)
     start = corners[~whole]
     end = np.roll(start, -1, axis=1)
-    # Around each triangle: of each corner itself, and where the edge after it meets the heights.
+    # In order around each triangle: each corner, and where the edge after it crosses the heights.
     inside = (start[..., 2] >= FOOT_M) & (start[..., 2] <= TOP_M)
     rises = end[..., 2] > start[..., 2]
     points, kept = [start[..., :2]], [inside]
@@ -231,7 +231,7 @@ def _between_heights(corners: Array) -> tuple[Array, ...]:
     ring = np.stack(points, axis=2).reshape(-1, 9, 2)
     valid = np.stack(kept, axis=2).reshape(-1, 9)
     ring, valid = ring[valid.any(1)], valid[valid.any(1)]
-    # In the place of each that is not there stands the one before it.
+    # Invalid points are replaced by the valid one before.
     last = np.maximum.accumulate(np.where(valid, np.arange(9), -1), axis=1)
     last = np.where(last < 0, last[:, -1:], last)
     cut = np.take_along_axis(ring, last[..., None], axis=1)
@@ -239,7 +239,7 @@ def _between_heights(corners: Array) -> tuple[Array, ...]:
 
 
 def _thickened(polygons: Array) -> tuple[Array, Array]:
-    """A stack of polygons, and rectangles in the place of those that are as thin as a line."""
+    """A stack of polygons without those as thin as a line, and rectangles in place of these."""
     ahead = polygons[:, :, None] - polygons[:, None]
     count = polygons.shape[1]
     farthest = (
@@ -262,7 +262,7 @@ def _thickened(polygons: Array) -> tuple[Array, Array]:
 
 
 def _merged(vertices: Array, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(m, 3): the triangles, with one index for all corners at the very same place."""
+    """(m, 3): the triangles, with one index for all corners with identical coordinates."""
     order = np.lexsort(vertices.T)
     ordered = vertices[order]
     new = np.concatenate([[False], (ordered[1:] != ordered[:-1]).any(1)])
@@ -273,25 +273,25 @@ def _merged(vertices: Array, triangles: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 def _is_closed(triangles: NDArray[np.int64]) -> bool:
-    """Whether as many triangles run along each edge one way as the other."""
+    """Whether each edge has as many triangles in one direction as in the other."""
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     count = int(triangles.max()) + 1
     return np.array_equal(np.sort(start * count + end), np.sort(end * count + start))
 
 
 def _section(vertices: Array, triangles: NDArray[np.int64], height_m: float) -> Array:
-    """(n, 2, 2) directed segments in which triangles meet a height."""
+    """(n, 2, 2) directed segments in which triangles intersect a height."""
     above = vertices[:, 2] >= height_m
     corners = above[triangles]
     triangles = triangles[corners.any(1) & ~corners.all(1)]
     ends = []
     for leaves in (False, True):
-        # The one edge of each that rises through the height, then the one that sinks.
+        # The edge of each triangle that crosses the height upwards, then the one downwards.
         edge = (above[triangles] == leaves) & (above[np.roll(triangles, -1, axis=1)] != leaves)
         at = edge.argmax(1)[:, None]
         a = np.take_along_axis(triangles, at, axis=1)[:, 0]
         b = np.take_along_axis(triangles, (at + 1) % 3, axis=1)[:, 0]
-        # In one order whichever triangle asks, so that neighbours find the same bits.
+        # In the same order for both triangles of an edge, so that they get the same bits.
         low, high = np.minimum(a, b), np.maximum(a, b)
         ends.append(_at_height(vertices[low], vertices[high], height_m))
     return np.stack(ends, axis=1)

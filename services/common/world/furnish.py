@@ -1,4 +1,4 @@
-"""A world's markers to the entities that should stand in it."""
+"""Converts a world's markers to entities."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ MAX_MARKERS = 128
 
 @dataclass(frozen=True)
 class PanelStyle:
-    """How markers are drawn, and how they hang."""
+    """How markers are drawn and mounted."""
 
     gap_m: float = 0.002
-    """From a wall's face to the marker's, against z-fighting."""
+    """Distance from a wall's face to the marker's, against z-fighting."""
     module_px: int = 64
-    """Side of one module of a marker in its picture."""
+    """Side of one module of a marker in its texture."""
 
 
 def furnish(
@@ -32,11 +32,11 @@ def furnish(
     meshes: Mapping[str, TriangleMesh] | None = None,
     placement: Placement | None = None,
 ) -> tuple[Entities, dict[str, bytes]]:
-    """The entities that a world's markers make, and their textures as PNG by sha256.
+    """The entities of a world's markers, and their textures as PNG by sha256.
 
-    A marker that cannot hang is refused, and the others hang all the same; of two with one id, or
-    in one place, the first hangs. `meshes` are by sha256; those that are not there are in no
-    marker's way. `placement` is the judge of places in this world where there is one already.
+    A marker with an invalid placement is refused, without effect on the others; of two with the
+    same id, or at the same place, the first is kept. `meshes` are by sha256; missing ones are
+    ignored. `placement` is this world's Placement, if one exists already.
     """
     if placement is None:
         placement = Placement(world, meshes)
@@ -50,7 +50,7 @@ def furnish(
         name = marker.name
         reason = marker_picture.identity_problem(marker)
         if not reason and marker.id in on_wall:
-            # The small dictionaries are the beginnings of the large ones: an id is one marker.
+            # The small dictionaries are prefixes of the large ones: an id is one marker in all.
             reason = f"id: {marker.id}: must be unique: it hangs on {on_wall[marker.id]}"
         if not reason and marker.wall not in walls:
             reason = f"wall: {marker.wall!r:.60}: there is none of this name"
@@ -76,7 +76,7 @@ def furnish(
 
 
 def marker_entity(marker: Marker, panel: Panel, sha256: str) -> MarkerEntity:
-    """A marker on its panel, of the panel's name, with the texture of this sha256."""
+    """The entity of a marker on its panel, with the panel's name and the texture of this sha256."""
     position_m, orientation_xyzw = position_and_quaternion(panel.map_from_panel)
     return MarkerEntity(
         name=panel.name,

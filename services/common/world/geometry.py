@@ -1,4 +1,4 @@
-"""Shapes as triangles: one description for what is seen, what is solid and what is on the map."""
+"""Shapes as triangles: one description for visuals, collisions and the map."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from services.common.node.documents import (
 
 MAX_TRIANGLES = 2_000_000
 MIN_SIDES, MAX_SIDES = 32, 128
-"""Of what is round."""
+"""Number of sides of round shapes."""
 
 MAX_CROSSING_CORNERS = 100
-"""Of a polygon that crosses itself: its crossings may be as many as the square of them."""
+"""Limit for a polygon that crosses itself: its crossings grow with the square of its corners."""
 
 _SAGITTA_M = 0.002
-"""How far a round body's sides may lie within it, where MAX_SIDES allow it."""
+"""Largest distance of a round body's flat sides from its true surface, if MAX_SIDES allow it."""
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 _DTYPES = {"vertices_m": "<f4", "normals": "<f4", "uvs": "<f4", "triangles": "<i4"}
 _COLUMNS = {"vertices_m": 3, "normals": 3, "uvs": 2, "triangles": 3}
@@ -52,7 +52,7 @@ class TriangleMesh:
     normals: Array
     """(n, 3), of unit length"""
     uvs: Array
-    """(n, 2): (0, 0) is a texture's top left, (1, 1) its bottom right; it repeats beyond."""
+    """(n, 2): (0, 0) is a texture's top left, (1, 1) its bottom right; beyond, it repeats."""
     triangles: NDArray[np.int32]
     """(m, 3)"""
 
@@ -61,7 +61,7 @@ class TriangleMesh:
             array.setflags(write=False)
 
     def moved(self, a_from_b: Array) -> TriangleMesh:
-        """The same in another frame, by a rigid (4, 4) transform."""
+        """The mesh in another frame, by a rigid (4, 4) transform."""
         rotation = a_from_b[:3, :3]
         return TriangleMesh(
             portable.product(self.vertices_m, rotation.T) + a_from_b[:3, 3],
@@ -76,9 +76,10 @@ def triangles_of(
 ) -> TriangleMesh:
     """The surface of a shape in its own frame.
 
-    `meshes` are by sha256, unscaled. `tile_side_m` is Material.texture_side_m. Closed for every
-    kind but planes and meshes; no uv is negative but a mesh's. Textures run in metres from a face's
-    bottom left, around what is round from +x on. Raises KeyError where a mesh is not there.
+    `meshes` are by sha256, unscaled. `tile_side_m` is Material.texture_side_m. The surface is
+    closed for every kind except planes and meshes; only a mesh may have negative uvs. Textures run
+    in metres from a face's bottom left, on round shapes around from +x. Raises KeyError where a
+    mesh is missing.
     """
     match geometry:
         case Box():
@@ -107,7 +108,7 @@ def triangles_of(
 
 
 def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
-    """Several surfaces of one frame as one."""
+    """Several surfaces in the same frame as one."""
     parts = list(meshes)
     if not parts:
         return TriangleMesh(
@@ -127,8 +128,8 @@ def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
 def polygons_of(rings_m: Iterable[Sequence[Point2]]) -> shapely.MultiPolygon:
     """The area within an odd number of closed polygons: one within another is a hole.
 
-    What crosses itself is taken apart; what has no area gives none. Raises ValueError, in a phrase,
-    for a polygon that crosses itself with more than MAX_CROSSING_CORNERS.
+    Self-crossing polygons are split; those without an area are dropped. Raises ValueError, with a
+    phrase, for a polygon that crosses itself with more than MAX_CROSSING_CORNERS.
     """
     areas: list[Any] = []
     for ring in rings_m:
@@ -138,7 +139,7 @@ def polygons_of(rings_m: Iterable[Sequence[Point2]]) -> shapely.MultiPolygon:
                 raise ValueError(f"a polygon of {len(ring)} corners crosses itself")
             polygon = shapely.make_valid(polygon)
         areas.append(polygon)
-    # In pairs, and pairs of pairs: one after the other would take their number squared.
+    # In pairs, and pairs of pairs: one after the other would take quadratic time.
     while len(areas) > 1:
         rest = areas[len(areas) // 2 * 2 :]
         pairs = zip(areas[::2], areas[1::2], strict=False)
@@ -150,7 +151,7 @@ def polygons_of(rings_m: Iterable[Sequence[Point2]]) -> shapely.MultiPolygon:
 
 
 def flat_triangles(area: shapely.MultiPolygon) -> tuple[Array, NDArray[np.int32]]:
-    """An area's corners, (n, 2), and its triangles of them, (m, 3), counter-clockwise."""
+    """An area's triangulation: its corners, (n, 2), and triangles, (m, 3), counter-clockwise."""
     corners: list[Array] = []
     for part in area.geoms:
         triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(part))
@@ -167,8 +168,8 @@ def flat_triangles(area: shapely.MultiPolygon) -> tuple[Array, NDArray[np.int32]
 
 
 def mesh_to_bytes(mesh: TriangleMesh) -> bytes:
-    """As an asset: a numpy .npz, not compressed, in single precision; the same bytes for the same
-    mesh.
+    """The mesh as an asset: an uncompressed numpy .npz in single precision; the same bytes for the
+    same mesh.
     """
     buffer = io.BytesIO()
     arrays = {name: getattr(mesh, name).astype(dtype) for name, dtype in _DTYPES.items()}
@@ -179,15 +180,15 @@ def mesh_to_bytes(mesh: TriangleMesh) -> bytes:
 def mesh_from_bytes(data: bytes) -> TriangleMesh:
     """The mesh in an asset.
 
-    Raises ValueError with a short phrase where the data is not one: wrong shapes or types, an index
-    out of range, what is not finite, more than MAX_TRIANGLES.
+    Raises ValueError with a short phrase where the data is invalid: wrong shapes or types, an index
+    out of range, non-finite numbers, more than MAX_TRIANGLES.
     """
     try:
         arrays = _read_arrays(data)
     except _MeshFileError:
         raise
     except Exception as error:
-        # Damaged files make the readers of zip and numpy raise whatever they please.
+        # On damaged files the readers of zip and numpy may raise any exception.
         raise ValueError("is no mesh file") from error
     triangles = arrays.pop("triangles").astype(np.int32)
     vertices, normals, uvs = (array.astype(np.float64) for array in arrays.values())
@@ -228,13 +229,13 @@ def _z_range(mesh: TriangleMesh) -> tuple[float, float]:
 
 
 def _above(corners: Array, height: Array) -> Array:
-    """(m, 3, k) triangles cut to where a linear `height`, (m, 3), is not negative."""
+    """(m, 3, k) triangles clipped to where a linear `height`, (m, 3), is not negative."""
     inside = height >= 0.0
     count = inside.sum(1)
-    # What only touches the cut from beyond has no part above it.
+    # Triangles that only touch the cut from below have no part above it.
     touches = (height > 0.0).any(1)
     one, two = (count == 1) & touches, (count == 2) & touches
-    # Turned so that the corner that is alone on its side comes first.
+    # Rotate the corners so that the one alone on its side comes first.
     lone = np.where(one, inside.argmax(1), (~inside).argmax(1))
     turn = (lone[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(corners, turn[:, :, None], axis=1)
@@ -256,7 +257,7 @@ def _above(corners: Array, height: Array) -> Array:
 
 
 class _MeshFileError(ValueError):
-    """A file that can be read, and is no mesh."""
+    """A readable file that is not a mesh."""
 
 
 def _read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
@@ -264,7 +265,7 @@ def _read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         for name, dtype in _DTYPES.items():
             info = archive.getinfo(f"{name}.npy")
-            # What is not compressed cannot be larger than the file that holds it.
+            # An uncompressed entry cannot be larger than the file that contains it.
             if info.compress_type != zipfile.ZIP_STORED or info.file_size > len(data):
                 raise _MeshFileError("is compressed")
             with archive.open(info) as member:
@@ -281,7 +282,7 @@ def _read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _sides(radius_m: float) -> int:
-    """Of a round body: a multiple of four, so that its width along x and y is its true one."""
+    """Sides of a round body: a multiple of four, so that its width along x and y is exact."""
     ratio = min(_SAGITTA_M / radius_m, 1.0)
     return 4 * round(max(MIN_SIDES, min(MAX_SIDES, math.pi / portable.acos(1.0 - ratio))) / 4.0)
 
@@ -289,7 +290,7 @@ def _sides(radius_m: float) -> int:
 def _rectangles(
     centres: Array, half_rights: Array, half_ups: Array, tile_side_m: float
 ) -> TriangleMesh:
-    """Flat rectangles, (n, 3) each, seen from where `right` and `up` turn counter-clockwise."""
+    """Flat rectangles, (n, 3) each, that face the side where `right` to `up` turns left."""
     corners = np.stack(
         (
             centres - half_rights - half_ups,
@@ -315,11 +316,11 @@ def _rectangles(
 def tiles(
     lefts_m: Array, rights_m: Array, heights_m: Array, tile_side_m: float | Array, widths_m: Array
 ) -> Array:
-    """Texture coordinates, (n, 4, 2), of stretches of upright faces from their bottom left on.
+    """Texture coordinates, (n, 4, 2), of sections of upright faces.
 
-    Counter-clockwise from the bottom left; `lefts_m` and `rights_m`, (n,), count from the left end
-    of a face `widths_m` wide. v counts down from a whole number, so that none is negative. A tile
-    of no side is stretched over each face.
+    Counter-clockwise from the bottom left; `lefts_m` and `rights_m`, (n,), are measured from the
+    left end of a face `widths_m` wide. v counts down from a whole number, so that none is negative.
+    With a tile side of 0 the texture is stretched over each face.
     """
     metric = np.broadcast_to(np.asarray(tile_side_m) > 0.0, lefts_m.shape)
     across = np.where(metric, tile_side_m, widths_m)
@@ -348,13 +349,13 @@ def _revolved(
     sides: int, radii_m: Array, heights_m: Array, slopes: Array, along_m: Array,
     around_m: float, tile_side_m: float,
 ) -> TriangleMesh:  # fmt: skip
-    """What a profile of (n,) points, from the bottom up, covers in a turn about z.
+    """The surface of revolution of a profile of (n,) points, from the bottom up, about z.
 
-    `slopes`, (n, 2), are its normals outwards and upwards, `along_m` lengths along it, `around_m`
-    the circumference that the texture is laid along.
+    `slopes`, (n, 2), are its normals outwards and upwards, `along_m` the lengths along it,
+    `around_m` the circumference along which the texture is laid.
     """
     angles = 2.0 * math.pi * np.arange(sides) / sides
-    # The last column is the first one again, to the bit, with a texture one turn on.
+    # The last column repeats the first one bit for bit, with texture coordinates one turn further.
     columns = np.arange(sides + 1) % sides
     cos, sin = (values[columns] for values in portable.cos_sin_each(angles))
     flat = np.stack((cos, sin), axis=1)
@@ -404,7 +405,7 @@ def _disc(sides: int, radius_m: float, z_m: float, up: bool, tile_side_m: float)
 
 
 def _flat_uvs(points: Array, up: bool, tile_side_m: float) -> Array:
-    """Of level points, (n, 2), from the lower left of what is around them, as one looks at it."""
+    """Texture coordinates of level points, (n, 2), from the lower left of their bounding box."""
     seen = points if up else points * (1.0, -1.0)
     low, high = (seen.min(0), seen.max(0)) if len(seen) else (np.zeros(2), np.ones(2))
     across = seen - low
@@ -463,7 +464,7 @@ def _ellipsoid(radii_m: tuple[float, float, float], tile_side_m: float) -> Trian
     sides = _sides(max(radii_m))
     cos, sin = _quarter(sides // 4)
     out, up = np.concatenate((cos[:0:-1], cos)), np.concatenate((-sin[:0:-1], sin))
-    # The texture's size is that of a spheroid's equator, and of the mean quarter of its meridians.
+    # The texture is sized by a spheroid's equator, and by the mean quarter of its meridians.
     girth_m = 2.0 * math.pi * math.sqrt((a * a + b * b) / 2.0)
     meridian_m = math.pi * math.sqrt(((a * a + b * b) / 2.0 + c * c) / 2.0)
     along = meridian_m * np.arange(len(out)) / (len(out) - 1)
@@ -492,7 +493,7 @@ def _scaled(mesh: TriangleMesh, scale: Array) -> TriangleMesh:
 
 
 def _raised(area: shapely.MultiPolygon, height_m: float, tile_side_m: float) -> TriangleMesh:
-    """An area raised from z = 0, with its floor."""
+    """An area extruded from z = 0, with its bottom face."""
     points, triangles = flat_triangles(area)
     count = len(points)
     parts = []

@@ -1,4 +1,4 @@
-"""The picture of an ArUco marker on white paper, as PNG with whole pixels a module."""
+"""The image of an ArUco marker on white paper, as PNG with whole pixels a module."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from services.common.node.documents import Marker
 
 MAX_SIDE_PX = 2048
-"""As large as a renderer takes."""
+"""The largest size that a renderer accepts."""
 
 # OpenCV has some of the AprilTag families under two spellings.
 _DICTIONARIES = {
@@ -27,16 +27,16 @@ def _predefined(name: str) -> cv2.aruco.Dictionary:
 def dictionary_of_bits(
     bits: NDArray[np.uint8], max_correction_bits: int = 0
 ) -> cv2.aruco.Dictionary:
-    """A dictionary of one's own of (markers, modules, modules) bits, 1 white, borders left out."""
+    """A custom dictionary from (markers, modules, modules) bits, 1 white, without borders."""
     rows = [cv2.aruco.Dictionary.getByteListFromBits(marker) for marker in bits]
     return cv2.aruco.Dictionary(np.concatenate(rows), bits.shape[1], max_correction_bits)
 
 
 def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> str:
-    """Why there is no such marker; empty where there is.
+    """Why there is no such marker; empty where it exists.
 
-    Here and below `dictionary` is the one that the marker's name of it means, where that is none of
-    OpenCV's own.
+    Here and below `dictionary` is the dictionary that the marker names, if it is not one of
+    OpenCV's.
     """
     if dictionary is None and marker.dictionary not in _DICTIONARIES:
         return f"dictionary: {marker.dictionary!r:.60}: must be one of {', '.join(_DICTIONARIES)}"
@@ -47,7 +47,7 @@ def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = N
 
 
 def modules(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> int:
-    """Modules along the side of the black square, its border of one on each side among them."""
+    """Modules along the side of the black square, including its border of one on each side."""
     return int((dictionary or _predefined(marker.dictionary)).markerSize) + 2
 
 
@@ -58,9 +58,9 @@ def panel_side_m(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None)
 
 
 def draw(marker: Marker, module_px: int, dictionary: cv2.aruco.Dictionary | None = None) -> bytes:
-    """PNG of a marker that exists, its top row up as one looks at it.
+    """PNG of an existing marker, with its top row up.
 
-    Each module is `module_px` pixels a side, or as many as `MAX_SIDE_PX` leaves room for.
+    Each module is `module_px` pixels a side, or fewer so that the image fits `MAX_SIDE_PX`.
     """
     black, quiet = modules(marker, dictionary), marker.quiet_zone_modules
     module_px = min(module_px, MAX_SIDE_PX // (black + 2 * quiet))

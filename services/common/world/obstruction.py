@@ -1,4 +1,4 @@
-"""What stands in the way of a panel, a look or a robot, as convex pieces seen from above."""
+"""Obstacles for a panel, a view ray or a robot, as convex pieces seen from above."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from services.common.world.geometry import (
 )
 
 MAX_PIECES = 20_000
-"""A mesh with more triangles between two heights counts there as its convex hull."""
+"""A mesh with more triangles between two heights is replaced there by its convex hull."""
 
 _THIN_M = 5e-4
-"""Half of the thickness given to what has none seen from above."""
+"""Half of the thickness given to pieces that have none seen from above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,22 +42,22 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Obstruction:
-    """A wall, or one shape of a body where it is at the start."""
+    """One shape of a body at its initial pose."""
 
     name: str
-    """Of the wall or body."""
+    """Name of the body."""
     seen: bool
     solid: bool
     low_m: float
     high_m: float
     parts: tuple[TriangleMesh, ...]
-    """In the map."""
+    """In the map frame."""
     convex: bool
-    """Each of the parts is; else they are surfaces that enclose nothing."""
+    """Whether each part is convex; else the parts are surfaces that enclose nothing."""
 
     def between(self, low_m: float, high_m: float) -> Pieces:
-        """What there is of it between two heights: convex parts exactly, else the triangles of
-        their surface.
+        """Its pieces between two heights: convex parts exactly, else the triangles of their
+        surface.
         """
         polygons: list[shapely.Geometry] = []
         spans: list[tuple[float, float]] = []
@@ -88,9 +88,9 @@ def wall_polygons(walls: tuple[Wall, ...]) -> NDArray[np.object_]:
 def obstructions(
     world: World, meshes: Mapping[str, TriangleMesh] | None = None
 ) -> tuple[Obstruction, ...]:
-    """The shapes of a world's bodies, in their order; walls are not among them.
+    """The shapes of a world's bodies, in their order, without walls.
 
-    `meshes` are by sha256; a shape whose mesh is not there is left out.
+    `meshes` are by sha256; a shape whose mesh is missing is left out.
     """
     return tuple(
         one

@@ -1,7 +1,7 @@
-"""Where a marker hangs, and why it may not hang there.
+"""The pose of a marker's panel, and the check whether it is valid.
 
-A panel is judged by its pose alone against the whole world, so that a marker placed by hand is
-judged by the same rules as one of a recipe. Bodies count where they are at the start.
+A panel is checked by its pose alone against the whole world, so that a marker placed by hand
+follows the same rules as one of a recipe. Bodies count at their initial poses.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from services.common.world.obstruction import obstructions, wall_polygons
 CONTACT_M = 0.01
 """A panel farther than this from its wall's face floats."""
 CLEAR_VIEW_M = 0.5
-"""Depth in front of a panel that must be free."""
+"""Depth in front of a panel that must be clear."""
 MAX_DISTANCE_M = 10_000.0
 FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which the robot meets bodies."""
+"""Heights above the floor between which the robot can collide with bodies."""
 
 _TOUCH_M = 1e-6
 _ALIGNED = 1e-3
-"""Sine of the angle by which a panel may lean or turn away from its wall."""
+"""Sine of the angle by which a panel may tilt or turn away from its wall."""
 _MAX_BANDS = 256
-"""Heights for which what is in the way is kept; a world's markers hang at a few."""
+"""Number of height bands cached; a world's markers hang at a few heights."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A flat square whose face looks along its +z, with +x to the right and +y up as one looks."""
+    """A flat square whose face points along +z; +x is right and +y up, seen from the front."""
 
     name: str
     map_from_panel: Array
@@ -70,21 +70,21 @@ def hang(name: str, marker: Marker, wall: Wall, side_m: float, gap_m: float) -> 
 
 
 def upright(yaw_rad: float) -> Array:
-    """(3, 3) map_from_panel of a panel that hangs upright and whose face looks along a heading."""
+    """(3, 3) map_from_panel of an upright panel whose face points along a heading."""
     normal = np.array([*portable.cos_sin(yaw_rad), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     return np.stack([np.cross(up, normal), up, normal], axis=1)
 
 
 def panel_of(entity: MarkerEntity) -> Panel:
-    """The panel of a marker that hangs."""
+    """The panel of a marker entity."""
     rotation = rotation_from_quaternion(*entity.orientation_xyzw)
     return Panel(entity.name, transform_matrix(rotation, entity.position_m), entity.panel_side_m)
 
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """What the bodies take between two heights."""
+    """The area that bodies occupy between two heights."""
 
     names: tuple[str, ...]
     seen: NDArray[np.bool_]
@@ -93,9 +93,9 @@ class _Band:
 
 
 class Placement:
-    """One world, against which panels are judged.
+    """Checks panels against one world.
 
-    `meshes` are by sha256; a shape whose mesh is not there is not met.
+    `meshes` are by sha256; a shape whose mesh is missing is ignored.
     """
 
     def __init__(self, world: World, meshes: Mapping[str, TriangleMesh] | None = None) -> None:
@@ -117,11 +117,11 @@ class Placement:
         wall: str | None = None,
         seen: NDArray[np.bool_] | None = None,
     ) -> str:
-        """Why a panel may not hang where it is; empty where it may.
+        """Why a panel's pose is invalid; empty where it is valid.
 
-        `hanging` are the panels that hang already. `wall` names the wall it should be on; without
-        one, the wall that it touches is found. `seen` says for places on the floor whether the
-        robot can go there and read the panel; without it nobody asks.
+        `hanging` are the existing panels. `wall` names the wall it should be on; without one, the
+        wall that it touches is found. `seen` states for points on the floor whether the robot can
+        go there and read the panel; without it this is not checked.
         """
         if not max(np.abs(panel.map_from_panel).max(), panel.side_m) < MAX_DISTANCE_M:
             return f"must lie within {MAX_DISTANCE_M:g} m"
@@ -141,7 +141,7 @@ class Placement:
         )
 
     def _host(self, panel: Panel, name: str | None) -> Wall | None:
-        """The wall on whose face the panel is, wherever along it; the nearest of several."""
+        """The wall on whose face the panel is, even beyond its end; the nearest of several."""
         if name is None:
             centre = shapely.Point(panel.centre_m[:2])
             reach_m = panel.side_m / 2.0 + 2.0 * CONTACT_M
@@ -203,13 +203,13 @@ class Placement:
         return ""
 
     def _out_of_reach(self, panel: Panel) -> str:
-        """A robot that cannot come before the face will never see it."""
+        """A marker is refused if the robot cannot reach the floor in front of its face."""
         if self._floor.intersects(self._view(panel)):
             return ""
         return "faces a floor that cannot be reached from the start"
 
     def _view(self, panel: Panel) -> shapely.Polygon:
-        """What lies before the face, up to the depth that must be clear."""
+        """The area in front of the face, up to the depth that must be clear."""
         half = panel.side_m / 2.0 * panel.right[:2]
         near, ahead = panel.centre_m[:2], CLEAR_VIEW_M * panel.normal[:2]
         return shapely.Polygon([near - half, near + half, near + half + ahead, near - half + ahead])
@@ -217,7 +217,7 @@ class Placement:
     def _at_height_of(
         self, panel: Panel, area: shapely.Geometry, seen_only: bool
     ) -> Iterable[tuple[str, shapely.Polygon]]:
-        """Names and footprints of what meets an area and has a part as high as the panel."""
+        """Names and footprints of objects that intersect an area at the panel's height."""
         low_m = float(panel.centre_m[2]) - panel.side_m / 2.0
         high_m = low_m + panel.side_m
         if high_m > 0.0:
@@ -248,7 +248,7 @@ class Placement:
 
     @functools.cached_property
     def _floor(self) -> shapely.Polygon:
-        """The floor that is connected to the start; empty where the start lies in a wall."""
+        """The free floor connected to the start; empty where the start lies in an obstacle."""
         solid = [
             polygon
             for one in self._obstructions

@@ -1,4 +1,4 @@
-"""A world as textured triangles: the one list that camera, viewer and preview draw."""
+"""A world as textured triangles: the list that camera, viewer and preview draw."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from services.common.world.geometry import (
 )
 
 FLOOR_SIDE_M = 100.0
-"""Of the floor, about the map's origin; walls farther out have floor around them too."""
+"""Side of the floor, around the map's origin; it is larger if there are walls farther out."""
 
 PLAIN = Material(name="", ambient=(0.5, 0.5, 0.5, 1.0), diffuse=(0.5, 0.5, 0.5, 1.0))
-"""The floor of a world that names none."""
+"""The floor material of a world that names none."""
 
 _MARGIN_M = 20.0
 _SAME_DIRECTION_RAD = 1.4e-4
 """Over 5 m, 0.7 mm."""
 _SAME_PLANE_M = 1e-3
-"""Faces nearer each other count as one: from some 15 m on, a depth buffer cannot part them."""
+"""Faces closer than this count as one: from some 15 m on, a depth buffer cannot separate them."""
 _SLIVER_M = 1e-6
 
 _Stretch = tuple[float, float]
@@ -48,23 +48,23 @@ class Surface:
 
     kind: Literal["wall", "floor", "ceiling", "body"]
     name: str
-    """Of the wall, room or body it belongs to; empty for the world's floor and ceiling."""
+    """Name of its wall, room or body; empty for the world's floor and ceiling."""
     material: str
     """Name of a material of the world; empty: PLAIN."""
     moves: bool
-    """It belongs to a body that moves: the triangles are in that body's frame, else in the map's.
+    """Whether it belongs to a moving body: then the triangles are in its frame, else in the map's.
     """
     textured: bool
-    """False for the tops of walls, which show their material's plain colour."""
+    """False for the tops of walls, which have their material's plain colour."""
     mesh: TriangleMesh
 
 
 def surfaces(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Surface, ...]:
-    """Everything in a world that is seen, but markers and robot.
+    """Everything visible in a world, except markers and robot.
 
-    Where faces of walls lie upon each other the higher one is drawn, and the first of equals.
-    Coverings replace their stretch of a face. Rooms' floors replace theirs of the world's floor.
-    Raises KeyError where a mesh is not there.
+    Of coinciding faces of walls the higher one is drawn, and the first of equals. Coverings replace
+    their section of a face, rooms' floors their part of the world's floor. Raises KeyError where a
+    mesh is missing.
     """
     tile_of = {material.name: material.texture_side_m for material in world.materials}
     return (
@@ -91,7 +91,7 @@ def is_floor(body: Thing, shape: Shape) -> bool:
 def body_surfaces(
     body: Thing, meshes: Mapping[str, TriangleMesh], tile_of: Mapping[str, float], moves: bool
 ) -> Iterator[Surface]:
-    """What is seen of a body, one surface a material: in its own frame where it moves."""
+    """The visible surfaces of a body, one a material; in its own frame if it moves."""
     seen: dict[str, list[TriangleMesh]] = {}
     map_from_body = np.eye(4) if moves else pose_matrix(body)
     for shape in body.shapes:
@@ -136,14 +136,14 @@ def _directions(figures: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """The upright faces of walls, four each: ahead, behind, left, right."""
+    """The upright faces of walls, four each: front, back, left, right."""
 
     bottom_centres_m: Array
     """(n, 2)"""
     normals: Array
     """(n, 2)"""
     rights: Array
-    """(n, 2): to the right as one looks at the face"""
+    """(n, 2): to the right, seen from the front of the face"""
     widths_m: Array
     heights_m: Array
 
@@ -216,7 +216,7 @@ def _without_coverings(
     stretches: list[_Stretch],
     covered: dict[str, list[tuple[int, float, float, float, float]]],
 ) -> list[_Stretch]:
-    """What is left of a face; the covered pieces go to `covered`, by material."""
+    """The uncovered parts of a face; the covered ones are added to `covered`, by material."""
     name, sign = ("left", -1.0) if side % 4 == 2 else ("right", 1.0)
     for covering in wall.coverings:
         if covering.side != name:
@@ -235,17 +235,17 @@ def _without_coverings(
 
 
 def _uncovered(sides: _Sides) -> list[list[_Stretch]]:
-    """The stretches of each face, from left to right, that no other face lies upon.
+    """The sections of each face, from left to right, that no other face covers.
 
-    Walls overlap where they meet, and faces in one plane would both be drawn there, in a mix of
-    stripes. The higher face wins, and the earlier among equals.
+    Walls overlap where they meet, and two faces in one plane would cause z-fighting there. The
+    higher face wins, and the earlier among equals.
     """
     halves = (sides.widths_m / 2.0).tolist()
     whole: list[list[_Stretch]] = [[(-half, half)] for half in halves]
     plane, along = _planes(sides)
     ranked = np.lexsort((np.arange(len(plane)), -sides.heights_m, plane))
     for members in np.split(ranked, np.flatnonzero(np.diff(plane[ranked])) + 1):
-        # In order, and apart from each other.
+        # Sorted and disjoint.
         taken: list[_Stretch] = []
         for side in members.tolist() if len(members) > 1 else ():
             middle, half = along[side], halves[side]
@@ -264,9 +264,9 @@ def _uncovered(sides: _Sides) -> list[list[_Stretch]]:
 
 
 def _planes(sides: _Sides) -> tuple[NDArray[np.int64], list[float]]:
-    """A number for the plane of each face, (n,), and where its middle lies along that plane."""
+    """The plane number of each face, (n,), and the position of its middle along that plane."""
     angles = portable.atan2_each(sides.normals[:, 1], sides.normals[:, 0])
-    # Faces mostly look along an axis: the turn begins where few do.
+    # Most faces point along an axis: the angles wrap where few faces point.
     angles = (angles + 0.1) % (2.0 * np.pi)
     by_angle = np.argsort(angles, kind="stable")
     steps = np.diff(angles[by_angle], prepend=-1.0) > _SAME_DIRECTION_RAD
@@ -285,7 +285,7 @@ def _planes(sides: _Sides) -> tuple[NDArray[np.int64], list[float]]:
 
 
 def _less(pieces: list[_Stretch], taken: list[_Stretch]) -> list[_Stretch]:
-    """Pieces without the stretches taken, but for slivers."""
+    """Pieces without the taken sections; slivers are dropped."""
     for low, high in taken:
         pieces = [
             part
@@ -376,7 +376,7 @@ def _ceiling(world: World, tile_of: Mapping[str, float]) -> Iterator[Surface]:
 def _level(
     area: shapely.Geometry, height_m: float, seen_from_above: bool, tile_side_m: float
 ) -> TriangleMesh:
-    """A level area; its tiles are laid from the map's origin, so that they go on next door."""
+    """A level area; its tiles are laid from the map's origin, so that they continue next door."""
     polygons = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
     if len(polygons) == 1 and shapely.equals(polygons[0], polygons[0].envelope):
         x, y, right, top = polygons[0].bounds
@@ -387,7 +387,7 @@ def _level(
     seen = points if seen_from_above else points * (1.0, -1.0)
     low, high = (seen.min(0), seen.max(0)) if len(seen) else (np.zeros(2), np.ones(2))
     if tile_side_m > 0.0:
-        # Whole tiles are taken away, since large coordinates are not exact.
+        # Subtract whole tiles, since large coordinates are inexact.
         across = seen / tile_side_m
         across -= np.floor(low / tile_side_m)
         rows = np.ceil(high[1] / tile_side_m) - np.floor(low[1] / tile_side_m)

@@ -1,25 +1,25 @@
-"""The world's bodies in PyBullet: floor, walls, things and robot, stepped at 240 Hz.
+"""The world's bodies in PyBullet: floor, walls, bodies, entities and robot, stepped at 240 Hz.
 
 Contact figures. Bullet multiplies the two surfaces' friction: floor and walls have 1.0, so that the
-model's own coefficients hold: 1.0 for a tyre, 0 for a caster, which glides, 0.3 for the hull, which
-scrapes along a wall. Bullet's damping of bodies, 4 % a second, is off: a robot has none. Rolling
+model's own coefficients apply: 1.0 for a tyre, 0 for a caster, which glides, 0.3 for the hull,
+which scrapes along a wall. Bullet's damping of bodies, 4 % a second, is off for the robot. Rolling
 straight or in a curve, it covers the distance of its wheels within 0.3 %. It turns 0.35 % less than
-the wheels say, since they stand 288 mm apart, while drive and odometry assume 287 mm as in the
-reference robot.
+its wheels, since they are 288 mm apart, while drive and odometry assume 287 mm as in the reference
+robot.
 
-Where the robot alone moves, its contacts are solved exactly, by Dantzig's pivoting: the wheels have
-the speed that they are given to 1e-9 m/s, the standing robot stays where it is to the last bits,
-and a step takes half as long as with PyBullet's 50 iterations of Gauss-Seidel, with which the robot
-creeps by 0.01 mm a second. The effort of the exact way grows with the cube of the points of
-contact, and it does not know what bodies of the kind that moves do to each other: where there are
-any, Gauss-Seidel it is.
+Where only the robot moves, its contacts are solved exactly, by Dantzig's pivoting: the wheels reach
+the commanded speed to 1e-9 m/s, a standing robot keeps its position to the last bits, and a step
+takes half as long as with PyBullet's 50 iterations of Gauss-Seidel, with which the robot creeps by
+0.01 mm a second. The effort of the exact solver grows with the cube of the number of contact
+points, and it does not handle contacts between moving rigid bodies: where there are any,
+Gauss-Seidel is used.
 
-What moves is a plain rigid body, which Bullet steps four times as fast as a multibody; Bullet's own
-damping is left on for it, since nothing else brings a rolling ball to rest.
+A moving body is a plain rigid body, which Bullet steps four times as fast as a multibody; Bullet's
+own damping is left on for it, since nothing else brings a rolling ball to rest.
 
-What follows a path is a rigid body too, so heavy that nothing stops it, that is set on its way anew
-before each step: of a body without mass Bullet's contacts do not know the speed, and let it sink
-into what it pushes.
+A body that follows a path is a rigid body too, so heavy that nothing stops it, and its pose and
+velocity are set before each step: of a body without mass Bullet's contacts ignore the velocity, and
+let it sink into what it pushes.
 """
 
 from __future__ import annotations
@@ -67,37 +67,37 @@ from services.physics.config import STEPS_PER_SECOND
 
 GRAVITY_M_S2 = 9.8
 MAX_PIECES = 200
-"""Of an entity that moves: PyBullet takes a second for the hulls of so many."""
+"""Of a moving entity: PyBullet takes a second for the hulls of so many."""
 FLOOR = "floor"
 _NEAR_M = 0.1
-"""Around the robot: farther than it, and what comes towards it, moves in a step. For as long as it
-has not come so far, and nothing else moves, it touches nothing where nothing was so near to it.
+"""Margin around the robot, larger than it and an approaching body move in one step. If nothing was
+within it and nothing else moves, the robot has no contacts until it has moved this far.
 """
 _FLOOR_CONTACT_M = 1e-4
-"""How near to the floor a point must be for the solver to look at it: of the four points that
+"""How near to the floor a contact point must be for the solver to use it: of the four points that
 Bullet keeps of each rolling wheel, three have left the floor, and would cost a third of a step.
 """
 _ITERATIVE = pybullet.CONSTRAINT_SOLVER_LCP_SI
-"""PyBullet's own choice"""
+"""PyBullet's default"""
 _EXACT = pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG
 _EXACT_CFM = 1e-9
-"""Softness of its constraints: two wheels and two casters touch the floor in more points than it
-takes to hold a robot, and without any softness every second step has no one solution.
+"""Softness of its constraints: two wheels and two casters have more contact points than are needed
+to support a robot, and without any softness every second step has no unique solution.
 """
 _SCRIPTED_MASS_KG = 1e5
 _YIELD_M = 0.3
-"""How far ahead on its way a body looks for the robot; at these steps."""
+"""How far ahead on its path a body checks for the robot; in these steps."""
 _YIELD_STEP_M = 0.05
 _WAY_STEP_M = 0.1
-"""Between the places on a path at which it is looked for walls; these are thicker."""
+"""Distance between the poses on a path that are checked for walls; walls are thicker."""
 _MAX_GARBAGE_BYTES = 8_000_000
-"""PyBullet never gives back the shape of a body that is removed: from so much on, everything is
-made anew, as it moves.
+"""PyBullet never frees the shape of a removed body: beyond this amount, all bodies are rebuilt in
+their current state.
 """
 
 
 class Touch(NamedTuple):
-    """A point in which the robot presses against something."""
+    """A contact point with a force between the robot and a body."""
 
     robot_link: str
     body: str
@@ -106,7 +106,7 @@ class Touch(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Where a frame of the robot is, and how it moves, along the map's axes."""
+    """Pose and velocity of a frame of the robot, along the map's axes."""
 
     map_from_frame: SE3
     velocity_m_s: Vector
@@ -114,7 +114,7 @@ class Motion(NamedTuple):
 
 
 class Bodies:
-    """One world in a PyBullet client of its own: nothing of an earlier world is left in it."""
+    """One world in its own PyBullet client, with nothing left from an earlier world."""
 
     def __init__(
         self,
@@ -126,18 +126,18 @@ class Bodies:
         """Raises ValueError, in one line, where world or model cannot be built."""
         meshes = meshes or {}
         self.frames = (MAP_FRAME, ODOM_FRAME, *model.links)
-        """The robot's: nothing else that moves may have such a name."""
+        """The robot's frames: no other moving body may have such a name."""
         self.fixed_names = {FLOOR, *(wall.name for wall in world.walls)}
         self.fixed_names |= {thing.name for thing in world.bodies}
-        """Of what the world itself holds."""
+        """Names of the world's floor, walls and bodies."""
         check(world, meshes, self.frames)
         self._wheel_torque_n_m = wheel_torque_n_m
         self.solid_groups: tuple[tuple[Solid, ...], ...] = ()
-        """Solids that stand or move together, with `body_from_solid` seen from the group's frame.
+        """Groups of solids that share a frame, with `body_from_solid` seen from that frame.
 
-        What stands in the world comes first, in the map's frame, then what moves, then what people
-        have put there to stand. Another tuple takes its place when
-        a group comes, goes or changes; a group that stays is the same object in it.
+        The static solids of the world come first, in the map's frame, then the moving bodies, then
+        the static entities. The tuple is replaced when a group is added, removed or changed; an
+        unchanged group is the same object in it.
         """
         self._world, self._model = world, model
         self._things: dict[str, Placed] = {}
@@ -147,7 +147,7 @@ class Bodies:
         self._garbage_bytes = 0
         self._wheel_speeds = (0.0, 0.0)
         self._alone_at_m: Vector | None = None
-        """Where nothing but the floor was near to the robot, for as long as that tells anything."""
+        """Position where only the floor was near to the robot; None while that is not valid."""
         self._client: int = pybullet.connect(pybullet.DIRECT)
         try:
             for thing in world.bodies:
@@ -167,7 +167,7 @@ class Bodies:
         pybullet.setTimeStep(1.0 / STEPS_PER_SECOND, physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1,
-            # It would keep every hull's file.
+            # The cache would keep every hull's file.
             enableFileCaching=0,
             physicsClientId=client,
         )
@@ -206,7 +206,7 @@ class Bodies:
             self._client = -1
 
     def set_wheel_speeds(self, left_rad_s: float, right_rad_s: float) -> None:
-        """What the wheels' motors hold from now on."""
+        """Set the target speeds of the wheels' motors."""
         self._wheel_speeds = left_rad_s, right_rad_s
         self._robot.drive_wheels(left_rad_s, right_rad_s, self._wheel_torque_n_m)
 
@@ -222,21 +222,21 @@ class Bodies:
 
     @property
     def follows_paths(self) -> bool:
-        """Whether anything moves along a path of its own."""
+        """Whether any body follows a scripted path."""
         return bool(self._scripted)
 
     @property
     def mover_names(self) -> list[str]:
-        """What moves: bodies of the world in its order, then entities in theirs."""
+        """Names of the moving bodies: those of the world in its order, then entities in theirs."""
         return [placed.thing.name for placed in self._movers]
 
     @property
     def mover_states(self) -> list[MoverState]:
-        """Of what moves, in the order of the names."""
+        """States of the moving bodies, in the order of the names."""
         return [placed.state for placed in self._movers if placed.state is not None]
 
     def map_from_movers(self) -> Array:
-        """(k, 4, 4) true poses of what moves."""
+        """(k, 4, 4) true poses of the moving bodies."""
         poses = [
             portable.product(pose_matrix(placed.state), placed.com_from_body)
             for placed in self._movers
@@ -246,16 +246,16 @@ class Bodies:
 
     @property
     def entities(self) -> dict[str, BodyEntity]:
-        """What people have put into the world, by name, each as it was asked for."""
+        """The entities spawned into the world, by name, each as requested."""
         entities = (placed.thing for placed in self._entities.values())
         return {one.name: one for one in entities if isinstance(one, BodyEntity)}
 
     def put(self, entity: BodyEntity, meshes: Mapping[str, TriangleMesh]) -> str:
-        """Have an entity stand where it says, at rest; empty, or the reason why it cannot.
+        """Spawn an entity at its pose, at rest; returns empty, or the reason why it cannot be.
 
-        One of the same name is moved, or replaced where it is another thing; where that cannot be,
-        it stays as it was. What is looked at here is what is in the way; `world_limits` must have
-        let the entity through.
+        One of the same name is moved, or replaced if more than its pose differs; if that fails, it
+        stays as it was. Only collisions are checked here; `world_limits` must have accepted the
+        entity before.
         """
         old = self._entities.get(entity.name)
         try:
@@ -286,20 +286,20 @@ class Bodies:
         return reason
 
     def remove(self, name: str) -> None:
-        """Have an entity be gone."""
+        """Remove an entity."""
         self._remove(self._entities.pop(name))
 
     def arrange(self, names: Iterable[str]) -> None:
-        """Take the entities in this order from now on. Called after any of them has changed."""
+        """Set the order of the entities. Called after any of them has changed."""
         self._entities = {name: self._entities[name] for name in names if name in self._entities}
         self._arrange()
         if self._garbage_bytes > _MAX_GARBAGE_BYTES:
             self._renew()
 
     def touches(self) -> list[Touch]:
-        """Where the robot presses against anything that is not floor, after the last step.
+        """The robot's contact points with anything that is not floor, after the last step.
 
-        Floor is whatever a wheel or caster stands on, be it a plane, a mesh, a box or a ramp.
+        Floor is anything that a wheel or caster stands on, be it a plane, a mesh, a box or a ramp.
         """
         client, (x, y, z) = self._client, self.state.position_m
         if self._alone_at_m is not None and math.dist(self._alone_at_m, (x, y, z)) < _NEAR_M:
@@ -310,13 +310,13 @@ class Bodies:
             (x + reach_m, y + reach_m, z + reach_m),
             physicsClientId=client,
         )
-        # Found in a quarter of the time that the contacts take: the floor is always among those.
+        # Takes a quarter of the time of the contacts, which always include the floor's.
         if {number for number, _ in near or ()} <= self._floor_and_robot:
             self._alone_at_m = None if self._movers else (x, y, z)
             return []
         self._alone_at_m = None
         points = pybullet.getContactPoints(self._robot.number, physicsClientId=client)
-        # Bullet also lists points up to 2 cm apart: only where there is a force do the two touch.
+        # Bullet also lists points up to 2 cm apart: only those with a force are contacts.
         return [
             Touch(self._robot.link_names[point[3]], self._names[point[2]], point[6], point[9])
             for point in points
@@ -364,7 +364,7 @@ class Bodies:
         )
 
     def _set_on_its_way(self, placed: Placed) -> None:
-        """Put what follows a path where it is, with the speed that takes it on in this step."""
+        """Set pose and velocity of a body that follows a path, for this step."""
         path = placed.thing.path if isinstance(placed.thing, BodyEntity) else None
         assert path is not None
         placed.speed_m_s = 0.0 if path.yields and self._robot_ahead(placed) else path.speed_m_s
@@ -373,13 +373,13 @@ class Bodies:
             x, y, _ = state.velocity_m_s
             self._set_state(
                 placed.numbers[0],
-                # Gravity takes away what is added to its speed upwards.
+                # The added upward speed cancels gravity in this step.
                 state._replace(velocity_m_s=(x, y, GRAVITY_M_S2 / STEPS_PER_SECOND)),
             )
         placed.travelled_m += placed.speed_m_s / STEPS_PER_SECOND
 
     def _robot_ahead(self, placed: Placed) -> bool:
-        """Whether the robot stands where a body on its path will be soon."""
+        """Whether the robot is where a body on its path will be soon."""
         route, own, robot = placed.route, placed.floorplan, self._robot.floorplan
         if route is None or placed.thing.position_m[2] + own.low_z_m > robot.high_z_m:
             return False
@@ -396,7 +396,7 @@ class Bodies:
         )
 
     def _made(self, thing: Thing, meshes: Mapping[str, TriangleMesh]) -> Placed:
-        """A thing before it is in PyBullet. Raises ValueError, in a phrase, where it cannot be."""
+        """A body before it is in PyBullet. Raises ValueError, in a phrase, if it is not valid."""
         try:
             solids = tuple(solids_of(thing, meshes))
             com_from_body, moments, route = np.eye(4), (1.0, 1.0, 1.0), None
@@ -417,7 +417,7 @@ class Bodies:
         return Placed(thing, solids, com_from_body, moments, level_xyzw, route, plan)
 
     def _insert(self, placed: Placed) -> None:
-        """Make PyBullet's bodies of a thing: one where it moves, else one of each piece."""
+        """Create the PyBullet bodies of a body: one if it moves, else one for each solid."""
         thing, solids = placed.thing, placed.solids
         if not thing.moves:
             placed.numbers = ()
@@ -434,7 +434,7 @@ class Bodies:
             pybullet.changeDynamics(
                 number,
                 -1,
-                # Without the mass, PyBullet takes one that it has never set.
+                # Without the mass given here, PyBullet uses an uninitialised one.
                 mass=mass_kg,
                 localInertiaDiagonal=placed.inertia_kg_m2,
                 physicsClientId=self._client,
@@ -452,7 +452,7 @@ class Bodies:
         self._place(placed)
 
     def _place(self, placed: Placed) -> None:
-        """Put a thing that is in PyBullet where its state has it, or at first its document."""
+        """Set a body's pose in PyBullet to that of its state, or at first of its document."""
         thing = placed.thing
         if not thing.moves:
             for number, solid in zip(placed.numbers, placed.solids, strict=True):
@@ -488,7 +488,7 @@ class Bodies:
         self._garbage_bytes += placed.garbage_bytes
 
     def _arrange(self) -> None:
-        """Bring what depends on what there is up to date."""
+        """Update everything that depends on which bodies there are."""
         everything = [*self._things.values(), *self._entities.values()]
         self._movers = [placed for placed in everything if placed.thing.moves]
         self._scripted = [placed for placed in self._movers if placed.route is not None]
@@ -502,14 +502,14 @@ class Bodies:
         self._choose_solver()
 
     def _choose_solver(self) -> None:
-        """Solve exactly where nothing but the robot has moved since the client was filled.
+        """Use the exact solver if nothing but the robot has moved since the client was filled.
 
-        Not exactly again when the last thing that moves is gone: PyBullet keeps 13 KB of each
+        It is not chosen again when the last moving body is gone: PyBullet keeps 13 KB of each
         solver that it had.
         """
         solver = _ITERATIVE if self._movers else self._solver or _EXACT
         if solver != (self._solver or _ITERATIVE):
-            # It tells so on standard output.
+            # PyBullet prints the change on standard output.
             with quiet(1):
                 pybullet.setPhysicsEngineParameter(
                     constraintSolverType=solver,
@@ -519,7 +519,7 @@ class Bodies:
         self._solver = solver
 
     def _renew(self) -> None:
-        """Make everything anew as it is, so that PyBullet lets go of what was removed."""
+        """Rebuild everything in its current state, so that PyBullet frees the removed shapes."""
         pybullet.resetSimulation(physicsClientId=self._client)
         self._garbage_bytes = 0
         state = self.state
@@ -532,7 +532,7 @@ class Bodies:
         self._choose_solver()
 
     def _in_the_way(self, placed: Placed, old: Placed | None) -> str:
-        """What an entity reaches into, where it stands and on its path; empty: nothing."""
+        """What an entity collides with at its pose and on its path; empty: nothing."""
         ignored = {*placed.numbers, *(old.numbers if old is not None else ())}
         reason = self._reaches_into(placed, ignored, standing_only=False)
         if reason or placed.route is None or not placed.numbers:
@@ -573,7 +573,7 @@ class Bodies:
         return self._names[number]
 
     def _add_solid(self, name: str, solid: Solid, map_from_body: Array) -> int:
-        """A piece of what stands."""
+        """Add a static solid."""
         pose = portable.product(map_from_body, solid.body_from_solid)
         shape = shape_of(self._client, solid, (NOWHERE, UPRIGHT))
         return self._add_rigid(name, 0.0, shape, *position_and_quaternion(pose), STATIC_GROUP)

@@ -1,4 +1,4 @@
-"""How the robot and what moves are after a step, and whether they can be so."""
+"""States of the robot and the moving bodies after a step, and whether they are physical."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class BodyState(NamedTuple):
     wheel_speeds_rad_s: tuple[float, float]
 
     def is_sane(self) -> bool:
-        """Whether a robot can be so: PyBullet keeps what is not finite without a word."""
+        """Whether the state is physical: PyBullet accepts non-finite values silently."""
         x, y, z = self.position_m
         vx, vy, vz = self.velocity_m_s
         turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
         left, right = self.wheel_angles_rad
         left_speed, right_speed = self.wheel_speeds_rad_s
-        # A comparison with what is not a number is False.
+        # A comparison with NaN is False.
         return (
             -_FAR_M < x < _FAR_M
             and -_FAR_M < y < _FAR_M
@@ -51,7 +51,7 @@ class BodyState(NamedTuple):
 
 
 class MoverState(NamedTuple):
-    """A body that moves after a step, exactly as PyBullet has it, in the map frame."""
+    """A moving body after a step, exactly as PyBullet has it, in the map frame."""
 
     position_m: Vector
     """Of its centre of mass."""
@@ -61,7 +61,7 @@ class MoverState(NamedTuple):
     angular_velocity_rad_s: Vector
 
     def is_sane(self) -> bool:
-        """Whether a thing can be so."""
+        """Whether the state is physical."""
         x, y, z = self.position_m
         turn = math.fsum(self.angular_velocity_rad_s) + math.fsum(self.orientation_xyzw)
         return (

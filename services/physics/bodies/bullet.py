@@ -1,9 +1,9 @@
-"""PyBullet without the lines that it prints, with sines of our own, and what it may keep.
+"""PyBullet without its printed lines, with portable sines, and with bounded memory.
 
-glibc takes a block from the system by itself, and gives it back when it is freed, from 128 KiB on;
-but each such block that is freed raises that threshold to its own size, up to 32 MiB (mallopt(3)).
-PyBullet frees blocks of up to 8 MB when a world is made anew: from then on they came from the heap
-and left holes in it, 50 MB after a few worlds. A threshold that has been set stays as it is.
+glibc maps a block of 128 KiB or more separately, and returns it to the system when it is freed; but
+each such block that is freed raises that threshold to its own size, up to 32 MiB (mallopt(3)).
+PyBullet frees blocks of up to 8 MB when a world is rebuilt: from then on they came from the heap
+and left holes in it, 50 MB after a few worlds. A threshold that is set explicitly does not change.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from services.physics.bodies.bullet_math import take_portable_math
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Of glibc's malloc.h"""
 _OWN_BLOCK_BYTES = 5 << 18
-"""More than a picture of 640 x 480 depths, which would cost a page fault every 4 KiB of it, a sixth
-of what drawing it takes; less than the larger blocks that PyBullet lets go of.
+"""More than a depth image of 640 x 480, which would cost a page fault every 4 KiB of it, a sixth of
+its drawing time; less than the larger blocks that PyBullet frees.
 """
 _KEPT_BYTES = 16 << 20
-"""Free memory at the heap's end that is not given back, since the next step takes it again."""
+"""Free memory at the heap's end that is not returned, since the next step takes it again."""
 
 
 def _keep_large_blocks_apart() -> None:
@@ -40,11 +40,11 @@ def _keep_large_blocks_apart() -> None:
 
 @contextlib.contextmanager
 def quiet(*descriptors: int) -> Iterator[None]:
-    """Have nothing that is written to standard output (1) or error (2) reach anybody."""
+    """Discard everything that is written to standard output (1) or error (2)."""
     sys.stdout.flush()
     sys.stderr.flush()
     c_library = ctypes.CDLL(None)
-    # C has buffers of its own, which Python's flush does not reach.
+    # Python's flush does not flush C's own buffers.
     c_library.fflush(None)
     kept = {number: os.dup(number) for number in descriptors}
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -72,10 +72,10 @@ _lists: dict[str, list[Any]] = {}
 
 
 def lent(name: str, values: NDArray[np.floating[Any] | np.integer[Any]]) -> list[Any]:
-    """An array of one or two dimensions as lists, good until the next call of this name.
+    """An array of one or two dimensions as lists, valid until the next call with this name.
 
-    PyBullet 3.2.7 never lets go of the vertices, indices, normals and texture coordinates that a
-    shape is made of, nor of the rows in them. So those of one name are the same lists each time.
+    PyBullet 3.2.7 never releases the vertices, indices, normals and texture coordinates that a
+    shape is made of, nor the rows in them. So those of one name are the same lists each time.
     """
     given = _lists.setdefault(name, [])
     if values.ndim == 1:

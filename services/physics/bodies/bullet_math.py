@@ -1,14 +1,14 @@
-"""Has PyBullet take its sine and the like from `portable` instead of the C library.
+"""Makes PyBullet use the sine and the like of `portable` instead of the C library's.
 
-Bullet turns the robot's base, its wheels and all that moves in each step by quaternions of sine and
-cosine, and reads angles from them by arc tangents: glibc has these with and without fused multiply-
-add, and the last bits of a robot's state would be those of the processor. Such a call goes through
-the table of addresses that the dynamic linker fills for each shared library (System V ABI, AMD64
-supplement, "Procedure Linkage Table"); here the linker's entries are replaced in PyBullet's table,
-and in no other library's.
+Bullet rotates the robot's base, its wheels and all moving bodies in each step by quaternions of
+sine and cosine, and computes angles from them by arc tangents: glibc has these with and without
+fused multiply-add, so the last bits of a robot's state would depend on the processor. Such a call
+goes through the table of addresses that the dynamic linker fills for each shared library (System V
+ABI, AMD64 supplement, "Procedure Linkage Table"); here the linker's entries are replaced in
+PyBullet's table, and in no other library's.
 
-Single precision (sinf and the like) serves PyBullet's own renderers alone, and pow its imports of
-files: they stay.
+Single precision (sinf and the like) is used by PyBullet's own renderers only, and pow by its file
+importers: they are left alone.
 """
 
 from __future__ import annotations
@@ -111,13 +111,13 @@ _FUNCTIONS = {
     "exp": _exp,
     "log": _log,
 }
-"""By the C library's names, which have kept their types since 1989."""
+"""By the C library's names; their types have not changed since 1989."""
 
 
 def take_portable_math(library: str) -> None:
-    """Have a shared library that is loaded, by its path, call these functions from now on.
+    """Make a loaded shared library, given by its path, call these functions from now on.
 
-    Of one that was built otherwise than the wheels are, the log says that its states depend on the
+    If it was built differently from the wheels, a warning is logged that states depend on the
     processor.
     """
     places = _imports(library)
@@ -132,8 +132,8 @@ def take_portable_math(library: str) -> None:
 
 
 def _imports(library: str) -> Mapping[str, int]:
-    """Where a library keeps the address of each function that it imports, by name; none where that
-    cannot be written.
+    """Addresses of a library's table entries for the functions that it imports, by name; empty if
+    they cannot be written.
     """
     handle = ctypes.CDLL(library)
     loaded = _LinkMap.from_address(handle._handle)
@@ -150,7 +150,7 @@ def _imports(library: str) -> Mapping[str, int]:
     if fixed or entries.get(_DT_PLTREL) != _DT_RELA:
         return {}
     relocations, symbols, texts = (
-        # The linker has made addresses of them, but not every linker does.
+        # Some linkers have turned these offsets into addresses, others have not.
         entries[tag] + (loaded.base if entries[tag] < loaded.base else 0)
         for tag in (_DT_JMPREL, _DT_SYMTAB, _DT_STRTAB)
     )

@@ -1,4 +1,4 @@
-"""What of a body is solid, as PyBullet takes it, and how its mass is spread."""
+"""The solids of a body for PyBullet's collisions, and the body's inertia."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
 
 MAX_HULL_POINTS = 256
-"""Of a convex body; of more, those farthest out in so many directions are kept."""
+"""Of a convex body; of more points, the farthest in each of so many directions is kept."""
 _MAX_PRISMS = 64
 _MAX_TRIANGLES = 20_000
 """Of one PyBullet shape: it fails silently from 131,072 vertices on."""
@@ -55,7 +55,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """Of a body of even density."""
+    """Of a body of uniform density."""
 
     body_from_com: Array
     """Origin at the centre of mass, along the principal axes."""
@@ -65,8 +65,8 @@ class Inertia:
 def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
     """The solid pieces of a body.
 
-    What moves is convex in each piece: a mesh becomes its hull. What does not may be hollow: meshes
-    and polylines are surfaces. A level plane on the floor is the floor, and no piece of its own.
+    Each piece of a moving body is convex: a mesh becomes its hull. A static body may be hollow: its
+    meshes and polylines are surfaces. A level plane on the floor is the floor, and no solid itself.
     Raises ValueError, in a phrase, for a shape that has no extent.
     """
     moves = body.moves
@@ -81,7 +81,7 @@ def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
 def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array]:
     """Lowest and highest coordinates, (3,) each, in a frame a; both zero where there is nothing.
 
-    What is round counts as the box around it.
+    A round solid counts as its bounding box.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for solid in solids:
@@ -93,7 +93,7 @@ def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array
 
 
 def _box_corners(solid: Solid) -> Array:
-    """(8, 3) of the box around it, in its own frame."""
+    """(8, 3) corners of its bounding box, in its own frame."""
     radius_m, half_m = solid.radius_m, solid.length_m / 2.0
     half = {
         "sphere": (radius_m, radius_m, radius_m),
@@ -105,10 +105,10 @@ def _box_corners(solid: Solid) -> Array:
 
 
 def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
-    """How the mass of a body that moves is spread over its solid shapes.
+    """Centre of mass and moments of inertia of a moving body's solid shapes.
 
     By the integrals over the tetrahedra from the origin to each triangle (Blow and Binstock, 2004).
-    Raises ValueError, in a phrase, where they hold no volume.
+    Raises ValueError, in a phrase, if they have no volume.
     """
     volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for shape in body.shapes:
@@ -171,7 +171,7 @@ def _raised(pose: Array, polyline: Polyline, moves: bool) -> Iterator[Solid]:
         yield from _surface(pose, triangles_of(polyline, {}))
         return
     points, triangles = flat_triangles(polygons_of(polyline.polygons_m))
-    # A prism a triangle, where there are few enough of them.
+    # One prism for each triangle, if there are few enough.
     outlines = points[triangles] if len(triangles) <= _MAX_PRISMS else [points]
     for outline in outlines:
         ends = [
@@ -220,7 +220,7 @@ def _lengths(vectors: Array) -> Array:
 
 
 def _convex(points: Array) -> ConvexHull:
-    # It takes a second to import, and most worlds have no hulls.
+    # SciPy takes a second to import, and most worlds have no hulls.
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
 
     try:
@@ -249,7 +249,7 @@ def hull_triangles(points: Array) -> NDArray[np.int32]:
 
 
 def as_obj(points: Iterable[Iterable[float]]) -> str:
-    """A convex body's corners as a Wavefront file with the faces that PyBullet asks for."""
+    """A convex body's corners as a Wavefront file with the faces that PyBullet requires."""
     corners = np.array([list(point) for point in points])
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
     faces = hull_triangles(corners) + 1

@@ -1,4 +1,4 @@
-"""Makes the entities that stand those that are desired, and says why the others cannot stand."""
+"""Brings the existing entities to the desired set, with the reason for each that is refused."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ MAX_SHAPES = 100
 MAX_CORNERS = 5_000
 """Of the polylines of one body"""
 MAX_TRIANGLES = 500_000
-"""Of all bodies as they are drawn: PyBullet takes a second to make meshes of so many solid."""
+"""Of all bodies as drawn: PyBullet takes a second to make solid meshes of so many."""
 MAX_TEXTURE_PX = 32 * 1024 * 1024
 """Of all bodies: a renderer holds them unpacked."""
 MAX_WAY_M = 200.0
-"""Of a path, from the start back to the start"""
+"""Length of a path's cycle, from the start back to the start"""
 MAX_PANEL_SIDE_M = 3.0
 
 
@@ -51,12 +51,12 @@ def establish(
     placement: Placement,
     bodies: Bodies,
 ) -> Entities:
-    """Add, move and remove what has changed from `standing`, and tell what stands now.
+    """Add, move and remove the entities that differ from `standing`; returns those that exist now.
 
-    What stays as it is is not judged again, so that a robot may drive up to it. A change that is
-    refused leaves things as they were; so does a name that is there twice: the first stands. Where
-    PyBullet was built anew, what stood is put back first.
-    `files` are the assets at hand by their sha256. Panels hang where `placement` lets them.
+    An unchanged entity is not checked again, so that a robot may drive up to it. A change that is
+    refused leaves the entity as it was; of two with the same name the first is taken. If PyBullet
+    was rebuilt, the previous entities are restored first.
+    `files` are the received assets by their sha256. Panels are placed where `placement` allows.
     """
     before = _restored(standing, files, bodies)
     wanted: dict[str, Entity] = {}
@@ -68,7 +68,7 @@ def establish(
     now = {
         name: one for name, one in before.items() if name in wanted and _alike(one, wanted[name])
     }
-    """What stands until it is its turn."""
+    """Existing entities that are kept until their turn."""
     stands: dict[str, Entity] = {}
     refused: list[Refusal] = []
     for entity in desired.entities:
@@ -100,8 +100,8 @@ def establish(
 
 
 def told_changes(before: Entities | None, after: Entities) -> str:
-    """What has changed, in words: `spawned: a, b; deleted: c; changed: d`; of the first ones, only
-    how many they are.
+    """The changes in words: `spawned: a, b; deleted: c; changed: d`; for a world's first set, only
+    the number of entities.
     """
     if before is None:
         return f"{len(after.entities)} entities stand"
@@ -123,7 +123,7 @@ def _listed(names: list[str]) -> str:
 def _restored(
     standing: Entities | None, files: Mapping[str, bytes], bodies: Bodies
 ) -> dict[str, Entity]:
-    """What stands, by name; without what finds no room now that everything was built anew."""
+    """The previous entities by name, without those that cannot be restored after a rebuild."""
     before = {one.name: one for one in standing.entities} if standing is not None else {}
     for name, one in list(before.items()):
         if isinstance(one, BodyEntity) and name not in bodies.entities:
@@ -142,7 +142,7 @@ def _hang(
     files: Container[str],
     placement: Placement,
 ) -> str:
-    """Why a marker cannot hang; empty where it can."""
+    """Why a marker cannot be placed; empty if it can."""
     hanging = [panel_of(one) for one in others.values() if isinstance(one, MarkerEntity)]
     if len(hanging) >= MAX_MARKERS:
         return f"there are {MAX_MARKERS} markers already: no more fit"
@@ -162,7 +162,7 @@ def _marker_problem(entity: MarkerEntity, files: Container[str]) -> str:
 def _put(
     entity: BodyEntity, others: Mapping[str, Entity], files: Mapping[str, bytes], bodies: Bodies
 ) -> str:
-    """Have a body stand where it is wanted; empty, or why it cannot."""
+    """Spawn a body at its desired pose; returns empty, or why it cannot be."""
     there = [one for one in others.values() if isinstance(one, BodyEntity)]
     if len(there) >= MAX_BODIES:
         return f"there are {MAX_BODIES} bodies already: no more fit"
@@ -191,7 +191,7 @@ def _put(
 
 
 def _triangles(entity: BodyEntity, files: Mapping[str, bytes]) -> int:
-    """Of all shapes, of which several may have the same mesh."""
+    """Triangles of all shapes, several of which may use the same mesh."""
     meshes = meshes_of([entity], files)
     return sum(
         len(meshes[shape.geometry.sha256].triangles)

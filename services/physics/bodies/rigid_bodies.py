@@ -15,7 +15,7 @@ from services.physics.bodies.bullet import lent, pybullet
 from services.physics.bodies.collision import Solid, as_obj
 
 STATIC_GROUP, ROBOT_GROUP, MOVER_GROUP, SCRIPTED_GROUP = 1, 2, 4, 8
-"""What stands, the robot, what moves freely, and what follows a path"""
+"""Static bodies, the robot, bodies that move freely, and bodies that follow a path"""
 MEETS = {
     STATIC_GROUP: ROBOT_GROUP | MOVER_GROUP,
     ROBOT_GROUP: STATIC_GROUP | MOVER_GROUP | SCRIPTED_GROUP,
@@ -33,7 +33,7 @@ KINDS = {
     "hull": pybullet.GEOM_MESH,
     "triangles": pybullet.GEOM_MESH,
 }
-"""PyBullet's of the shapes of solids"""
+"""PyBullet's shape types of the solids"""
 
 _SURFACE_FRICTION = 1.0
 
@@ -47,9 +47,9 @@ def rigid_body(
     turn_xyzw: Quaternion,
     group: int,
 ) -> int:
-    """A plain rigid body: where it does not move, Bullet does not look at it in every step.
+    """Create a plain rigid body: if it is static, Bullet does not process it in every step.
 
-    Returns PyBullet's number of it. Raises ValueError where `shape` is none.
+    Returns PyBullet's body number. Raises ValueError if `shape` is not valid.
     """
     if shape < 0:
         raise ValueError(f"body {name!r:.60}: PyBullet cannot make its shape")
@@ -67,7 +67,7 @@ def rigid_body(
 
 
 def shape_of(client: int, solid: Solid, frame: tuple[Vector, Quaternion]) -> int:
-    """PyBullet's number of a shape, at a place in its body."""
+    """Create a shape at a pose in its body; returns PyBullet's number of it."""
     options: dict[str, Any] = {}
     if solid.vertices_m is not None:
         options["vertices"] = lent("vertices", solid.vertices_m)
@@ -102,7 +102,7 @@ def compound_shape(client: int, solids: Sequence[Solid], com_from_body: Array) -
     files = [""] * len(solids)
     with contextlib.ExitStack() as stack:
         if any(solid.vertices_m is not None for solid in solids):
-            # Of several pieces PyBullet takes corners from files only, and reads them twice.
+            # For several pieces PyBullet reads corners from files only, and reads them twice.
             folder = tempfile.TemporaryDirectory(prefix="mazebot-hulls-")
             path = Path(stack.enter_context(folder))
             for number, solid in enumerate(solids):

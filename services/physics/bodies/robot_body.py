@@ -27,18 +27,18 @@ from services.physics.bodies.scripted_path import Floorplan
 WHEELS = ("wheel_left_joint", "wheel_right_joint")
 
 _FLOOR_LEAST_UP = math.sqrt(0.5)
-"""Upwards part of the normal where a wheel or caster stands on something instead of being stopped
-by it: up to 45 degrees a tyre with a friction of 1 holds on a slope.
+"""Least upward component of a contact normal for a wheel or caster to stand on a body instead of
+being stopped by it: a tyre with a friction of 1 holds on a slope of up to 45 degrees.
 """
 _STANDS_WITHIN_M = 1e-3
-"""How near to the plane of base_footprint a wheel or caster reaches."""
+"""A link that reaches this near to the plane of base_footprint is a wheel or caster."""
 
 
 class RobotBody:
-    """One multibody, whose base's frame in PyBullet is its centre of mass."""
+    """One multibody, whose base frame in PyBullet is at its centre of mass."""
 
     def __init__(self, client: int, model: RobotModel, map_from_footprint: Array) -> None:
-        """Put it where base_footprint, (4, 4) in the map, is. Raises ModelError."""
+        """Create it at the pose of base_footprint, (4, 4) in the map. Raises ModelError."""
         self._client = client
         base = model.body(BASE_LINK_FRAME)
         parts = model.separate_links(BASE_LINK_FRAME)
@@ -118,7 +118,7 @@ class RobotBody:
         self.footprint_on_com = SE3.from_matrix(self.com_from_footprint)
 
     def state(self) -> BodyState:
-        """Where it is, and how it moves."""
+        """Its pose, velocities and wheel angles."""
         client = self._client
         position, orientation = pybullet.getBasePositionAndOrientation(
             self.number, physicsClientId=client
@@ -130,7 +130,7 @@ class RobotBody:
         )
 
     def drive_wheels(self, left_rad_s: float, right_rad_s: float, torque_n_m: float) -> None:
-        """What the wheels' motors hold from now on, with at most that torque each."""
+        """Set the target speeds of the wheels' motors, with at most that torque each."""
         pybullet.setJointMotorControlArray(
             self.number,
             self._wheels,
@@ -143,17 +143,17 @@ class RobotBody:
     def turn_wheels_to(
         self, angles_rad: tuple[float, float], speeds_rad_s: tuple[float, float]
     ) -> None:
-        """Have the wheels, left and right, at once stand and turn so."""
+        """Set angles and speeds of the wheels, left and right, at once."""
         for wheel, angle, speed in zip(self._wheels, angles_rad, speeds_rad_s, strict=True):
             pybullet.resetJointState(self.number, wheel, angle, speed, physicsClientId=self._client)
 
     def stands_on(self, point: tuple[Any, ...]) -> bool:
-        """Whether in one of its points of contact a wheel or caster stands on what it touches."""
+        """Whether a contact point is that of a wheel or caster standing on something."""
         link, normal_towards_robot = point[3], point[7]
         return link in self._standing_links and normal_towards_robot[2] >= _FLOOR_LEAST_UP
 
     def _collision(self, shapes: tuple[Shape, ...]) -> int:
-        """One PyBullet shape of several."""
+        """Create one PyBullet shape of several."""
         if not shapes:
             return -1
         poses = [shape.link_from_shape for shape in shapes]
@@ -170,7 +170,7 @@ class RobotBody:
 
 
 def _solids(body: Body, a_from_body: Array) -> list[Solid]:
-    """Of a body in another frame."""
+    """Solids of a body in another frame."""
     return [
         _solid(shape, portable.product(a_from_body, shape.link_from_shape)) for shape in body.shapes
     ]
@@ -183,7 +183,7 @@ def _solid(shape: Shape, a_from_shape: Array) -> Solid:
 
 
 def _stands(solids: list[Solid]) -> bool:
-    """Whether what is seen from base_footprint reaches down to the floor."""
+    """Whether solids in the frame of base_footprint reach down to the floor."""
     lowest_m, _ = extent_of(solids, np.eye(4))
     return bool(solids) and abs(float(lowest_m[2])) <= _STANDS_WITHIN_M
 

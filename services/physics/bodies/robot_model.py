@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 
 class ModelError(ValueError):
-    """A URDF that cannot be used: its text is one line that says why."""
+    """A URDF that cannot be used: the message is the reason, in one line."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Link:
     """(3, 3), about the centre of mass, in the inertial frame's axes."""
     shapes: tuple[Shape, ...]
     lateral_friction: float | None
-    """Coefficient of its own; None: that of the link it is fixed to."""
+    """Its own coefficient; None: that of the link it is fixed to."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """What holds two links together."""
+    """A joint between two links."""
 
     name: str
     kind: Literal["fixed", "continuous"]
@@ -89,7 +89,7 @@ class RobotModel:
     def transform(self, parent: str, child: str) -> Array:
         """(4, 4) `parent_from_child` through fixed joints, downwards in the tree.
 
-        Raises ModelError where no fixed joints lead there.
+        Raises ModelError if no fixed joints lead there.
         """
         joint_to = {joint.child: joint for joint in self.fixed_joints()}
         parent_from_child = np.eye(4)
@@ -104,7 +104,7 @@ class RobotModel:
         return parent_from_child
 
     def body(self, root: str) -> Body:
-        """The link `root` and what is fixed to it without friction of its own, in root's frame."""
+        """The link `root` and links fixed to it without their own friction, in root's frame."""
         members = [(root, np.eye(4))]
         for parent, root_from_parent in members:
             members += [
@@ -141,7 +141,7 @@ class RobotModel:
         return Body(mass, _vector(centre), _vector(np.diagonal(inertia)), shapes)
 
     def separate_links(self, root: str) -> tuple[Joint, ...]:
-        """The joints from root to links that turn or have friction of their own."""
+        """The joints from root to links that turn or have their own friction."""
         return tuple(
             joint
             for joint in self.joints
@@ -151,9 +151,9 @@ class RobotModel:
 
 
 def robot_model_from_urdf(text: str) -> RobotModel:
-    """Read the part of URDF that the simulation needs; visuals are the viewer's.
+    """Read the part of a URDF that the simulation needs; visuals are for the viewer.
 
-    Raises ModelError, in one line, where the text is no URDF or holds what is not supported.
+    Raises ModelError, in one line, if the text is no URDF or has unsupported elements.
     """
     try:
         root = ET.fromstring(text)

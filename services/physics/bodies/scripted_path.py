@@ -1,7 +1,7 @@
-"""Where a body that follows a scripted path is: a pure function of the way it has gone.
+"""The pose of a body that follows a scripted path: a pure function of the distance travelled.
 
-It drives along each leg looking ahead, and turns on the spot where the way bends. A turn counts as
-a way too, TURN_RADIUS_M for each radian, so that at one speed the pose never jumps.
+It drives along each leg facing forward, and turns on the spot at each corner. A turn counts as
+distance too, TURN_RADIUS_M for each radian, so that at constant speed the pose never jumps.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class PathPose(NamedTuple):
 
 
 class Floorplan(NamedTuple):
-    """The box around a body, as it looks ahead along x."""
+    """The bounding box of a body that faces along x."""
 
     low_x_m: float
     low_y_m: float
@@ -45,12 +45,12 @@ class Floorplan(NamedTuple):
 
     @property
     def reach_m(self) -> float:
-        """Of its farthest corner from its origin."""
+        """Distance of its farthest corner from its origin, in x and y."""
         x = max(abs(self.low_x_m), abs(self.high_x_m))
         return math.hypot(x, max(abs(self.low_y_m), abs(self.high_y_m)))
 
     def corners(self, pose: PathPose) -> list[Point2]:
-        """In the map, in turn."""
+        """Its corners in the map, in turn."""
         c, s = portable_kernels.cos_sin(pose.heading_rad)
         return [
             (pose.x_m + c * x - s * y, pose.y_m + s * x + c * y)
@@ -64,7 +64,7 @@ class Floorplan(NamedTuple):
 
 
 def meets(a: PathPose, plan_a: Floorplan, b: PathPose, plan_b: Floorplan) -> bool:
-    """Whether two boxes share floor: no line along a side of either parts them."""
+    """Whether two boxes overlap on the floor: no line along a side of either separates them."""
     corners_a, corners_b = plan_a.corners(a), plan_b.corners(b)
     for heading in (a.heading_rad, b.heading_rad):
         c, s = portable_kernels.cos_sin(heading)
@@ -83,10 +83,10 @@ class _Leg(NamedTuple):
 
 
 class Route:
-    """One cycle of a path, over and over: legs and the turns between them."""
+    """One cycle of a path, repeated: legs and the turns between them."""
 
     def __init__(self, start_m: Point2, path: ScriptedPath) -> None:
-        """Raises ValueError, in a phrase, where the path leads nowhere."""
+        """Raises ValueError, in a phrase, if all waypoints are at the start."""
         corners = [start_m]
         for place in path.waypoints_m:
             if math.dist(place, corners[-1]) > _SAME_PLACE_M:
@@ -95,17 +95,17 @@ class Route:
             raise ValueError("waypoints_m: lead nowhere: one must be away from the start")
         if path.loop and math.dist(corners[0], corners[-1]) <= _SAME_PLACE_M:
             corners.pop()
-        # Of two corners only, a loop is the way there and back.
+        # With two corners only, a loop is the path there and back.
         back = corners[1:] if path.loop else [*corners[1:], *corners[-2:0:-1]]
         self._legs = _legs([corners[0], *back, corners[0]])
         self._starts_m = [0.0]
         for leg in self._legs:
             self._starts_m.append(self._starts_m[-1] + leg.length_m)
         self.length_m = self._starts_m.pop()
-        """Of a cycle, turns and all."""
+        """Length of a cycle, turns included."""
 
     def at(self, travelled_m: float) -> PathPose:
-        """The pose after so long a way; of cycles gone by nothing is left."""
+        """The pose after a distance, which is wrapped to one cycle."""
         way_m = travelled_m % self.length_m
         number = bisect.bisect_right(self._starts_m, way_m) - 1
         start, end, length_m = self._legs[number]
@@ -113,7 +113,7 @@ class Route:
         return PathPose(*(a + share * (b - a) for a, b in zip(start, end, strict=True)))
 
     def velocity(self, travelled_m: float, speed_m_s: float) -> tuple[float, float, float]:
-        """Along x and y of the map, m/s, and about z, rad/s, in the leg or turn that it is in."""
+        """Along x and y of the map, m/s, and about z, rad/s, in the current leg or turn."""
         number = bisect.bisect_right(self._starts_m, travelled_m % self.length_m) - 1
         start, end, length_m = self._legs[number]
         x, y, turn = ((b - a) / length_m * speed_m_s for a, b in zip(start, end, strict=True))
@@ -121,7 +121,7 @@ class Route:
 
 
 def _legs(corners: list[Point2]) -> list[_Leg]:
-    """Legs through all corners, each but the first after a turn, and one back to the beginning."""
+    """Legs through all corners, a turn before each but the first, and one to the start heading."""
     headings = [portable_kernels.atan2(b[1] - a[1], b[0] - a[0]) for a, b in pairwise(corners)]
     legs: list[_Leg] = []
     heading = headings[0]

@@ -1,4 +1,4 @@
-"""What PyBullet would take in without a word, and then go wrong with."""
+"""Checks for worlds and bodies that PyBullet would accept silently, and then simulate wrongly."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ MAX_SHAPES = 20_000
 MAX_MOVERS = 400
 """At rest beside each other they take 2 ms a step, in one wall 30 ms."""
 MAX_OVERLAPS = 10
-"""Of one body that moves with others at the start: 100 in one place are never pushed apart."""
+"""Of one moving body with others at the start: 100 at one position are never pushed apart."""
 MAX_CORNERS = 20_000
 """Of all polylines."""
 MAX_LENGTH_M = MAX_DISTANCE_M
 MAX_MASS_KG = 1e6
 MIN_MASS_KG = 1e-3
 _THIN_M = 0.002
-"""Bullet's collision margin is 1 mm and more: what is thinner would not be there."""
+"""Bullet's collision margin is 1 mm and more: a thinner body would have no collisions."""
 _THIN_MOVER_M = 0.005
 PENETRATION_M = 0.01
 
 
 def check(world: World, meshes: Mapping[str, TriangleMesh], frames: Collection[str] = ()) -> None:
-    """Raises ValueError, in one line, for the first thing that cannot be simulated.
+    """Raises ValueError, in one line, for the first problem that prevents a simulation.
 
-    `frames` are the robot's: a body that moves may not have such a name.
+    `frames` are the robot's: a moving body may not have such a name.
     """
     if len(world.walls) > MAX_WALLS:
         raise ValueError(f"walls: {len(world.walls)} of them: at most {MAX_WALLS}")
@@ -103,7 +103,7 @@ def _check_bodies(
 def body_problems(
     body: Thing, meshes: Mapping[str, TriangleMesh], frames: Collection[str]
 ) -> Iterator[str]:
-    """What of a body cannot be simulated, each in a phrase. `frames` are the robot's."""
+    """The problems that prevent simulating a body, a phrase each. `frames` are the robot's."""
     moves = body.moves
     yield from pose_problems(body)
     if not 0.0 <= body.mass_kg <= MAX_MASS_KG or 0.0 < body.mass_kg < MIN_MASS_KG:
@@ -126,7 +126,7 @@ def _shape_problems(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: boo
     if isinstance(geometry, Plane) and shape.solid and moves:
         yield "geometry: plane: must not be solid in a body that moves"
     if isinstance(geometry, Polyline):
-        # Of coordinates that are no numbers no comparison is true.
+        # A comparison with NaN is False.
         for polygon in geometry.polygons_m:
             if not all(abs(value) <= MAX_LENGTH_M for point in polygon for value in point):
                 yield f"polygons_m: must be within {MAX_LENGTH_M:g} m"
@@ -173,7 +173,7 @@ def _check_heaps(movers: Sequence[Body], meshes: Mapping[str, TriangleMesh]) -> 
 
 
 def _bounds(body: Body, meshes: Mapping[str, TriangleMesh]) -> tuple[Array, Array]:
-    """Lowest and highest coordinates of what is solid of a body, in the map frame."""
+    """Lowest and highest coordinates of a body's solid shapes, in the map frame."""
     points = np.concatenate(
         [
             triangles_of(shape.geometry, meshes)

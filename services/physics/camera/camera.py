@@ -1,4 +1,4 @@
-"""A pinhole camera, its pictures, and what a renderer is."""
+"""A pinhole camera, its pictures, and the renderer interface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from services.physics.camera.scene import Scene
 
 NEAR_M = 0.02
 FAR_M = 300.0
-"""Between them things show: as the camera of ROBOTIS' simulated waffle."""
+"""Clipping distances, those of the camera of ROBOTIS' simulated waffle."""
 MAX_SIDE_PX = 4096
 
 
@@ -25,8 +25,8 @@ class Intrinsics:
     """A pinhole without distortion, in pixels.
 
     As in OpenCV, (u, v) = (0, 0) is the centre of the top left pixel: a point at (x, y, z) in the
-    optical frame (x right, y down, z forward) shows at u = fx x/z + cx, v = fy y/z + cy, and a
-    renderer colours the pixel in column u, row v by what lies on that ray.
+    optical frame (x right, y down, z forward) is seen at u = fx x/z + cx, v = fy y/z + cy, and a
+    renderer colours the pixel in column u, row v by what that ray hits.
     """
 
     width: int
@@ -37,7 +37,7 @@ class Intrinsics:
     cy: float
 
     def __post_init__(self) -> None:
-        """Raises ValueError where no picture could be rendered so."""
+        """Raises ValueError if no picture could be rendered with these values."""
         for name, side in (("width", self.width), ("height", self.height)):
             if not 1 <= side <= MAX_SIDE_PX:
                 raise ValueError(f"{name}: must be 1 to {MAX_SIDE_PX} pixels (got {side})")
@@ -50,7 +50,7 @@ class Intrinsics:
 
     @classmethod
     def from_horizontal_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> Intrinsics:
-        """Square pixels, principal point at (width/2, height/2), as Gazebo's camera_info has it."""
+        """Square pixels, principal point at (width/2, height/2), as in Gazebo's camera_info."""
         if not 0.0 < horizontal_fov_rad < math.pi:
             raise ValueError(
                 f"horizontal_fov_rad: must be between 0 and pi (got {horizontal_fov_rad})"
@@ -84,26 +84,26 @@ DepthRange = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Colour and depth of one render: arrays of the caller's own, contiguous, top row first."""
+    """Colour and depth of one render: new arrays, contiguous, top row first."""
 
     rgb: NDArray[np.uint8]
     """(h, w, 3)"""
     depth_m: NDArray[np.float32] | None
-    """(h, w): along the optical axis; 0 where nothing is within range. None: not asked for."""
+    """(h, w): along the optical axis; 0 where nothing is within range. None: not requested."""
 
 
 class Renderer(Protocol):
-    """Makes pictures of a scene: a function of the scene and of poses alone."""
+    """Renders pictures of a scene: a function of the scene and the poses only."""
 
     @property
     def name(self) -> str:
-        """What it is, for people."""
+        """Its name for users."""
 
     def set_scene(self, scene: Scene) -> None:
-        """Show this scene from now on. What the last one held is released."""
+        """Render this scene from now on. The last one is released."""
 
     def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
-        """What is seen from there.
+        """Render the picture from a camera pose.
 
         `map_from_movers`, (k, 4, 4), are poses of the scene's movers; None: as at the start. Before
         the first scene it is black and without depth. Raises ValueError where a pose is not finite.
@@ -115,12 +115,12 @@ class Renderer(Protocol):
 
 @kernel()
 def optical_from_map(map_from_optical: Array) -> Array:
-    """The camera's view. Raises ValueError where the pose is not (4, 4) or not finite."""
+    """The camera's view matrix. Raises ValueError if the pose is not (4, 4) or not finite."""
     if map_from_optical.shape != (4, 4) or not np.isfinite(map_from_optical).all():
         raise ValueError("map_from_optical: must be a finite (4, 4) matrix")
-    # Seen as (4, 4) whatever it is, so that it can be refused: types are settled before shapes.
+    # Reshaped for the compiler, which needs the type even where the shape was rejected above.
     pose = np.ascontiguousarray(map_from_optical).reshape((4, 4))
-    # As inverse_matrix, which takes four times as long where a picture has just filled the caches.
+    # As inverse_matrix, which takes four times as long when a picture has just filled the caches.
     from_map = np.zeros((4, 4))
     for row in range(3):
         for column in range(3):
@@ -131,7 +131,7 @@ def optical_from_map(map_from_optical: Array) -> Array:
 
 
 def mover_poses(scene: Scene, map_from_movers: Array | None) -> Array:
-    """(k, 4, 4) poses of a scene's movers. Raises ValueError where they are not, or not finite."""
+    """(k, 4, 4) poses of a scene's movers. Raises ValueError if shape or values are not valid."""
     if map_from_movers is None:
         return scene.map_from_movers
     wanted = scene.map_from_movers.shape

@@ -14,7 +14,7 @@ from services.physics.camera.camera import Intrinsics
 
 
 def image_message(stamp_ns: int, rgb: NDArray[np.uint8]) -> msg.Image:
-    """rgb8 message of an (h, w, 3) picture, which it takes over."""
+    """rgb8 message of an (h, w, 3) picture, without a copy."""
     height, width, _ = rgb.shape
     return msg.Image(
         header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
@@ -28,7 +28,7 @@ def image_message(stamp_ns: int, rgb: NDArray[np.uint8]) -> msg.Image:
 
 
 def depth_message(stamp_ns: int, depth_m: NDArray[np.float32]) -> msg.Image:
-    """32FC1 message of (h, w) metres, which it takes over."""
+    """32FC1 message of (h, w) metres, without a copy."""
     height, width = depth_m.shape
     return msg.Image(
         header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
@@ -42,7 +42,7 @@ def depth_message(stamp_ns: int, depth_m: NDArray[np.float32]) -> msg.Image:
 
 
 def compressed_message(stamp_ns: int, rgb: NDArray[np.uint8], quality: int) -> msg.CompressedImage:
-    """JPEG of an (h, w, 3) picture, named as ROS' compressed_image_transport names it."""
+    """JPEG of an (h, w, 3) picture, with the format string of ROS' compressed_image_transport."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return msg.CompressedImage(

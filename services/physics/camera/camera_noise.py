@@ -12,15 +12,15 @@ _SPARE = 1 << 16
 
 
 class CameraNoise:
-    """As Gazebo's: independent of place, colour and light, rounded to whole steps of 8 bits.
+    """As Gazebo's: independent of position, colour and light, rounded to whole steps of 8 bits.
 
-    The deviates are drawn once, and each picture takes a stretch of them that begins elsewhere: a
-    thirtieth of the cost of drawing them anew.
+    The deviates are drawn once, and each picture takes a slice of them with another start: a
+    thirtieth of the cost of drawing them for each picture.
     """
 
     def __init__(self, share: float, values: int, generator: np.random.Generator) -> None:
-        """`share` is the standard deviation as a share of full scale; `values` those a picture
-        has.
+        """`share` is the standard deviation as a share of full scale; `values` the number of values
+        in a picture.
         """
         self._generator = generator
         self._lighter: NDArray[np.uint8] | None = None
@@ -31,7 +31,7 @@ class CameraNoise:
             self._darker = np.clip(-steps, 0, 255).astype(np.uint8)
 
     def add_to(self, rgb: NDArray[np.uint8]) -> None:
-        """Change a contiguous picture in place; what leaves the scale stays at its end."""
+        """Change a contiguous picture in place; values are clipped to the scale."""
         if self._lighter is None:
             return
         first = int(self._generator.integers(_SPARE))

@@ -37,7 +37,7 @@ from services.physics.camera.visibility import Visibility
 
 _FARTHEST = float(np.finfo(np.float32).max)
 _STRIP_PX = 32
-"""Rows that are drawn at a time: few enough for a core's cache, and to be shared out evenly."""
+"""Rows that are drawn at a time: few enough for a core's cache and for an even load."""
 
 
 class CpuCamera:
@@ -74,7 +74,7 @@ class CpuCamera:
         self._pool = ThreadPoolExecutor(helpers, "camera") if helpers else None
 
     def set_scene(self, scene: Scene) -> None:
-        """Make a scene ready; textures that the last one had as well are not made ready again."""
+        """Prepare a scene; textures that the last one had as well are not prepared again."""
         old = self._scene.textures if self._scene else ()
         if [texture.sha256 for texture in old] != [texture.sha256 for texture in scene.textures]:
             known = {
@@ -95,7 +95,7 @@ class CpuCamera:
             ],
             np.float64,
         ).reshape(-1, 10)  # fmt: skip
-        # As a GPU has it: a lamp that is farther than single precision goes shines nowhere.
+        # As on a GPU: a lamp beyond the range of single precision lights nothing.
         self._lamps = np.clip(lamps, -_FARTHEST, _FARTHEST)
         red, green, blue = np.round(255.0 * scene.sky).astype(int).tolist()
         self._sky = red | green << 8 | blue << 16
@@ -105,7 +105,7 @@ class CpuCamera:
         """See Renderer."""
         from_map = optical_from_map(map_from_optical)
         height, width = self._intrinsics.height, self._intrinsics.width
-        # A whole number of words, which the last pixels may not fill.
+        # A whole number of words; the last pixels may not fill them.
         words = np.empty(-(-height * width // 4) * 3, np.uint32)
         rgb = words.view(np.uint8)[: 3 * height * width].reshape(height, width, 3)
         depth_m = np.empty((height, width), np.float32) if self._with_depth else None
@@ -143,7 +143,7 @@ class CpuCamera:
         depths_m: NDArray[np.float32],
     ) -> None:
         height = self._intrinsics.height
-        # Whoever is done takes the next: a thread that is held up holds up one strip.
+        # A thread that is done takes the next strip: a delayed thread delays one strip only.
         strips = iter(range(0, height, _STRIP_PX))
 
         def draw(scratch: Scratch) -> None:
@@ -168,7 +168,7 @@ class CpuCamera:
 
 
 def compile_kernels() -> None:
-    """Leave nothing to compile for the first picture."""
+    """Compile the kernels before the first picture."""
     start = Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0)
     camera = CpuCamera(Intrinsics.from_horizontal_fov(8, 8, 1.0), threads=1)
     empty = World(name="", recipe="", hash="", walls=(), materials=(), start=start)
@@ -178,14 +178,14 @@ def compile_kernels() -> None:
 
 
 def _processors() -> int:
-    """That this process may use."""
+    """Number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def _plain(array: NDArray[Any], kind: type[Any]) -> NDArray[Any]:
-    """A copy as kernels are compiled for: laid out row by row, and not read-only."""
+    """A copy in the layout that kernels are compiled for: row by row, and not read-only."""
     return np.array(array, kind, order="C")
 
 

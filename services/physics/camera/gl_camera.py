@@ -115,7 +115,7 @@ _ALL_COLOURS = True, True, True, True
 _NO_COLOURS = False, False, False, False
 
 _THREADS_PER_PROCESSOR = 2
-"""For Mesa on a CPU, which would take one: where that is held up, as happens on a virtual machine,
+"""For Mesa on a CPU, which would take one: if a thread is delayed, as happens on a virtual machine,
 another draws what waits for it. Pictures do not depend on it.
 """
 
@@ -123,14 +123,14 @@ _STRIP_PX = 80
 """Rows that are read at a time."""
 
 _VIEW = 0
-"""Where programs find their uniform block View."""
+"""Binding of the programs' uniform block View."""
 
 _VERTEX_FORMAT = "3f 2f 3f 3f 3f"
 _VERTEX_FIELDS = ("position_m", "uv", "tint", "normal", "albedo")
 
 
 class _Look(NamedTuple):
-    """On what of a part it depends which program draws it."""
+    """The properties of a part that select the program that draws it."""
 
     textured: bool
     smooth: bool
@@ -139,14 +139,15 @@ class _Look(NamedTuple):
 
 @dataclass(frozen=True)
 class _Shading:
-    """What a program does: only what its triangles need, since a CPU pays for each pixel.
+    """Features of a program: only those its triangles need, since a CPU pays for each pixel.
 
-    What a fragment reads stands in it as constants: llvmpipe loads uniforms one pixel at a time.
+    The values that a fragment shader reads are constants in it: llvmpipe loads uniforms one pixel
+    at a time.
     """
 
     look: _Look
     lamps: str
-    """GLSL that says how many there are, and which"""
+    """GLSL that defines their number and values"""
     depth_range_m: DepthRange | None
 
     def source(self, shader: str) -> str:
@@ -165,7 +166,7 @@ class _Shading:
 
 
 class _Shown:
-    """A scene's OpenGL objects, and what of it to draw from where."""
+    """A scene's OpenGL objects and its visibility."""
 
     def __init__(self, context: Any, scene: Scene, intrinsics: Intrinsics) -> None:
         self.scene = scene
@@ -173,23 +174,23 @@ class _Shown:
         self.visibility = Visibility(scene, intrinsics)
         self.vertices = context.buffer(_vertices(scene).tobytes())
         self.indices = context.buffer(np.ascontiguousarray(scene.triangles).tobytes())
-        # Few show at a time: lists give one number, or a few, sooner than arrays do.
+        # Few are visible at a time: lists give one number, or a few, faster than arrays do.
         self.quad_textures: list[int] = scene.parts.texture[self.visibility.quads].tolist()
         self.quad_indices = context.buffer(reserve=max(self.visibility.quad_vertices.nbytes, 4))
         self.arrays: dict[tuple[_Look, bool], Any] = {}
-        """The vertices as a program takes them, by look and whether of the quads in view."""
+        """Vertex arrays of the programs, by look and whether for the quads in view."""
 
     def release(self) -> None:
-        """Give everything back."""
+        """Release all objects."""
         for thing in (*self.arrays.values(), self.vertices, self.indices, self.quad_indices):
             thing.release()
 
 
 class GlCamera:
-    """A renderer with an OpenGL context of its own, used from the thread that made it."""
+    """A renderer with its own OpenGL context, used from the thread that made it."""
 
     def __init__(self, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None) -> None:
-        """Raises ConfigError where no context can be made."""
+        """Raises ConfigError if no context can be created."""
         self._depth_range_m = depth_range_m
         self._context: Any = _make_context()
         self._upload_smaller_levels = LevelUpload(_LIBEGL)
@@ -204,21 +205,21 @@ class GlCamera:
             self.name = f"moderngl ({context.info['GL_RENDERER']})"
             self._buffers: list[Any] = [context.renderbuffer(size)]
             if depth_range_m is not None:
-                # Written by the shaders in metres, it is read four times as fast as the depth
-                # buffer, and needs no linearising.
+                # Depths that the shaders write in metres are read four times as fast as the depth
+                # buffer, and need no linearising.
                 self._buffers.append(context.renderbuffer(size, 1, dtype="f4"))
             self._z_buffer: Any = context.depth_renderbuffer(size)
             self._framebuffer: Any = context.framebuffer(self._buffers, self._z_buffer)
             self._clip_from_map: Any = context.buffer(reserve=4 * 4 * 4)
-            # All pictures are drawn alike, and nothing else is.
+            # The same state is used for all pictures, and for nothing else.
             self._framebuffer.use()
             self._clip_from_map.bind_to_uniform_block(_VIEW)
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-            # The projection turns the picture over, and with it the sense of every face.
+            # The projection flips the picture, and with it the winding of every face.
             context.front_face = "cw"
 
     def set_scene(self, scene: Scene) -> None:
-        """Upload a scene; textures that the last one had as well stay where they are."""
+        """Upload a scene; textures that the last one had as well are kept."""
         with self._context as context:
             self._release_shown()
             wanted = {texture.sha256: texture for texture in scene.textures}
@@ -249,7 +250,7 @@ class GlCamera:
         return Picture(rgb, depth_m)
 
     def _read_rgb(self) -> NDArray[np.uint8]:
-        # Four components are read as they lie; three would be converted by the driver, slowly.
+        # Four components are read without conversion; the driver would convert three slowly.
         # A strip is still in the processor's cache when it is converted.
         width, height = self._framebuffer.size
         rgb = np.empty((height, width, 3), np.uint8)
@@ -265,7 +266,7 @@ class GlCamera:
         if self._depth_range_m is None:
             buffer.clear(*sky, 1.0, depth=1.0)
             return
-        # A clear gives all buffers that it may write one value.
+        # A clear writes the same value to all buffers that are not masked.
         buffer.color_mask = _ALL_COLOURS, _NO_COLOURS
         buffer.clear(*sky, 1.0, depth=1.0)
         buffer.color_mask = _NO_COLOURS, _ALL_COLOURS
@@ -310,7 +311,7 @@ class GlCamera:
             self._textures[shown.scene.textures[texture].sha256].use(0)
 
     def _array(self, shown: _Shown, look: _Look, of_quads: bool) -> Any:
-        """See _Shown.arrays; made where it is first needed."""
+        """See _Shown.arrays; created when it is first needed."""
         array = shown.arrays.get((look, of_quads))
         if array is None:
             program = self._program(_Shading(look, shown.lamps, self._depth_range_m))
@@ -366,28 +367,28 @@ class GlCamera:
         height, width = rgba.shape[:2]
         uploaded = self._context.texture((width, height), 4, rgba.tobytes())
         self._upload_smaller_levels(uploaded, rgba)
-        # Anisotropic filtering would cost a CPU four times a whole frame, and shows markers no
-        # better from less than 75 degrees aside.
+        # Anisotropic filtering would cost a CPU four times a whole frame, and improves markers
+        # only from 75 degrees aside.
         uploaded.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         return uploaded
 
 
 def compile_kernels() -> None:
-    """Leave nothing to compile for the first picture."""
+    """Compile the kernels before the first picture."""
     visibility.compile_kernels()
     _views(np.eye(4), np.eye(4))
 
 
 def _make_context() -> Any:
-    # Mesa on a CPU, unlike a GPU, blends two mipmap levels even where one is as good as alone, and
-    # takes square roots to choose them: a sixth of a picture's cost, for a thousandth of its
-    # colours' scale. Set, not read: pictures do not depend on who starts the process. A GPU's
-    # driver does not know it.
+    # Mesa on a CPU, unlike a GPU, blends two mipmap levels even where one has nearly all the
+    # weight, and takes square roots to choose them: a sixth of a picture's cost, for a thousandth
+    # of its colours' scale. Set here, so that pictures do not depend on the environment. A GPU's
+    # driver ignores it.
     os.putenv("GALLIVM_PERF", "brilinear,rho_approx")
     os.putenv("LP_NUM_THREADS", str(_THREADS_PER_PROCESSOR * (os.cpu_count() or 1)))
     try:
         # libEGL finds every OpenGL function itself: libGL, and the X11 libraries behind it, are
-        # not needed. The names with a version are there without the development packages.
+        # not needed. The versioned names exist without the development packages.
         options: dict[str, Any] = {
             "require": 330,
             "backend": "egl",
@@ -424,7 +425,7 @@ def _lamp_constants(lamps: Sequence[PointLight]) -> str:
 
 
 def _constant(numbers: Sequence[float]) -> str:
-    """A vector in GLSL, exactly the nearest in single precision."""
+    """A vector in GLSL, exactly the nearest values in single precision."""
     most = float(np.finfo(np.float32).max)
     exact = [float(np.float32(min(max(number, -most), most))) for number in numbers]
     return f"vec{len(exact)}({', '.join(map(repr, exact))})"
@@ -432,7 +433,7 @@ def _constant(numbers: Sequence[float]) -> str:
 
 @kernel()
 def _for_gl(matrix: Array) -> NDArray[np.float32]:
-    """OpenGL takes matrices column by column."""
+    """A matrix column by column, as OpenGL takes it."""
     columns = np.empty((4, 4), np.float32)
     for row in range(4):
         for column in range(4):
@@ -444,7 +445,7 @@ def _for_gl(matrix: Array) -> NDArray[np.float32]:
 def _views(
     map_from_optical: Array, clip_from_optical: Array
 ) -> tuple[Array, Array, NDArray[np.float32]]:
-    """`optical_from_map`, `clip_from_map`, and this for OpenGL. Raises as optical_from_map does."""
+    """`optical_from_map`, `clip_from_map`, and the latter for OpenGL. Raises as the former does."""
     from_map = optical_from_map(map_from_optical)
     # A kernel's `@` would need SciPy's linear algebra, which is not loaded.
     clip_from_map = np.zeros((4, 4))

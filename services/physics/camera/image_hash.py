@@ -1,4 +1,4 @@
-"""A fingerprint of a run's pictures: equal where two runs saw the same to the last bit."""
+"""A hash of a run's pictures: equal if those of two runs are the same to the last bit."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 
 class ImageHash:
-    """sha1, for which CPUs have instructions, over the pictures' colours, one after the other."""
+    """sha1, for which CPUs have instructions, over the colours of successive pictures."""
 
     def __init__(self) -> None:
         self._hash = hashlib.sha1(usedforsecurity=False)
 
     def add(self, rgb: NDArray[np.uint8]) -> None:
-        """Take in a contiguous picture."""
+        """Add a contiguous picture."""
         self._hash.update(rgb.data)
 
     def hex(self) -> str:

@@ -1,7 +1,7 @@
-"""A texture's smaller levels, made here for every renderer, and handed to OpenGL.
+"""A texture's smaller mipmap levels, computed here for every renderer, and uploaded to OpenGL.
 
-Mesa on a CPU draws them, with shaders that it first has to compile: 0.15 s of each start. moderngl
-has no call for a level that OpenGL has not made itself.
+Mesa on a CPU would draw them with shaders that it first has to compile: 0.15 s of each start.
+moderngl has no call for a level that OpenGL has not made itself.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TEXTURE_2D, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x0DE1, 0x8058, 0x1908, 0x1401
 
 def smaller_levels(rgba: Texels) -> Iterator[Texels]:
     """Of (height, width, 4) texels, each level half as high and as wide as the one before, rounded
-    down, to a single texel; a texel is the mean of those that it stands for.
+    down, to a single texel; a texel is the mean of those that it replaces.
     """
     without_ipp()
     while max(rgba.shape[:2]) > 1:
@@ -34,10 +34,10 @@ def smaller_levels(rgba: Texels) -> Iterator[Texels]:
 
 
 class LevelUpload:
-    """OpenGL's own call, in the context that is current when it is made and used."""
+    """OpenGL's glTexImage2D, in the context that is current when it is created and used."""
 
     def __init__(self, libegl: str) -> None:
-        """`libegl` is the library by which the context was made."""
+        """`libegl` is the library with which the context was created."""
         egl = ctypes.CDLL(libegl)
         egl.eglGetProcAddress.restype = ctypes.c_void_p
         number, place = ctypes.c_int, ctypes.c_void_p
@@ -45,7 +45,7 @@ class LevelUpload:
         self._tex_image_2d = kind(egl.eglGetProcAddress(b"glTexImage2D"))
 
     def __call__(self, texture: Any, rgba: Texels) -> None:
-        """Give a texture of moderngl, which holds (height, width, 4) texels, the smaller ones."""
+        """Upload the smaller levels of a moderngl texture that holds (height, width, 4) texels."""
         texture.use()
         for level, texels in enumerate(smaller_levels(rgba), start=1):
             height, width = texels.shape[:2]

@@ -1,14 +1,15 @@
-"""Draws triangles on a CPU, a strip of the picture's rows at a time: which shows where, how deep it
-lies, and its colour.
+"""Draws triangles on a CPU, a strip of the picture's rows at a time: the visible triangle, the
+depth and the colour of each pixel.
 
 A pixel's ray is (x, y, 1) in the optical frame, linear in the pixel's column u and row v. Whether
-it passes inside a triangle's edges, the nearness 1 / depth of what it meets there, and any property
-of that divided by the depth are linear in the ray (Olano and Greer, Triangle Scan Conversion using
-2D Homogeneous Coordinates, 1997): a triangle is a few planes over the picture, and nothing need be
-clipped. First the nearest triangle of each pixel is found, then each pixel is shaded once.
+it passes inside a triangle's edges, the nearness 1 / depth of the point that it hits, and any
+property of that point divided by the depth are linear in the ray (Olano and Greer, Triangle Scan
+Conversion using 2D Homogeneous Coordinates, 1997): a triangle is a few planes over the picture, and
+needs no clipping. First the nearest triangle of each pixel is found, then each pixel is shaded
+once.
 
-Only sums, products, quotients and square roots are used, each rounded as IEEE 754 has it: a picture
-is the same on every processor, and with any number of threads.
+Only sums, products, quotients and square roots are used, each rounded according to IEEE 754: a
+picture is the same on every processor, and with any number of threads.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ PLANES = 15
 """Rows of a triangle's planes, by the first of each: three edges, then what is interpolated."""
 FIRST_ROW, END_ROW, TEXTURE, VARIES, RED, GREEN, BLUE = range(7)
 FACTS = 7
-"""Columns of what else is known of a triangle: its rows, its texture, whether its tint differs from
-pixel to pixel, and if not the tint, of 65536.
+"""Columns of a triangle's other data: its rows, its texture, whether its tint differs from pixel to
+pixel, and if not the tint, of 65536.
 """
 _ONE = 65536
 _NOBODY = -1
 
 _CHUNK = 64
-"""Pixels of one triangle that are shaded together, so that loops over them fit a processor."""
+"""Pixels of one triangle that are shaded together, so that loops over them can be vectorised."""
 _LANES = 15
 _S, _T, _SCALE, _LIGHT_R, _LIGHT_G, _LIGHT_B, _SHADE_R, _SHADE_G, _SHADE_B = (
     _CHUNK * lane for lane in range(9)
@@ -55,7 +56,7 @@ _TOP_LEFT, _TOP_RIGHT, _LOW_LEFT, _LOW_RIGHT, _ACROSS, _DOWN, _SMALLER = (
 )
 _WORD_LANES = 7
 _SLACK_PX = 1e-6
-"""By which rounding may move a corner: edges decide, this only leaves out what has no pixel."""
+"""Bound on how far rounding moves a corner: only for leaving out pixels; the edges decide."""
 
 
 class Surfaces(NamedTuple):
@@ -85,7 +86,7 @@ class Textures(NamedTuple):
     """All levels of all textures, one after the other."""
 
     texels: Words
-    """R, G, B from the lowest byte up; around each level a border of what repeats there"""
+    """R, G, B from the lowest byte up; each level has a border that repeats the texture"""
     sizes: NDArray[np.int32]
     """(t, levels, 4): index of a level's first texel, texels from row to row, width, height"""
     counts: Counts
@@ -93,26 +94,26 @@ class Textures(NamedTuple):
 
 
 class View(NamedTuple):
-    """What a picture is seen with: focal lengths and centre in pixels, size, depths in metres."""
+    """A camera: focal lengths and centre in pixels, size, depth limits in metres."""
 
     focal_px: Array
     centre_px: Array
     size_px: Counts
     limits_m: Array
-    """Nearest and farthest that are drawn, then that are measured"""
+    """Nearest and farthest depth that is drawn, then that is measured"""
 
 
 class Lamps(NamedTuple):
-    """Lamps, and whence they are looked at."""
+    """Lamps, and the camera's pose."""
 
     rows: Array
-    """(l, 10): place in the map, colour, constant, linear and quadratic fade, range"""
+    """(l, 10): position in the map, colour, constant, linear and quadratic fade, range"""
     map_from_optical: Array
     """(4, 4)"""
 
 
 class Scratch(NamedTuple):
-    """Where one thread draws one strip."""
+    """Working memory of one thread for one strip."""
 
     nearness: Floats
     """(rows x width,); depths once the strip's triangles are known"""
@@ -120,7 +121,7 @@ class Scratch(NamedTuple):
     rgba: Words
     lanes: Floats
     bits: NDArray[np.int32]
-    """`lanes` as they lie in memory"""
+    """The same memory as `lanes`"""
     words: Words
     levels: NDArray[np.int32]
 
@@ -141,7 +142,7 @@ class Scratch(NamedTuple):
 
 
 def textures_of(textures: Sequence[Texture], known: Mapping[str, Sequence[Words]]) -> Textures:
-    """Textures ready to be drawn. `known` are bordered levels by sha256, as `levels_of` gives."""
+    """Textures ready to be drawn. `known` are bordered levels by sha256, as from `levels_of`."""
     each = [
         known[texture.sha256] if texture.sha256 in known else list(bordered_levels(texture))
         for texture in textures
@@ -202,8 +203,8 @@ def project(
     sun: Array,
     lit_by_lamps: bool,
 ) -> tuple[Array, Counts]:
-    """Planes, (k, PLANES, 3), and facts, (k, FACTS), of those of the chosen triangles whose front
-    is seen and that may show.
+    """Planes, (k, PLANES, 3), and facts, (k, FACTS), of those of the chosen triangles that are
+    front-facing and may be visible.
 
     A plane (a, b, c) has the value a u + b v + c at the pixel in column u and row v. It is positive
     on the inner side of an edge; NEARNESS is 1 / depth; all others are properties over the depth.
@@ -240,8 +241,8 @@ def project(
                     + optical_from_map[axis, 2] * z
                     + optical_from_map[axis, 3]
                 )
-        # The normal of the plane through the eye and an edge is turned inwards where the front is
-        # seen.
+        # The normal of the plane through the eye and an edge points inwards if the triangle is
+        # front-facing.
         _set_edge(edge, 0, corner)
         volume = corner[0, 0] * edge[0, 0] + corner[0, 1] * edge[0, 1] + corner[0, 2] * edge[0, 2]
         if not volume > 0.0:
@@ -260,7 +261,7 @@ def project(
             continue
         first_row, end_row = 0, height
         if nearer == 0:
-            # Of a fine mesh most triangles lie between the middles of pixels.
+            # In a fine mesh most triangles lie between the centres of pixels.
             first, end = _pixels(left, right, width)
             first_row, end_row = _pixels(top, bottom, height)
             if first >= end:
@@ -284,7 +285,7 @@ def project(
                 of = (surfaces.uvs[a, axis], surfaces.uvs[b, axis], surfaces.uvs[c, axis])
                 _interpolate(planes, kept, UV + axis, volume, of)
 
-        # What is flat is everywhere as at the last corner, as OpenGL has it.
+        # A flat triangle has the values of its last corner everywhere, as in OpenGL.
         smooth = surfaces.smooth[triangle]
         for index in range(3):
             vertex = surfaces.corners[triangle, index if smooth else 2]
@@ -333,8 +334,8 @@ def _set_edge(edge: Array, index: int, corner: Array) -> None:
 
 @kernel()
 def _pixels(least: float, most: float, count: int) -> tuple[int, int]:
-    """The first of so many pixels whose middle may lie between two places, and the one after the
-    last.
+    """The first of so many pixels whose centre may lie between two coordinates, and the one after
+    the last.
     """
     first, end = 0, count
     if least > 0.0:
@@ -374,8 +375,8 @@ def draw_strip(
     """Draw rows of the picture.
 
     `rgb` holds its colours, three bytes a pixel, row after row; the first row's number times the
-    width must be a multiple of four. `depth_m`, (height x width,), has 0 where nothing within the
-    limits is; where it is empty, none is asked for. `sky` is the colour of nothing.
+    width must be a multiple of four. `depth_m`, (height x width,), has 0 where nothing is within
+    the limits; if it is empty, none is computed. `sky` is the background colour.
     """
     width = view.size_px[0]
     pixels = (end_row - first_row) * width
@@ -424,7 +425,7 @@ def draw_strip(
 
 @shared_kernel()
 def _pack(rgba: Words, pixels: int, rgb: Words, to: int) -> None:
-    """Four colours to three words, and so on: the bytes lie in a word from the lowest up."""
+    """Pack each four colours into three words: the bytes are in a word from the lowest up."""
     for four in range((pixels + 3) // 4):
         first = _at(4 * four)
         a, b, c, d = rgba[first], rgba[first + _at(1)], rgba[first + _at(2)], rgba[first + _at(3)]
@@ -446,7 +447,7 @@ def _cover(
     nearness: Floats,
     owners: NDArray[np.int32],
 ) -> None:
-    """Have a triangle own the pixels where it is nearer than what was drawn before."""
+    """Assign to a triangle the pixels where it is nearer than those drawn before."""
     plane = planes[triangle]
     near = _f32(most_nearness)
     own = _i32(triangle)
@@ -458,8 +459,8 @@ def _cover(
         for edge in range(3):
             slope = plane[edge, 0]
             value = plane[edge, 1] * v + plane[edge, 2]
-            # Of two triangles with one edge, the same numbers decide, with the sign turned: a pixel
-            # on it belongs to the one on its right, or else below.
+            # For two triangles with a common edge the same numbers decide, with opposite signs: a
+            # pixel on it belongs to the one on its right, or else below.
             if slope > 0.0:
                 left = max(left, -value / slope)
             elif slope < 0.0:
@@ -476,8 +477,7 @@ def _cover(
             here = base + across * _f32(_i32(step))
             here = here if here <= near else _f32(0.0)
             before, owner = nearness[at], owners[at]
-            # A product, that it is written in any case: processors are slow to write some numbers
-            # of several.
+            # A product, so that every number is written: masked writes are slow on processors.
             nearer = _f32(here > before)
             nearness[at] = here * nearer + before * (_f32(1.0) - nearer)
             owners[at] = own if here > before else owner
@@ -511,7 +511,7 @@ def _shade(
     view: View,
     scratch: Scratch,
 ) -> None:
-    """Colour some pixels that one triangle owns, from column u on."""
+    """Colour some pixels of one triangle, from column u on."""
     texture = facts[owner, TEXTURE]
     if texture < 0:
         _fill(scratch.rgba, at, at + count, 0xFFFFFF)
@@ -519,7 +519,7 @@ def _shade(
         _place_texels(owner, texture, at, count, u, v, planes, textures, scratch)
         start = 0
         while start < count:
-            # Both levels between which a pixel lies are as a rule those of its neighbour.
+            # The two levels between which a pixel lies are mostly those of its neighbour.
             level = scratch.levels[_at(start)] >> 8
             end = start + 1
             while end < count and scratch.levels[_at(end)] >> 8 == level:
@@ -558,8 +558,8 @@ def _place_texels(
     textures: Textures,
     scratch: Scratch,
 ) -> None:
-    """Where in a texture pixels lie, of 1, and between which of its levels, in 256ths of a level:
-    half the binary logarithm of the most texels that a step to the next pixel passes, squared.
+    """Texture coordinates of pixels, 0 to 1, and their mipmap level, in 256ths of a level: half the
+    binary logarithm of the squared number of texels, at most, in a step to the next pixel.
     """
     lanes, levels, depth = scratch.lanes, scratch.levels, scratch.nearness
     a, b, c = planes[owner, UV, 0], planes[owner, UV, 1], planes[owner, UV, 2]
@@ -582,7 +582,7 @@ def _place_texels(
         )
         s -= np.floor(s)
         t -= np.floor(t)
-        # Also where it is not a number.
+        # Zero also for NaN.
         lanes[_S + step] = s if (s >= zero) & (s <= one) else zero
         lanes[_T + step] = t if (t >= zero) & (t <= one) else zero
     bits = scratch.bits
@@ -608,7 +608,7 @@ def _filter(
     textures: Textures,
     scratch: Scratch,
 ) -> None:
-    """Mix the colours of two levels, and in each of the four texels around a place."""
+    """Blend the colours of two levels, and in each of the four texels around a position."""
     words, levels, rgba = scratch.words, scratch.levels, scratch.rgba
     _fetch(texture, level, start, end, textures, scratch)
     between = 0
@@ -632,11 +632,11 @@ def _filter(
 def _fetch(
     texture: int, level: int, start: int, end: int, textures: Textures, scratch: Scratch
 ) -> None:
-    """Four texels of one level for each place, and how far it lies between them, of 256."""
+    """Four texels of one level around each position, and its fraction between them, of 256."""
     words, lanes, texels = scratch.words, scratch.lanes, textures.texels
     sizes = textures.sizes
     row = sizes[texture, level, 1]
-    # A texel's middle is half a texel from its corner; the border is one texel wide.
+    # A texel's centre is half a texel from its corner; the border is one texel wide.
     origin = _i32(sizes[texture, level, 0] + row + 1)
     wide, high = _f32(sizes[texture, level, 2] * 256), _f32(sizes[texture, level, 3] * 256)
     half = _i32(128)
@@ -666,7 +666,7 @@ def _bilinear(words: Words, step: int) -> np.uint32:
 
 @shared_kernel(inline=True)
 def _mixed(a: np.uint32, b: np.uint32, share: np.uint32) -> np.uint32:
-    """Two colours, of which b has a share, of 256: red and blue in one product."""
+    """Blend of two colours, with the share of b, of 256: red and blue in one product."""
     rest = _u32(_u32(256) - share)
     ends = _u32(0xFF00FF)
     red_blue = _u32(
@@ -695,7 +695,7 @@ def _vary(
     view: View,
     scratch: Scratch,
 ) -> None:
-    """Shade pixels by a tint that differs among them, and by the lamps."""
+    """Shade pixels with a tint that varies between them, and with the lamps."""
     plane, lanes, depth, rgba = planes[owner], scratch.lanes, scratch.nearness, scratch.rgba
     zero, one = _f32(0.0), _f32(1.0)
     for axis in range(3):
@@ -732,11 +732,11 @@ def _add_lamps(
     view: View,
     scratch: Scratch,
 ) -> None:
-    """Add to the shades what the lamps' light brings, after Lambert."""
+    """Add the lamps' light to the shades, after Lambert."""
     lanes, depth = scratch.lanes, scratch.nearness
     zero, least = _f32(0.0), _f32(1e-6)
     for axis in range(3):
-        # The place in the map is the eye's, and so many rays; the facing's length goes out.
+        # Position in the map: the eye's plus depth times the ray; the normal's length cancels.
         pose = lamps.map_from_optical[axis]
         slope_x, slope_y = pose[0] / view.focal_px[0], pose[1] / view.focal_px[1]
         ray_u, ray_v = u - view.centre_px[0], v - view.centre_px[1]

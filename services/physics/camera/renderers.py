@@ -1,4 +1,4 @@
-"""Which renderer of the camera's pictures this machine can have."""
+"""Selects the renderer of the camera's pictures on this machine."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _log = logging.getLogger("physics")
 def make_renderer(
     kind: RendererKind, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None
 ) -> Renderer | None:
-    """The renderer asked for; None for `none`. Its pictures have depth where a range is given.
+    """The requested renderer; None for `none`. Its pictures have depth if a range is given.
 
-    `auto` takes a GPU where one is at hand, else the CPU, and logs why a GPU that is there is not
-    used. Raises ConfigError, in one line, where `gl` is asked for and cannot be had.
+    `auto` takes a GPU if there is one, else the CPU, and logs why a GPU is not used. Raises
+    ConfigError, in one line, if `gl` is requested and not available.
     """
     if kind == "none":
         return None
@@ -35,7 +35,7 @@ def make_renderer(
     return renderer
 
 
-# Imported where they are used: a machine may lack the other's libraries.
+# Imported where they are used: a machine may lack the libraries of the others.
 
 
 def _gpu_or_cpu(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Renderer:
@@ -53,7 +53,7 @@ def _gpu_or_cpu(intrinsics: Intrinsics, depth_range_m: DepthRange | None) -> Ren
 
 
 def _has_gpu() -> bool:
-    """A GPU's driver shows itself among the devices: OpenGL would load Mesa's compiler to tell."""
+    """Whether /dev has a GPU driver's device; asking OpenGL would load Mesa's compiler."""
     return any(any(Path("/dev").glob(pattern)) for pattern in _GPU_DEVICES)
 
 

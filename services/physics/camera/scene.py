@@ -1,8 +1,8 @@
-"""What a camera sees: a world and the entities in it, as lit, textured triangles for any renderer.
+"""The scene for the camera: a world and its entities as lit, textured triangles for any renderer.
 
-Sun and ambient light are in the vertices' tints already, so that every renderer shows the same
-colours; lamps are left to the renderer, since a lamp's light changes across a wall. Nothing throws
-a shadow.
+Sun and ambient light are already in the vertices' tints, so that every renderer shows the same
+colours; lamps are left to the renderer, since a lamp's light changes across a wall. There are no
+shadows.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_LAMPS = 8
 PLAIN = -1
 """Texture index of a part that has none."""
 STATIC = -1
-"""Mover index of a part that stands still."""
+"""Mover index of a static part."""
 
 PANEL_BACK: Rgba = (0.45, 0.45, 0.45, 1.0)
 """Colour of a panel's back, and of a front without its texture: nothing a detector could read."""
@@ -48,7 +48,7 @@ _PANEL_UVS: Array = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A picture to lay on triangles."""
+    """An image to map on triangles."""
 
     sha256: str
     """Of the PNG file's bytes: two textures with the same one are the same."""
@@ -77,11 +77,11 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Triangles seen from their front only, in the map frame or in that of a body that moves.
+    """Triangles seen from their front only, in the map frame or in that of a moving body.
 
-    A pixel's colour is its tint times the texture there. The tint of what stands still is in
-    `tints`; to that of what moves comes albedo times the sun's light on it, and to either what the
-    lamps add.
+    A pixel's colour is its tint times the texture there. The tint of static parts is in `tints`; to
+    that of moving parts albedo times the sun's light on them is added, and to both the light of the
+    lamps.
     """
 
     vertices_m: Array
@@ -93,22 +93,22 @@ class Scene:
     tints: Array
     """(n, 3), RGB in [0, 1]"""
     albedos: Array
-    """(n, 3), RGB: what comes back of a light's strength; zero for what is not lit."""
+    """(n, 3), RGB: reflected share of a light's strength; zero for unlit triangles."""
     triangles: NDArray[np.int32]
     """(m, 3), counter-clockwise from the front"""
     parts: Parts
     textures: tuple[Texture, ...]
     movers: tuple[str, ...]
-    """Names of the bodies that move."""
+    """Names of the moving bodies."""
     map_from_movers: Array
-    """(k, 4, 4): where they are at the start."""
+    """(k, 4, 4): their poses at the start."""
     sun: Array
-    """(3,): towards the sun, as long as it is strong."""
+    """(3,): towards the sun; its length is the sun's strength."""
     lamps: tuple[PointLight, ...]
     sky: Array
     """(3,), RGB in [0, 1]: where there is no triangle."""
     problems: tuple[str, ...]
-    """One line for each thing that is not shown as it should be, with the reason."""
+    """One line for each part that is not shown as it should be, with the reason."""
 
 
 def build_scene(
@@ -117,11 +117,11 @@ def build_scene(
     entities: Iterable[Entity] = (),
     seen: Sequence[Surface] | None = None,
 ) -> Scene:
-    """The scene of a world and of the entities in it; what moves of them comes after the world's.
+    """The scene of a world and its entities; moving entities come after the world's moving bodies.
 
     `assets` are PNG files and meshes by their sha256. A surface whose texture is missing or damaged
-    gets its plain colour, and a line in `problems`; a mesh that is missing is not shown. `seen` are
-    the world's surfaces, where they are at hand.
+    gets its plain colour, and a line in `problems`; a missing mesh is not shown. `seen` are the
+    world's surfaces, if they are already computed.
     """
     builder = _Builder(world, assets)
     for surface in seen if seen is not None else builder.surfaces():
@@ -135,7 +135,7 @@ def build_scene(
 
 
 def lamp_light(scene: Scene, places_m: Array, normals: Array) -> Array:
-    """(n, 3): strength of the lamps' light that falls on places in the map, after Lambert."""
+    """(n, 3): strength of the lamps' light at positions in the map, after Lambert."""
     light = np.zeros((len(places_m), 3))
     for lamp in scene.lamps:
         to_lamp = np.array(lamp.position_m) - places_m
@@ -150,7 +150,7 @@ def lamp_light(scene: Scene, places_m: Array, normals: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Look:
-    """Of one mesh of the scene."""
+    """Appearance of one mesh of the scene."""
 
     ambient: Rgba
     diffuse: Rgba
@@ -175,9 +175,9 @@ class _Builder:
         self._meshes: list[TriangleMesh] = []
         self._looks: list[_Look] = []
         self._movers: dict[str, int] = {}
-        """Numbers of the bodies that move, by name"""
+        """Indices of the moving bodies, by name"""
         self._map_from_movers: list[Array] = []
-        """Where they are at the start"""
+        """Their poses at the start"""
         for body in world.bodies:
             self._add_mover(body)
         norm = math.hypot(*world.light_direction)
@@ -209,7 +209,7 @@ class _Builder:
         return joined(())
 
     def add_body(self, entity: BodyEntity) -> None:
-        """A body, with materials of its own."""
+        """Add a body with its own materials."""
         self._add_mover(entity)
         tiles = {material.name: material.texture_side_m for material in entity.materials}
         meshes = self._meshes_of([entity])
@@ -219,7 +219,7 @@ class _Builder:
     def add_surface(
         self, surface: Surface, materials: Mapping[str, Material] | None = None
     ) -> None:
-        """Triangles of the world, or of something that brings its own materials."""
+        """Add triangles of the world, or of an entity with its own materials."""
         material = (self._materials if materials is None else materials).get(surface.material)
         if material is None:
             material = _UNKNOWN_MATERIAL if surface.material else PLAIN_MATERIAL
@@ -243,7 +243,7 @@ class _Builder:
         )
 
     def add_panel(self, entity: MarkerEntity) -> None:
-        """A panel's front, not lit, so that its black stays black, and its plain back."""
+        """Add a panel's front, unlit, so that its black stays black, and its plain back."""
         map_from_panel = pose_matrix(entity)
         texture = self._texture(entity.texture_sha256, f"entity {entity.name}")
         half = entity.panel_side_m / 2.0
@@ -294,10 +294,10 @@ class _Builder:
         )
 
     def _exposure(self, light_ambient: float, light_diffuse: float) -> float:
-        """By which light is divided, so that an upright white face towards the sun is just white:
-        no wall's colours are cut off.
+        """Divisor of the light, so that an upright white face towards the sun is just white: no
+        wall's colours are clipped.
 
-        Where there are lamps it is 1 at least: what they do not reach may be dark.
+        With lamps it is at least 1: parts that they do not reach may be dark.
         """
         sideways = math.hypot(self._towards_light[0], self._towards_light[1])
         brightest = light_ambient + light_diffuse * sideways
@@ -325,7 +325,7 @@ class _Builder:
         return Parts(*table[:, :4].T, *(table[:, 4:].T > 0))
 
     def _texture(self, sha256: str, owner: str) -> str:
-        """The texture's sha256 where it can be shown, else the empty string."""
+        """The texture's sha256 if it can be shown, else the empty string."""
         if not sha256 or sha256 in self._textures:
             return sha256
         data = self._assets.get(sha256)

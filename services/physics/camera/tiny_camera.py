@@ -1,7 +1,7 @@
-"""The camera on PyBullet's TinyRenderer, to compare with: some fifty times slower than the others.
+"""The camera on PyBullet's TinyRenderer, for comparison: some fifty times slower than the others.
 
-Each triangle has one shade, that of its middle, and keeps it: a body that moves is shaded as it
-stood at the start.
+Each triangle has one constant shade, that of its centre: a moving body is shaded as at its start
+pose.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from services.physics.camera.camera import (
 from services.physics.camera.scene import PLAIN, STATIC, Scene, Texture, lamp_light
 
 MAX_TEXTURE_SIDE_PX = 256
-"""Larger textures are shrunk: one of their pixels is shown, unfiltered, and glitters from afar."""
+"""Larger textures are shrunk: they are sampled without filtering, and alias from afar."""
 
 _PIXEL_CENTRE = (0.0, 1.0)
-"""Where TinyRenderer samples a pixel; the one in v comes of counting rows from the bottom."""
+"""Where TinyRenderer samples a pixel; v is 1 because it counts rows from the bottom."""
 
 _GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
-"""PyBullet wants a view with y up, that looks along -z."""
+"""PyBullet expects a view with y up, along -z."""
 
 _SHADES = 16.0
 _MAX_TRIANGLES = 40_000
@@ -44,7 +44,7 @@ _MAX_TRIANGLES = 40_000
 
 
 class TinyCamera:
-    """A renderer with a physics client of its own: visual shapes in a world that never steps."""
+    """A renderer with its own physics client: visual shapes in a world that is never stepped."""
 
     name = "tiny_renderer"
 
@@ -63,7 +63,7 @@ class TinyCamera:
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
 
     def set_scene(self, scene: Scene) -> None:
-        """Load a scene anew: only a reset makes PyBullet release textures."""
+        """Load a scene after a reset, without which PyBullet does not release textures."""
         client = self._client
         pybullet.resetSimulation(physicsClientId=client)
         self._sky = np.round(255.0 * scene.sky).astype(np.uint8)
@@ -92,7 +92,7 @@ class TinyCamera:
             height,
             viewMatrix=_column_major(gl_from_map),
             projectionMatrix=self._projection,
-            # The scene's tints hold the light.
+            # The light is already in the scene's tints.
             lightAmbientCoeff=1.0,
             lightDiffuseCoeff=0.0,
             lightSpecularCoeff=0.0,
@@ -137,9 +137,9 @@ class TinyCamera:
                 )
 
     def _add(self, scene: Scene, triangles: NDArray[np.int64], tint: Array) -> int:
-        """One body of triangles with one look."""
+        """Add one body of triangles with the same texture and tint."""
         used, corners = np.unique(scene.triangles[triangles], return_inverse=True)
-        # TinyRenderer counts v from a texture's bottom, and knows no negative one.
+        # TinyRenderer counts v from a texture's bottom, and supports no negative one.
         uvs = scene.uvs[used] * (1.0, -1.0)
         uvs -= np.floor(uvs.min(0))
         shape = pybullet.createVisualShape(
@@ -181,7 +181,7 @@ def _tints(
     movers: NDArray[np.int64],
     smooth: NDArray[np.bool_],
 ) -> Array:
-    """(m, 3), of each triangle's middle."""
+    """(m, 3), of each triangle's centre."""
     normals, albedos = scene.normals[triangles].mean(1), scene.albedos[triangles].mean(1)
     middles = scene.vertices_m[triangles].mean(1)
     tints = scene.tints[triangles].mean(1)
@@ -196,7 +196,7 @@ def _tints(
         tints[moving] += albedos[moving] * facing[:, None]
     tints += albedos * lamp_light(scene, middles, normals)
     tints = np.clip(tints, 0.0, 1.0)
-    # Few enough shades that what is round, or lit by a lamp, is not a body a triangle.
+    # Few shades, so that a round or lamp-lit surface does not need one body for each triangle.
     many = smooth | bool(scene.lamps)
     tints[many] = np.round(tints[many] * _SHADES) / _SHADES
     tints[~many] = np.round(tints[~many], 9)

@@ -1,4 +1,4 @@
-"""Which parts of a scene to draw from where, in the order in which they hide each other."""
+"""The parts of a scene to draw from a camera pose, from near to far."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Parts = NDArray[np.int64]
 
 
 class InView(NamedTuple):
-    """Indices, near to far each. Nothing that could show in a single pixel is missing."""
+    """Indices, near to far each. No part that could be seen in a single pixel is missing."""
 
     things: Parts
     """Parts that are neither rectangles nor background."""
     quads: Parts
     """Rectangles, as numbers among the rectangles."""
     background: Parts
-    """Parts behind most else."""
+    """Floor and ceiling parts, drawn last."""
 
 
 class Visibility:
-    """What of a scene a camera can see."""
+    """The parts of a scene that a camera can see."""
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         parts = scene.parts
@@ -52,7 +52,7 @@ class Visibility:
         )
 
     def of(self, optical_from_map: Array, clip_from_map: Array, map_from_movers: Array) -> InView:
-        """What may show from there."""
+        """The parts that may be visible from a camera pose."""
         quads = visible_quads(self._corners_m, optical_from_map, *self._view)
         balls = balls_in_view(
             self._centres_m,
@@ -67,7 +67,7 @@ class Visibility:
 
 
 def compile_kernels() -> None:
-    """Leave nothing to compile for the first picture."""
+    """Compile the kernels before the first picture."""
     eye, pair, size_px = np.eye(4), np.ones(2), np.ones(2, np.int64)
     visible_quads(np.empty((0, 4, 3)), eye, pair, pair, size_px, pair)
     balls_in_view(

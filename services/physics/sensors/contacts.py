@@ -1,4 +1,4 @@
-"""When the robot begins to touch something."""
+"""Events when a contact of the robot begins."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from services.physics.bodies.bodies import Touch
 
 
 class ContactEvents:
-    """Tells of a touch once: again only where link and body had been apart for `debounce_ns`."""
+    """Reports a contact once, and again only if link and body were apart for `debounce_ns`."""
 
     def __init__(self, debounce_ns: int = 200_000_000) -> None:
         self._debounce_ns = debounce_ns
         self._last_ns: dict[tuple[str, str], int] = {}
 
     def restart_clock(self, now_ns: int) -> None:
-        """Time goes on from 0 instead of `now_ns`; every touch keeps its age."""
+        """Set the time from `now_ns` back to 0; every contact keeps its age."""
         self._last_ns = {pair: last_ns - now_ns for pair, last_ns in self._last_ns.items()}
 
     def begun(self, touches: Iterable[Touch], now_ns: int, step_s: float) -> list[Contact]:
-        """The touches that begin in the step that ends at `now_ns`: one for each link and body.
+        """The contacts that begin in the step that ends at `now_ns`: one for each link and body.
 
-        The position is that of the point pressed most, the impulse that of all points in this step.
-        Nothing bounces, so that it is the whole momentum which a wall takes from the robot: between
-        m v and, with what the tyres and turning wheels add, a tenth or a seventh more.
+        The position is that of the point with the highest force, the impulse that of all points in
+        this step. Nothing bounces, so it is the whole momentum that a wall takes from the robot:
+        m v, or up to a tenth or a seventh more, added by the tyres and the turning wheels.
         """
         pairs: dict[tuple[str, str], list[Touch]] = {}
         for touch in touches:

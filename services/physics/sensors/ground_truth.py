@@ -1,4 +1,4 @@
-"""What the robot really does, for those who judge; no estimate is made from it."""
+"""Ground truth of the robot, for evaluation; no estimate is made from it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def ground_truth(bodies: Bodies, stamp_ns: int) -> msg.Odometry:
 def joint_states(
     angles_rad: tuple[float, float], speeds_rad_s: tuple[float, float], stamp_ns: int
 ) -> msg.JointState:
-    """Angles and speeds of the wheels, left and right, as their encoders tell them."""
+    """Angles and speeds of the wheels, left and right, as measured by their encoders."""
     return msg.JointState(
         header=msg.header(stamp_ns, ""),
         name=list(WHEELS),
@@ -44,7 +44,7 @@ def joint_states(
 
 
 def mover_frames(bodies: Bodies, stamp_ns: int) -> list[msg.TransformStamped]:
-    """True poses in the map of the bodies that move, as frames of their names."""
+    """True poses of the moving bodies in the map, as transforms to frames of their names."""
     return [
         msg.transform_stamped(stamp_ns, MAP_FRAME, name, pose)
         for name, pose in zip(bodies.mover_names, bodies.map_from_movers(), strict=True)

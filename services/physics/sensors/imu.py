@@ -1,4 +1,4 @@
-"""An inertial measurement unit: what its gyroscope and accelerometer would say."""
+"""An inertial measurement unit: gyroscope and accelerometer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Imu:
     """Angular velocity and specific force at imu_link, in its axes, with white noise.
 
     The acceleration is the mean over the time since the last reading. At rest the accelerometer
-    shows gravity, upwards. There is no estimate of orientation, and the message says so.
+    shows gravity, upwards. There is no estimate of orientation: its covariance begins with -1.
 
     The standard deviations are those of one reading; over the square root of the rate they are
     densities. At 120 Hz the defaults, 2e-4 rad/s and 1.7e-2 m/s2, are 1.83e-5 rad/s and
@@ -42,7 +42,7 @@ class Imu:
         self._no_orientation[0] = -1.0
         self._velocity_m_s = bodies.motion_at(self._com_from_imu).velocity_m_s
         self._noise: list[list[float]] = []
-        """Of the next readings, the next one last."""
+        """Noise of the next readings, in reverse order."""
 
     def read(self, stamp_ns: int, elapsed_s: float) -> msg.Imu:
         """The reading now, `elapsed_s` after the last one."""

@@ -1,4 +1,4 @@
-"""A planar lidar by ray casting against all that is solid."""
+"""A planar lidar by ray casting against all solids."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from services.physics.sensors.raycast import (
 
 @dataclass(frozen=True)
 class LidarFigures:
-    """What a lidar can do."""
+    """Rate, range and noise of a lidar."""
 
     samples: int
     rate_hz: float
@@ -40,7 +40,7 @@ class LidarFigures:
 
 
 def lidar_figures(config: PhysicsConfig) -> LidarFigures:
-    """Those of a configuration."""
+    """The lidar figures of a configuration."""
     return LidarFigures(
         config.scan_samples,
         config.scan_rate_hz,
@@ -53,12 +53,12 @@ def lidar_figures(config: PhysicsConfig) -> LidarFigures:
 
 
 class Lidar:
-    """A whole turn at one instant. Ray 0 looks straight ahead, the others follow counter-clockwise.
+    """A full turn at one instant. Ray 0 points straight ahead, the others follow counter-clockwise.
 
     As in REP 117 a range is inf where there is no echo up to the longest range, and -inf where
     something is nearer than the shortest. All other ranges have Gaussian noise and stay within the
-    two limits. Without noise and rounding they are geometry's, to the precision of a float32. The
-    robot is not in the way, and a floor is not met.
+    two limits. Without noise and rounding they are exact to the precision of a float32. Rays hit
+    neither the robot nor the floor.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Lidar:
         if bodies.solid_groups is not self._groups:
             self._groups = bodies.solid_groups
             made = self._targets_of
-            # A group that is still there was made ready before; it is found by its identity.
+            # A group that is still there is not prepared again; it is found by its identity.
             self._targets_of = {
                 group: made[group] if group in made else targets_of(group) for group in self._groups
             }

@@ -1,10 +1,10 @@
-"""What a camera can see: what is in view, and of flat rectangles not those behind others, as far as
-a coarse grid tells.
+"""Culling for a camera: what is outside the view, and flat rectangles that are hidden behind others
+on a coarse grid.
 
 A software rasteriser tests each pixel of each rectangle; in a maze nearly all of them are hidden.
-So the view is cut into cells. From near to far, a rectangle that fills a cell hides what lies
-farther there, and one that is hidden in all the cells that it touches is not drawn. Whatever could
-show in a single pixel is kept, so the picture is the same.
+So the view is divided into cells. From near to far, a rectangle that fills a cell hides everything
+farther in it, and a rectangle that is hidden in all cells that it overlaps is not drawn. Anything
+that could show in a single pixel is kept, so the image is the same.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from services.common.kernels import kernel
 
 CELL_PX = 8
 _SLACK_PX = 1.0
-"""By which a rasteriser's rounding may move an edge, amply."""
+"""Generous bound on how far a rasteriser's rounding moves an edge."""
 _SLACK = 1.0 + 1e-4
-"""By which its rounding of depths may bring something nearer, amply."""
+"""Generous bound on the factor by which its rounding of depths brings something nearer."""
 
 
 @kernel()
@@ -33,17 +33,17 @@ def visible_quads(
     size_px: NDArray[np.int64],
     depth_limits_m: Array,
 ) -> NDArray[np.int64]:
-    """Indices of the rectangles in view, with their front to the eye, and not hidden: near to far.
+    """Indices of the rectangles in view, front-facing and not hidden: near to far.
 
     `corners_m`, (n, 4, 3) in the map, run counter-clockwise as seen from the front. `focal_px` is
     (fx, fy), `centre_px` (cx, cy), `size_px` (width, height); pixel centres are whole numbers.
-    `depth_limits_m` are those between which things are drawn.
+    `depth_limits_m` are the near and far clipping distances.
     """
     fx, fy = focal_px
     cx, cy = centre_px
     width, height = size_px
     near_m, far_m = depth_limits_m
-    # Rays through the corners of the picture.
+    # Rays through the corners of the image.
     left, right = (-0.5 - cx) / fx, (width - 0.5 - cx) / fx
     top, bottom = (-0.5 - cy) / fy, (height - 0.5 - cy) / fy
     turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
@@ -97,7 +97,7 @@ def visible_quads(
     result = np.empty(found, np.int64)
     for index in order:
         quad = corners[index]
-        # The cells that it touches, and 1 / depth of its nearest corner.
+        # The cells that it overlaps, and 1 / depth of its nearest corner.
         u0, u1, v0, v1, closest = math.inf, -math.inf, math.inf, -math.inf, 0.0
         crosses = False
         for corner in range(4):
@@ -109,7 +109,7 @@ def visible_quads(
             u0, u1, v0, v1 = min(u0, u), max(u1, u), min(v0, v), max(v1, v)
             closest = max(closest, 1.0 / z)
         if crosses:
-            # Some of it is beside the eye or behind.
+            # Part of it is before the near plane or behind the camera.
             column0, column1, row0, row1 = 0, columns - 1, 0, rows - 1
         else:
             column0 = int(min(max(u0 - _SLACK_PX + 0.5, 0.0), width - 1.0)) // CELL_PX
@@ -129,8 +129,8 @@ def visible_quads(
         result[kept] = seen[index]
         kept += 1
 
-        # The ray of a pixel, (x, y, 1), meets the rectangle where it is inside the planes through
-        # eye and edges, and its depth there is that at which it meets the rectangle's plane. As
+        # The ray of a pixel, (x, y, 1), hits the rectangle if it is inside the planes through the
+        # eye and the edges; the depth is that at which it hits the rectangle's plane. As
         # functions of u and v, planes and 1 / depth are linear, so their least value over a cell
         # is the one at its centre, less half a cell's change.
         normal_x, normal_y, normal_z = _cross(quad[1] - quad[0], quad[2] - quad[0])
@@ -157,7 +157,7 @@ def visible_quads(
                     and edges[3, 0] * u + edges[3, 1] * v + edges[3, 2] >= 0.0
                 ):
                     depth = depth_0 + depth_u * u + depth_v * v - depth_less
-                    # What is nearer than the near plane is not drawn, and hides nothing.
+                    # Anything nearer than the near plane is not drawn, and hides nothing.
                     drawn = depth + 2.0 * depth_less <= 1.0 / near_m
                     if drawn and depth > hidden_beyond[row, column]:
                         hidden_beyond[row, column] = depth
@@ -173,11 +173,10 @@ def balls_in_view(
     optical_from_map: Array,
     clip_from_map: Array,
 ) -> NDArray[np.int64]:
-    """Indices of the balls of which some may be in view: near to far.
+    """Indices of the balls that may be partly in view: near to far.
 
-    `centres_m`, (n, 3), are in the map, or in the frame of the mover that is named: `movers` is -1
-    for those that stand still. Of two that are equally far the one with the lower index comes
-    first.
+    `centres_m`, (n, 3), are in the map, or in the frame of the mover whose index `movers` gives;
+    it is -1 for static ones. Of two at the same distance the one with the lower index comes first.
     """
     eye = _eye_m(optical_from_map)
     planes = np.empty((6, 4))
@@ -215,7 +214,7 @@ def balls_in_view(
 
 @kernel()
 def _eye_m(optical_from_map: Array) -> Array:
-    """Where the camera is in the map."""
+    """Position of the camera in the map."""
     turn, shift = optical_from_map[:3, :3], optical_from_map[:3, 3]
     eye_m: Array = -(shift[0] * turn[0] + shift[1] * turn[1] + shift[2] * turn[2])
     return eye_m

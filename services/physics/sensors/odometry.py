@@ -1,4 +1,4 @@
-"""Wheel odometry: where the robot would be if no wheel ever slipped."""
+"""Wheel odometry: the robot's pose if no wheel ever slipped."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from services.common.frames import (
 from services.common.node import messages as msg
 
 WHEEL_SIGMA_M_PER_SQRT_M = 0.01
-"""What the covariance takes a wheel's travel to be uncertain by after one metre, at least."""
+"""Least standard deviation of a wheel's travel after one metre, for the covariance."""
 _UNUSED_VARIANCE = 1e-6
 """Of z, roll and pitch: the floor is flat."""
 
 _FORWARD = 0.5
-"""How far forward one metre of one wheel takes the robot; round, one over the separation."""
+"""Metres forward for each metre that one wheel rolls; the turn is one over the separation."""
 
 
 class WheelOdometry:
@@ -30,12 +30,12 @@ class WheelOdometry:
 
     Without slip and noise it stays within 0.1 mm of the truth over 2 m straight ahead.
     In a full turn on the spot it counts 1.25 degrees more than the robot turns (0.35 %: the wheels
-    stand 288 mm apart, and odometry assumes 287 mm). At rest it counts nothing; beside things that
-    move, the robot creeps by 0.6 mm a minute, which the wheels feel.
+    stand 288 mm apart, and odometry assumes 287 mm). At rest it counts nothing; where other bodies
+    move, the robot creeps by 0.6 mm a minute, which the encoders measure.
 
     The pose follows the exact arc between two readings. Each wheel's travel has an independent
     error whose variance grows with the distance it rolled (Thrun, Burgard, Fox: Probabilistic
-    Robotics, 5.4), carried over into the pose to first order.
+    Robotics, 5.4), propagated to the pose to first order.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class WheelOdometry:
         return self._covariance.matrix()
 
     def update(self, wheel_angles_rad: tuple[float, float], elapsed_s: float) -> None:
-        """Take in the angles (left, right) that the wheels have `elapsed_s` after the last ones."""
+        """Update from the wheel angles (left, right), `elapsed_s` after the last ones."""
         left_m, right_m = (
             (new - old) * self._radius_m
             for new, old in zip(wheel_angles_rad, self._angles_rad, strict=True)
@@ -76,7 +76,7 @@ class WheelOdometry:
             right_m += float(noise[1]) * math.sqrt(abs(right_m))
         travel_m = (left_m + right_m) / 2.0
         turn_rad = (right_m - left_m) / self._separation_m
-        # The chord of the arc; sinc from its series where the quotient is not a number.
+        # The chord of the arc; sinc is 1 where the quotient could be undefined.
         half = turn_rad / 2.0
         c, s = portable_kernels.cos_sin(half)
         chord_m = travel_m * (s / half if abs(half) > 1e-9 else 1.0)
@@ -88,7 +88,7 @@ class WheelOdometry:
         self._spread(left_m, right_m, chord_m, heading, elapsed_s)
 
     def message(self, stamp_ns: int) -> msg.Odometry:
-        """What is known at `stamp_ns`, the time of the last update."""
+        """The odometry at `stamp_ns`, the time of the last update."""
         return msg.Odometry(
             header=msg.header(stamp_ns, ODOM_FRAME),
             child_frame_id=BASE_FOOTPRINT_FRAME,

@@ -1,9 +1,9 @@
-"""Where the rays of a planar scan meet solids: exactly, and only those rays that can meet them.
+"""Exact ray casting of a planar scan against solids; only rays that can hit a solid are tested.
 
-All rays start in one point and lie in one plane. So the plane cuts a solid with flat faces into
-line segments, which a ray meets in the plane, and a round one is met in space by the rays within
-the angle under which its bounding sphere appears. What a ray meets does not depend on the order of
-the solids. A convex solid is met from outside only, a surface of triangles from both sides.
+All rays start in one point and lie in one plane. So a solid with flat faces is cut by the plane
+into line segments, which are intersected in 2D, and a round one is intersected in 3D by the rays
+within the angle that its bounding sphere covers. The hits do not depend on the order of the
+solids. A convex solid is hit from outside only, a surface of triangles from both sides.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _Row = tuple[float, float, float, float]
 _CONVEX, _SURFACE, _SPHERE, _CYLINDER, _CAPSULE = range(5)
 _ROUND = {"sphere": _SPHERE, "cylinder": _CYLINDER, "capsule": _CAPSULE}
 _FACES_A_BLOCK = 16
-"""Of a surface of many triangles: neighbours that are looked at together or not at all."""
+"""Neighbouring triangles of a surface that are tested together or not at all."""
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 _BOX_FACES = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]], np.int32
@@ -35,7 +35,7 @@ _BOX_FACES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class RayTargets:
-    """Solids made ready to be met by rays: blocks, each with a box and a sphere around it.
+    """Solids prepared for ray casting: blocks, each with a bounding box and a bounding sphere.
 
     A block is a run of faces, or one round solid. All coordinates are in the frame of its group.
     """
@@ -45,23 +45,23 @@ class RayTargets:
     groups: NDArray[np.int32]
     """(b,), the index of the frame that a block moves with"""
     bounds_m: Array
-    """(b, 7), of the box around a block, along the axes of its group, and of the sphere around it:
-    centre, half extents, radius
+    """(b, 7), of a block's bounding box, along the axes of its group, and bounding sphere: centre,
+    half extents, radius
     """
     rounds_m: Array
     """(b, 5), of a round solid: its axis, of unit length, its radius and half its length"""
     faces: NDArray[np.int32]
     """(b, 2), of the others: the first face, and the one after the last"""
     corners: NDArray[np.int32]
-    """(f, 4) convex faces by their corners, counter-clockwise as seen from outside; of a triangle
-    the last one stands twice
+    """(f, 4) convex faces by their corners, counter-clockwise as seen from outside; a triangle
+    repeats the last one
     """
     vertices_m: Array
     """(v, 3)"""
 
 
 def targets_of(solids: Sequence[Solid]) -> RayTargets:
-    """The solids of one group."""
+    """Ray targets of the solids of one group."""
     boxes = [solid for solid in solids if solid.kind == "box"]
     rounds = [solid for solid in solids if solid.kind in _ROUND]
     parts = [_boxes(boxes), _rounds(rounds)]
@@ -72,7 +72,7 @@ def targets_of(solids: Sequence[Solid]) -> RayTargets:
 
 
 def joined(parts: Iterable[tuple[RayTargets, int]]) -> RayTargets:
-    """Several as one, each with the index of its group."""
+    """Several ray targets joined into one, each with the index of its group."""
     each = list(parts) or [(_blocks(0), 0)]
     vertices = np.cumsum([0] + [len(part.vertices_m) for part, _ in each])
     faces = np.cumsum([0] + [len(part.corners) for part, _ in each])
@@ -95,7 +95,7 @@ def cast_scan(
     directions: Array,
     range_max_m: float,
 ) -> Array:
-    """Distance at which each ray of a turn meets something, (n,) m; inf beyond `range_max_m`.
+    """Distance of the first hit of each ray of a turn, (n,) m; inf beyond `range_max_m`.
 
     `directions` holds (n, 2) cosine and sine of the angles k * 2 pi / n in the plane z = 0 of the
     scan's frame, and `scan_from_groups` the (g, 4, 4) poses of the groups in it.
@@ -118,7 +118,7 @@ def cast_scan(
 
 
 def compile_kernels() -> None:
-    """Leave nothing to compile for the first scan."""
+    """Compile the kernels before the first scan."""
     cast_scan(joined(()), np.eye(4)[None], ray_directions(1), 1.0)
 
 
@@ -213,7 +213,7 @@ def _triangles(solid: Solid) -> RayTargets:
 
 
 def _along_a_curve(points: Array) -> NDArray[np.int64]:
-    """(n,) order in which points that follow each other are near each other: Morton's (1966)."""
+    """(n,) order in which successive points are near each other: Morton's (1966)."""
     extent = max(float(np.ptp(points, axis=0).max()), 1e-9)
     cells = ((points - points.min(axis=0)) / extent * 1023.0).astype(np.int64)
     code = np.zeros(len(points), np.int64)
@@ -251,7 +251,7 @@ def _cast(
             + abs(rows[2][1]) * bounds_m[block, 4]
             + abs(rows[2][2]) * bounds_m[block, 5]
         )
-        # With a little room, for what just touches the plane.
+        # With a tolerance, for a block that just touches the plane.
         if abs(z) > thick + 1e-9:
             continue
         # The plane cuts the sphere around the block in a circle of this radius.
@@ -309,7 +309,7 @@ def _meet_face(
     range_max_m: float,
     ranges: Array,
 ) -> None:
-    """Cut a convex face with the plane, and let the rays meet the segment that is left of it."""
+    """Cut a convex face with the plane, and intersect the rays with the resulting segment."""
     x0 = y0 = x1 = y1 = 0.0
     cuts = 0
     before = _vertex(vertices_m, corners, face, 3)
@@ -337,7 +337,7 @@ def _meet_face(
                 x0, y0 = x, y
             cuts += 1
         before, z_before = after, z_after
-    # From outside, a face's edge that comes up is to the right of the one that goes down.
+    # Seen from outside, the upward edge of a face is to the right of the downward one.
     if cuts == 2 and not (convex and x0 * y1 <= x1 * y0):
         _meet_segment(x0, y0, x1, y1, directions, range_max_m, ranges)
 
@@ -357,7 +357,7 @@ def _meet_segment(
         x0, y0, x1, y1, cross = x1, y1, x0, y0, -cross
     along_x, along_y = x1 - x0, y1 - y0
     length_squared = along_x * along_x + along_y * along_y
-    # Seen from its edge; or all of its line is out of range.
+    # Seen edge-on; or its whole line is out of range.
     if cross <= 1e-15 or cross * cross > range_max_m * range_max_m * length_squared:
         return
     rays = len(directions)
@@ -369,7 +369,7 @@ def _meet_segment(
     last = math.floor((start + spread) * per_rad + 1e-9)
     if last < first:
         return
-    # With a little room, so that what is nearest does not depend on the order.
+    # With a tolerance, so that the nearest hit does not depend on the order.
     nearly = cross * (1.0 - 1e-12)
     farthest = math.sqrt(max(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1))
     ray = first if first >= 0 else first + rays
@@ -377,7 +377,7 @@ def _meet_segment(
         if ray >= rays:
             ray -= rays
         across = directions[ray, 0] * along_y - directions[ray, 1] * along_x
-        # A division only where the ray has met nothing nearer so far.
+        # Divide only if the ray has no nearer hit so far.
         if nearly < across * ranges[ray]:
             distance = min(cross / across, farthest)
             if distance < ranges[ray] and distance <= range_max_m:
@@ -396,7 +396,7 @@ def _meet_round(
     range_max_m: float,
     ranges: Array,
 ) -> None:
-    """Let the rays within the angle of the sphere around a round solid meet it."""
+    """Intersect a round solid with the rays within the angle of its bounding sphere."""
     rays = len(directions)
     per_rad = rays / (2.0 * math.pi)
     away, reach = seen
@@ -407,7 +407,7 @@ def _meet_round(
         spread = portable_kernels.asin(reach / away)
         first = math.ceil((middle - spread) * per_rad - 1e-9)
         last = math.floor((middle + spread) * per_rad + 1e-9)
-    # Of the points o + t u on a ray, seen from the solid's centre: o = -centre, u has no z.
+    # Points on a ray, seen from the solid's centre, are o + t u: o = -centre, u has no z.
     square = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2]
     start = -(centre[0] * axis[0] + centre[1] * axis[1] + centre[2] * axis[2])
     for index in range(first, last + 1):

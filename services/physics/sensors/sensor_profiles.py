@@ -1,4 +1,4 @@
-"""What known sensors are like: a profile's name gives the values of all fields that nobody set."""
+"""Profiles of known sensors: a profile's name gives the values of all fields that are not set."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ SCAN_PROFILES: Mapping[str, ScanProfile] = MappingProxyType(
             scan_noise_share=0.01,
             scan_resolution_m=0.001,
         ),
-        # nav2_minimal_turtlebot_simulation's gz_waffle. It has 1e-5 m as the least range, with
-        # which Gazebo sees the robot itself; no ray meets the robot here.
+        # nav2_minimal_turtlebot_simulation's gz_waffle. Its least range is 1e-5 m, with which
+        # Gazebo's rays hit the robot itself; no ray hits the robot here.
         "gazebo": ScanProfile(
             scan_rate_hz=5.0,
             scan_samples=360,
@@ -92,7 +92,7 @@ CAMERA_PROFILES: Mapping[str, CameraProfile] = MappingProxyType(
     {
         # The field of view is that of nav2_minimal_turtlebot_simulation's gz_waffle, whose camera
         # is named D435i. The least depth is the one in Intel's D400 data sheet at 640 x 480; the
-        # greatest is where the real one's depth gets useless.
+        # greatest is where the real camera's depth becomes useless.
         "d435i": _D435I,
         # ROBOTIS' simulated waffle.
         "waffle": CameraProfile(
@@ -115,10 +115,10 @@ def filled_in(
     fields: Mapping[str, FieldInfo],
     profiles: Mapping[str, Mapping[str, DataclassInstance]],
 ) -> Any:
-    """A configuration's raw values, with those that a profile gives where nobody set them.
+    """A configuration's raw values; those that are not set are taken from the chosen profiles.
 
-    `profiles` holds, by the name of the field that chooses one, the profiles by name. An unknown
-    name fills in nothing: the field that holds it says what is wrong with it.
+    `profiles` maps the field that chooses a profile to the profiles by name. An unknown name
+    fills in nothing: the validation of its field reports it.
     """
     if not isinstance(values, Mapping):
         return values

@@ -1,4 +1,4 @@
-"""How each topic's messages are drawn: a function a topic, on entities named like the topics."""
+"""How each topic's messages are drawn: a function per topic, on entities named after the topics."""
 
 from __future__ import annotations
 
@@ -119,11 +119,11 @@ SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
     "navigation/status/number_of_recoveries": ("recoveries", palette.BAD),
     "aruco/detections/count": ("markers in view", palette.MARKER),
 }
-"""Entities that are numbers over time, with their name and colour in the plots."""
+"""Entities that are time series, with their name and colour in the plots."""
 
 
 def draw_start(canvas: Canvas) -> None:
-    """Draw what no message brings: the robot, twice, and the looks of the plots and states."""
+    """Draw what no message carries: the robot, twice, and the styles of the plots and states."""
     log = canvas.recording.log
     draw_robot(canvas)
     for path, (name, color) in SERIES.items():
@@ -136,7 +136,7 @@ def draw_start(canvas: Canvas) -> None:
 
 
 def draw_clock(canvas: Canvas, _: msg.Clock) -> None:
-    """Simulated seconds a second of wall time, once a second of wall time."""
+    """Real-time factor, once per second of wall time."""
     now_s = canvas.wall_clock_s()
     if canvas.entities is not None and canvas.due("entities", canvas.now_ns, LATCH_NS):
         place_what_stands(canvas)

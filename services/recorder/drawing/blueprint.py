@@ -1,4 +1,4 @@
-"""How the viewer lays a run out when it opens it."""
+"""Layout of a run in the viewer."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from services.recorder.stream.live_feed import TIMELINE
 _BACKGROUND = (24, 27, 33)
 _ELEVATION_RAD = math.radians(58.0)
 _FROM_ABOVE_RAD = math.radians(88.5)
-"""Straight down but for a trace, by which the viewer knows which way is up; much steeper than this,
-it takes the other one.
+"""Straight down except for a small tilt, which gives the viewer the up direction; much steeper than
+this, it picks the wrong one.
 """
 _COSTMAP_OPACITY = {"Maze": 0.22, "Map": 0.5}
-"""The map, or the floor, is to be seen through it."""
+"""Translucent, so that the map or the floor stays visible below it."""
 _WHOLE_RUN = rrb.TimeAxis(
     view_range=rr.TimeRange(
         start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
@@ -29,7 +29,7 @@ _WHOLE_RUN = rrb.TimeAxis(
 
 
 def run_blueprint(extent: Extent) -> rrb.Blueprint:
-    """The maze from above, the camera's picture with its markers, plots, states and the log."""
+    """The maze from above, the camera image with its markers, plots, states and the log."""
     maze = rrb.Spatial3DView(
         name="Maze",
         origin="/",
@@ -146,7 +146,7 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
 
 
 def _plot(name: str, contents: list[str]) -> rrb.TimeSeriesView:
-    """A plot of the whole run; of one longer than a minute the viewer would show half of one."""
+    """A plot of the whole run; of one longer than a minute the viewer shows half a minute."""
     return rrb.TimeSeriesView(
         name=name,
         contents=contents,
@@ -156,13 +156,13 @@ def _plot(name: str, contents: list[str]) -> rrb.TimeSeriesView:
 
 
 def _eye(extent: Extent, elevation_rad: float = _ELEVATION_RAD) -> rrb.EyeControls3D:
-    """Look at the middle of the world from the south, from where all of it is in view: x is to the
-    right, and y up.
+    """View of the middle of the world from the south, far enough away to show all of it: x to the
+    right, y up.
     """
     low, high = extent
     middle, span_m = (low + high) / 2.0, float(np.linalg.norm(high - low))
     distance_m = 0.86 * max(span_m, 2.0)
-    # Seen at an angle, what is near takes more of the picture than what is far.
+    # In an oblique view, near objects fill more of the picture than far ones.
     nearer_m = 0.057 * distance_m * math.cos(elevation_rad)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,

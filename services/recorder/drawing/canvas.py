@@ -1,4 +1,4 @@
-"""What drawing one run remembers from message to message."""
+"""State that drawing one run keeps from message to message."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _PATH_STEP_M = 0.03
 _PATH_POINTS = 4000
 _CONTACTS = 1000
 PATH_NS = 500_000_000
-"""What grows or changes steadily is drawn this often."""
+"""Period at which paths and steadily changing values are drawn."""
 LATCH_NS = 10_000_000_000
-"""What has not changed is drawn again this often, for viewers that have only the newest data."""
+"""Unchanged values are drawn again this often, for viewers that have only the newest data."""
 _TRAIL_POINTS = 400
-"""Of a way, each of which makes the time until it is drawn again longer."""
+"""A path is drawn less often by this many of its points."""
 
 
 class Trail:
-    """The way something went: a point every 3 cm, the newest 4000 of them."""
+    """A driven path: a point every 3 cm, the newest 4000 of them."""
 
     def __init__(self) -> None:
         self._points: list[tuple[float, float]] = []
 
     def add(self, x_m: float, y_m: float) -> bool:
-        """Add a point; whether it was far enough from the last one."""
+        """Add a point; returns whether it was far enough from the last one."""
         if self._points:
             last_x, last_y = self._points[-1]
             if (x_m - last_x) ** 2 + (y_m - last_y) ** 2 < _PATH_STEP_M**2:
@@ -57,7 +57,7 @@ class Trail:
 
 @dataclass
 class Canvas:
-    """The recording of one run, and what a message needs from those before it to be drawn."""
+    """The recording of one run, and the state needed to draw its messages."""
 
     recording: Recording
     robot: RobotMesh
@@ -70,11 +70,11 @@ class Canvas:
     entities: Entities | None = None
     camera: msg.CameraInfo | None = None
     comes_compressed: bool = False
-    """Whether the camera's picture comes as JPEG as well, and need not be made one."""
+    """Whether the camera image is also published as JPEG, and need not be encoded."""
     parts: list[Part] = field(default_factory=list)
-    """What was drawn of the world."""
+    """The drawn parts of the world."""
     drawn: dict[str, list[str]] = field(default_factory=dict)
-    """The paths on which each entity is drawn, by its name."""
+    """Entity paths on which each entity is drawn, by its name."""
     start_ns: int = field(init=False)
     comparison: TruthComparison = field(init=False)
     trails: dict[str, Trail] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class Canvas:
         default_factory=lambda: deque(maxlen=_CONTACTS)
     )
     last: dict[str, object] = field(default_factory=dict)
-    """The newest value logged to an entity, of those that are logged when they change."""
+    """Newest logged value of each entity that is logged only on change."""
     real_time: tuple[float, int] | None = None
     """Wall time (s) and simulation time (ns) at which the real time factor was last measured."""
     _drawn_ns: dict[str, int] = field(default_factory=dict)
@@ -92,13 +92,13 @@ class Canvas:
         self.comparison = TruthComparison(self.world.start.se2())
 
     def at(self, time: msg.Time) -> int:
-        """Set the time of what is logged next to a message's stamp; that stamp in nanoseconds."""
+        """Set the log time to a message's stamp; returns that stamp in nanoseconds."""
         stamp_ns = msg.ns_from_time(time)
         self.recording.at(stamp_ns)
         return stamp_ns
 
     def due(self, path: str, stamp_ns: int, period_ns: int) -> bool:
-        """Whether an entity that is logged every `period_ns` is to be logged now."""
+        """Whether an entity logged every `period_ns` is due."""
         last_ns = self._drawn_ns.get(path)
         if last_ns is not None and 0 <= stamp_ns - last_ns < period_ns:
             return False
@@ -106,14 +106,14 @@ class Canvas:
         return True
 
     def changed(self, path: str, value: object) -> bool:
-        """Whether an entity that is logged when it changes is to be logged now."""
+        """Whether an entity logged on change is due."""
         if path in self.last and self.last[path] == value:
             return False
         self.last[path] = value
         return True
 
     def measured(self, path: str, value: float | None) -> None:
-        """Log a number to an entity, or, where there is none, a gap in its line. The time must be
+        """Log a number to an entity, or, where it is None, a gap in its plot. The time must be
         set.
         """
         if value is not None:
@@ -122,12 +122,12 @@ class Canvas:
             self.recording.log(path, rr.Clear(recursive=False))
 
     def frame(self, path: str, frame: str, *looks: rr.AsComponents) -> None:
-        """Name the frame that an entity's coordinates are in, and its looks, once."""
+        """Set the frame of an entity's coordinates, and its style, once."""
         if self.changed(f"{path}#frame", frame):
             self.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
 
     def say(self, path: str, text: str, level: str = "INFO") -> None:
-        """Log a line of text that no service prints: those are on /rosout."""
+        """Log a line of text that is not on /rosout."""
         self.recording.at(self.now_ns)
         self.recording.log(path, rr.TextLog(text, level=level))
 
@@ -140,7 +140,7 @@ def draw_trail(
     color: tuple[int, int, int],
     radius_m: float,
 ) -> None:
-    """The way so far, drawn twice a second while it grows, and less often the longer it is. The
+    """Draw the path so far: twice per second while it grows, and less often the longer it is. The
     time must be set.
     """
     trail = canvas.trails.setdefault(path, Trail())
@@ -155,5 +155,5 @@ def draw_trail(
 
 
 def entity_part(name: str) -> str:
-    """A name of anybody's as one part of an entity's path."""
+    """An arbitrary name as one part of an entity path."""
     return rr.escape_entity_path_part(name)

@@ -1,4 +1,4 @@
-"""Triangles of marker panels and of the robot."""
+"""Triangle meshes of marker panels and of the robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from services.common.frames import (
 
 _SIDES_OF_ROUND = 24
 _OUTLINE_STEP_M = 0.005
-"""Corners of the robot's outline that stick out by less are left out."""
+"""Corners of the robot's outline that protrude by less are left out."""
 _GREY: Array = np.array([0.6, 0.6, 0.6, 1.0])
 _UNIT_UVS: Array = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
 
@@ -42,7 +42,7 @@ class Mesh:
 
 
 class MeshBuilder:
-    """Puts a mesh together from its faces."""
+    """Builds a mesh from its faces."""
 
     def __init__(self) -> None:
         self._positions: list[Array] = []
@@ -60,7 +60,7 @@ class MeshBuilder:
         rgba: Iterable[float] = (1.0, 1.0, 1.0, 1.0),
         uvs: Array | None = None,
     ) -> None:
-        """Add (n, 3) corners with normals, (m, 3) triangles of them, in one colour (0 to 1)."""
+        """Add (n, 3) vertices with normals, and (m, 3) triangles of them, in one colour, 0 to 1."""
         count = len(positions_m)
         color = np.clip(np.round(255.0 * np.array(tuple(rgba))), 0, 255).astype(np.uint8)
         self._positions.append(positions_m)
@@ -94,7 +94,7 @@ class MeshBuilder:
         self.add(_moved(a_from_b, corners), normal, triangles, rgba, uvs)
 
     def mesh(self) -> Mesh | None:
-        """The mesh; None where nothing was added."""
+        """The mesh; None if nothing was added."""
         if not self._positions:
             return None
         return Mesh(
@@ -121,7 +121,7 @@ def panel(side_m: float) -> Mesh:
 
 
 def mesh_drawing(mesh: Mesh, texture: NDArray[np.uint8] | None = None) -> rr.Mesh3D:
-    """A mesh with a texture, or else in its own colours."""
+    """A mesh with a texture, or else with its vertex colours."""
     return rr.Mesh3D(
         vertex_positions=mesh.positions_m,
         vertex_normals=mesh.normals,
@@ -134,7 +134,7 @@ def mesh_drawing(mesh: Mesh, texture: NDArray[np.uint8] | None = None) -> rr.Mes
 
 @dataclass(frozen=True, eq=False)
 class Wheel:
-    """A part that turns about an axis of its own."""
+    """A part that rotates about an axis."""
 
     joint: str
     base_from_joint: Array
@@ -146,7 +146,7 @@ class Wheel:
 
 @dataclass(frozen=True, eq=False)
 class RobotMesh:
-    """The robot in the frame of its root link: what is fixed to it, and what turns."""
+    """The robot in the frame of its root link: its fixed and its rotating links."""
 
     body: Mesh
     wheels: tuple[Wheel, ...]
@@ -205,7 +205,7 @@ def robot_from_urdf(text: str) -> RobotMesh:
 
 
 def _moving_parent(link: str, joints: dict[str, ET.Element]) -> tuple[ET.Element | None, Array]:
-    """The joint that moves a link, and its frame from the link; None where the root carries it."""
+    """The joint that moves a link, and its frame from the link's; None if fixed to the root."""
     moving_from_link: Array = np.eye(4)
     while link in joints:
         joint = joints[link]
@@ -246,7 +246,7 @@ def _add_shape(builder: MeshBuilder, shape: ET.Element, placed: Array, rgba: Arr
 def _add_turned(
     builder: MeshBuilder, placed: Array, profile: list[tuple[float, float, float]], rgba: Array
 ) -> None:
-    """A body turned about z: its profile is (radius, z, z of the normal) from the top down."""
+    """Add a solid of revolution about z: its profile is (radius, z, z of the normal), top down."""
     rows, n = len(profile), _SIDES_OF_ROUND
     turn = np.linspace(0.0, 2.0 * math.pi, n, endpoint=False)
     around = np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1)

@@ -1,4 +1,4 @@
-"""How the map, what is seen of the markers, localisation and navigation are drawn."""
+"""How the map, marker detections, localisation and navigation are drawn."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
 
 
 def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
-    """The markers' outlines, in the picture and in the camera's frame, and how far off they are.
+    """The markers' outlines, in the image and in the camera's frame, and their distances.
 
     The second solution of each pose is grey.
     """
@@ -67,7 +67,7 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
 
 
 def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
-    """The markers where the robot believes them to be."""
+    """The markers at their detected poses in the map."""
     canvas.at(detections.header.stamp)
     seen = [detection for detection in detections.detections if detection.results]
     if canvas.changed("aruco/detections_map", bool(seen)) or seen:
@@ -91,13 +91,13 @@ def draw_initial_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -
 
 
 def draw_goal_pose(canvas: Canvas, goal: msg.PoseStamped) -> None:
-    """Where to drive."""
+    """The goal pose."""
     canvas.at(goal.header.stamp)
     _draw_arrow(canvas, "goal_pose", goal.pose, palette.PLAN)
 
 
 def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
-    """The estimated pose's uncertainty (2 sigma), the way by it, and its error."""
+    """The estimated pose's uncertainty (2 sigma), its path, and its error."""
     stamp_ns = canvas.at(estimate.header.stamp)
     pose = estimate.pose.pose
     draw_trail(canvas, "amcl_pose/path", pose, 0.06, palette.ESTIMATE, 0.012)
@@ -125,7 +125,7 @@ def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> N
 
 
 def draw_particle_cloud(canvas: Canvas, cloud: msg.PoseArray) -> None:
-    """The particles as short strokes along their heading; of many, evenly chosen ones."""
+    """The particles as short strokes along their heading; evenly subsampled if there are many."""
     canvas.at(cloud.header.stamp)
     stride = max(1, math.ceil(len(cloud.poses) / _MAX_PARTICLES))
     poses = [msg.se2_from_pose(pose) for pose in cloud.poses[::stride]]
@@ -162,7 +162,7 @@ def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
 
 
 def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None:
-    """States over time, and how far the goal is."""
+    """States over time, and the distance to the goal."""
     canvas.recording.at(canvas.now_ns)
     localization = "active" if status.localization_active else "waiting"
     state = status.state if status.navigation_active else "waiting"
@@ -178,7 +178,7 @@ def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None
 
 
 def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None:
-    """How a goal ended, in its colour."""
+    """The result of a goal, in its colour."""
     canvas.recording.at(round(result.end_time_s * 1e9))
     color = palette.BAD if result.error_code else palette.GOOD
     _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
@@ -213,7 +213,7 @@ def _draw_outlines(
         lines = rr.LineStrips2D.from_fields(colors=palette.MARKER, radii=1.5, draw_order=30.0)
         canvas.frame(path, frame, lines)
         canvas.recording.log(path, rr.LineStrips2D(outlines))
-        # A label stands over the middle of its outline, and would hide the marker.
+        # A label is drawn over the middle of its outline, and would hide the marker.
         below = [(outline[:, 0].mean(), outline[:, 1].max() + 8.0) for outline in outlines]
         points = rr.Points2D.from_fields(colors=palette.NAME, radii=0.0, show_labels=True)
         canvas.frame(f"{path}/name", frame, points)
@@ -227,13 +227,11 @@ def _grid(
     colormap: rr.components.Colormap,
     opacity: float | None = None,
 ) -> rr.GridMap:
-    """A grid above all grids of a lower `draw_order`; its opacity is left to the view where None is
-    given.
-    """
-    # Rerun's first row is the top one, ROS' the one of the smallest y.
+    """A grid above all grids of a lower `draw_order`; without an opacity, the view's is used."""
+    # Rerun's first row is the top one; in ROS it is the one with the smallest y.
     cells = np.flipud(msg.cells_from_grid(grid))
     if colormap == rr.components.Colormap.RvizCostmap:
-        # What is unknown lies outside the walls, and would hide the floor.
+        # Unknown cells lie outside the walls, and would hide the floor.
         cells = np.maximum(cells, 0)
     origin, q = grid.info.origin.position, grid.info.origin.orientation
     return rr.GridMap(

@@ -1,4 +1,4 @@
-"""Colours, (r, g, b) of 0 to 255, that stand for the same thing everywhere."""
+"""Colours, (r, g, b) of 0 to 255, with the same meaning in every drawing."""
 
 from __future__ import annotations
 
@@ -22,4 +22,4 @@ STATES: dict[str, tuple[int, int, int]] = {
     "waiting": (120, 120, 120),
     "rejecting": BAD,
 }
-"""Of services and of navigation."""
+"""Colours of the states of services and of navigation."""

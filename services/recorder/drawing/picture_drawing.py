@@ -1,4 +1,4 @@
-"""How the camera's pictures and depths are drawn, each in the plane of its pinhole."""
+"""How camera and depth images are drawn, each in the image plane of its pinhole."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas
 
 IMAGE_FRAME = "camera_image"
-"""The plane of the camera's picture, in pixels."""
+"""Image plane of the camera, in pixels."""
 DEPTH_FRAME = "camera_depth"
-"""The plane of the depth image, in pixels."""
+"""Image plane of the depth camera, in pixels."""
 
 _DEPTH_NS = 480_000_000
 _DEPTH_RANGE_M = (0.0, 10.0)
-"""Of the depth image's colours."""
+"""Range of the depth image's colours."""
 
 _TO_BGR: dict[str, tuple[int, int | None]] = {
     "rgb8": (3, cv2.COLOR_RGB2BGR),
@@ -27,7 +27,7 @@ _TO_BGR: dict[str, tuple[int, int | None]] = {
 
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
-    """The picture, as JPEG; nothing where it comes as JPEG as well."""
+    """The camera image, as JPEG; not drawn if it is also published as JPEG."""
     canvas.at(image.header.stamp)
     if canvas.comes_compressed:
         return
@@ -43,7 +43,7 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
 
 
 def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
-    """The picture, as it came."""
+    """The camera image, as received."""
     canvas.at(image.header.stamp)
     canvas.comes_compressed = True
     kind = "image/png" if "png" in image.format else "image/jpeg"
@@ -53,13 +53,13 @@ def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
 
 
 def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
-    """The pyramid through which the picture is seen, in the camera's frame."""
+    """The camera's view frustum, in its frame."""
     canvas.camera = info
     _draw_pinhole(canvas, "camera/color/camera_info", info, IMAGE_FRAME)
 
 
 def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
-    """Depths twice a second, as PNG of millimetres: a picture, and points in the camera's frame."""
+    """Depths twice per second, as PNG in millimetres: an image, and points in the camera frame."""
     stamp_ns = canvas.at(image.header.stamp)
     path = "camera/depth/image_rect_raw"
     if image.encoding != "32FC1" or image.is_bigendian or not 0 < 4 * image.width <= image.step:
@@ -71,7 +71,7 @@ def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
 
 
 def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:
-    """The pyramid through which the depths are seen, in the camera's frame."""
+    """The depth camera's view frustum, in its frame."""
     _draw_pinhole(canvas, "camera/depth/camera_info", info, DEPTH_FRAME)
 
 
@@ -85,7 +85,7 @@ def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
 
 
 def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
-    """Millimetres in 16 bits; what is farther than 65 m is there."""
+    """Millimetres in 16 bits; depths beyond 65 m are clipped to that."""
     rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
     depth_m = np.ascontiguousarray(rows).view(np.float32)
     in_range_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)

@@ -1,4 +1,4 @@
-"""How the robot is drawn: its body, its frames, what its sensors measure, where it truly is."""
+"""How the robot is drawn: its body, its frames, its sensors' measurements, its true pose."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from services.recorder.drawing.canvas import Canvas, draw_trail, entity_part
 from services.recorder.drawing.mesh import mesh_drawing
 
 TRUTH_FRAME = "ground_truth"
-"""Frame of the true robot; `base_footprint` is where it believes itself to be."""
+"""Frame of the true robot; `base_footprint` is the estimated one."""
 
 _PLOT_NS = 95_000_000
 _OUTLINE_POINTS = 0.75
-"""On the screen, from however far it is seen: thin, not to hide the true robot within."""
+"""In screen units, at any distance: thin, not to hide the true robot inside."""
 
 
 def draw_robot(canvas: Canvas) -> None:
-    """Draw the robot in its shape where it truly is, and its outline where it believes to be."""
+    """Draw the robot's body at its true pose, and its outline at its estimated pose."""
     log = canvas.recording.log
     robot, name = canvas.robot, "ground_truth/robot"
     log(name, rr.CoordinateFrame(TRUTH_FRAME), mesh_drawing(robot.body), static=True)
@@ -50,7 +50,7 @@ def draw_robot(canvas: Canvas) -> None:
 
 
 def draw_tf(canvas: Canvas, transforms: msg.TFMessage) -> None:
-    """Frames by name, as RViz has them: what hangs on one is drawn where it was then."""
+    """Named frames, as in RViz: entities in a frame are drawn at its pose at that time."""
     for entry in transforms.transforms:
         canvas.at(entry.header.stamp)
         t, q = entry.transform.translation, entry.transform.rotation
@@ -72,7 +72,7 @@ def draw_tf_static(canvas: Canvas, transforms: msg.TFMessage) -> None:
 
 
 def draw_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
-    """Measured velocities, and how far wheel odometry alone has drifted."""
+    """Measured velocities, and the drift of wheel odometry alone."""
     stamp_ns = canvas.at(odometry.header.stamp)
     if canvas.due("odom", stamp_ns, _PLOT_NS):
         _draw_twist(canvas, "odom", odometry.twist.twist)
@@ -82,7 +82,7 @@ def draw_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
 
 
 def draw_joint_states(canvas: Canvas, joints: msg.JointState) -> None:
-    """The wheels' turning."""
+    """Rotation of the wheels."""
     stamp_ns = canvas.at(joints.header.stamp)
     if not canvas.due("joint_states", stamp_ns, _PLOT_NS):
         return
@@ -104,7 +104,7 @@ def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
 
 
 def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
-    """The echoes, in the lidar's frame: where the robot believes them to be."""
+    """The scan's hits, in the lidar's frame: drawn relative to the estimated pose."""
     canvas.at(scan.header.stamp)
     ranges_m = scan.ranges
     echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
@@ -116,7 +116,7 @@ def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
 
 
 def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
-    """The true robot, its way so far, and its velocities."""
+    """The true robot, its path so far, and its velocities."""
     canvas.comparison.add_truth(odometry)
     stamp_ns = canvas.at(odometry.header.stamp)
     pose = odometry.pose.pose
@@ -130,7 +130,7 @@ def draw_ground_truth_odom(canvas: Canvas, odometry: msg.Odometry) -> None:
 
 
 def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
-    """Where the robot touched something."""
+    """The position of a contact of the robot."""
     canvas.recording.at(round(contact.time_s * 1e9))
     canvas.contacts_m.append(contact.position_m)
     canvas.recording.log(
@@ -152,7 +152,7 @@ def draw_cmd_vel(canvas: Canvas, command: msg.TwistStamped) -> None:
 
 @functools.lru_cache(maxsize=8)
 def _directions(count: int, first_rad: float, step_rad: float) -> NDArray[np.float32]:
-    """(count, 3) unit vectors of a lidar's beams."""
+    """(count, 3) unit vectors of a lidar's rays."""
     angle_rad = first_rad + step_rad * np.arange(count)
     beams = [np.cos(angle_rad), np.sin(angle_rad), np.zeros(count)]
     return np.column_stack(beams).astype(np.float32)
@@ -174,7 +174,7 @@ def _transform(entry: msg.TransformStamped) -> rr.Transform3D:
 
 
 def _turn_wheels(canvas: Canvas, angles: dict[str, float]) -> None:
-    """Put the wheels of the true robot at their angles. The time must be set."""
+    """Set the wheel angles of the true robot. The time must be set."""
     for wheel in canvas.robot.wheels:
         if wheel.joint not in angles:
             continue

@@ -1,4 +1,4 @@
-"""Where in a room its name is shown."""
+"""Where the label of a room is placed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import shapely
 from services.common.frames import Array
 
 _PLACES_A_SIDE = 25
-"""That are looked at."""
+"""Candidate positions along each side of the room's bounding box."""
 _LABEL_TO_WALL = 0.5
-"""A label is this much less in the way of a wall than of another label, which is as long as it."""
+"""Weight of the distance to another label against that to a wall: the label is as long as this."""
 
 
 def name_places_m(polygons_m: Sequence[Array], named_m: Array) -> Array:
-    """(r, 2) a place in each of r rooms, (n, 2) each, well away from its border, from places (k, 2)
-    that have names of their own, and from the rooms' names before it.
+    """(r, 2) label positions for r rooms, (n, 2) each, far from the room's border, from named
+    locations (k, 2), and from the labels of earlier rooms.
     """
     places = np.empty((len(polygons_m), 2))
     for number, polygon_m in enumerate(polygons_m):

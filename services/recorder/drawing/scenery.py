@@ -1,4 +1,4 @@
-"""What is drawn of a world, in parts: what people hide is apart from the rest."""
+"""The drawn parts of a world; parts that users hide are separate from the rest."""
 
 from __future__ import annotations
 
@@ -29,19 +29,18 @@ from services.common.world.surfaces import Surface, body_surfaces, surfaces, wal
 from services.recorder.judging.obstacles import read_meshes
 
 CUT_M = 1.0
-"""Walls and what stands are drawn in two parts, so that the upper one can be hidden to look inside.
-"""
+"""Walls and bodies are drawn in two parts, so that the upper one can be hidden to look inside."""
 _FLOOR_MARGIN_M = 0.8
 _FLOOR_Z_M = -0.01
-"""Below the map, the costmap and the paths, which lie upon it."""
+"""Below the map, the costmap and the paths, which are drawn on it."""
 _TOP_SHADE = 0.85
 _FLAT_M = 0.05
-"""What ends this low is ground, and no reason to look from farther away."""
+"""Surfaces that end this low are ground, and do not extend the view."""
 _NEXT_AXES = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 """Turns (x, y, z) to (y, z, x)."""
 
 Heights = tuple[float, float]
-"""From and to where, metres above the floor."""
+"""Lower and upper bound, metres above the floor."""
 _WHOLE: Heights = (-np.inf, np.inf)
 _LOWER: Heights = (-np.inf, CUT_M)
 _UPPER: Heights = (CUT_M, np.inf)
@@ -55,17 +54,17 @@ class Part:
     """Triangles of one material on one entity."""
 
     path: tuple[str, ...]
-    """Of the entity, below `world`."""
+    """Of the entity path, below `world`."""
     material: str
     """Its name; empty: `surfaces.PLAIN`."""
     textured: bool
     frame: str
-    """In which the triangles are: the map's, or that of a body that moves."""
+    """Frame of the triangles: the map, or that of a moving body."""
     mesh: TriangleMesh
 
 
 def extent_of(world: World, meshes: Mapping[str, TriangleMesh]) -> Extent:
-    """Where everything is that `parts` draws."""
+    """Bounds of everything that `parts` draws."""
     return _extent(world, _seen(world, meshes))
 
 
@@ -91,7 +90,7 @@ def _seen(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Surface, ..
 
 
 def seen_meshes(body: Thing) -> set[str]:
-    """The meshes, by sha256, without which a body cannot be drawn."""
+    """The meshes, by sha256, that are needed to draw a body."""
     return {
         shape.geometry.sha256
         for shape in body.shapes
@@ -100,7 +99,7 @@ def seen_meshes(body: Thing) -> set[str]:
 
 
 def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) -> list[Part]:
-    """What to draw of an entity, below its name; nothing while it lacks a mesh."""
+    """The drawn parts of an entity, below its name; empty while a mesh is missing."""
     meshes = read_meshes([entity], assets)
     if not seen_meshes(entity) <= meshes.keys():
         return []
@@ -114,7 +113,7 @@ def entity_parts(entity: BodyEntity, frame: str, assets: Mapping[str, bytes]) ->
 def _placed(
     world: World, seen: tuple[Surface, ...], extent: Extent
 ) -> Iterator[tuple[Surface, tuple[str, ...], Heights, TriangleMesh]]:
-    """Each surface with the entity that it goes to, and between which heights; cut ones twice."""
+    """Each surface with its entity path and its height range; surfaces cut at CUT_M come twice."""
     for surface in (*seen, *_lids(world, seen)):
         material = surface.material or "plain"
         if surface.moves:
@@ -133,7 +132,7 @@ def _placed(
 
 
 def _between(meshes: Iterable[TriangleMesh], heights: Heights) -> TriangleMesh:
-    """What lies between two heights, as one: only what has to be is cut, and all of it at once."""
+    """Everything between two heights as one mesh; only what crosses one is clipped, all at once."""
     whole: list[TriangleMesh] = []
     cut: list[TriangleMesh] = []
     for mesh in meshes:
@@ -144,7 +143,7 @@ def _between(meshes: Iterable[TriangleMesh], heights: Heights) -> TriangleMesh:
 
 
 def _lids(world: World, seen: tuple[Surface, ...]) -> Iterator[Surface]:
-    """The insides where things are cut, so that they do not look hollow."""
+    """Caps of cut walls and bodies, so that they do not look hollow."""
     high = [wall for wall in world.walls if wall.height_m > CUT_M]
     for material in dict.fromkeys(wall.material for wall in high):
         corners = wall_corners([wall for wall in high if wall.material == material]).reshape(-1, 2)
@@ -166,14 +165,14 @@ def _lid(
 
 
 def _section(mesh: TriangleMesh) -> shapely.MultiPolygon:
-    """The area within a closed surface where it is cut; nothing where it is open."""
+    """The cross-section of a closed surface at the cut; empty if the surface is open."""
     z = mesh.vertices_m[mesh.triangles][..., 2]
     crossing = (z.min(axis=1) <= CUT_M) & (z.max(axis=1) > CUT_M)
     corners = mesh.vertices_m[mesh.triangles[crossing]]
     above = corners[..., 2] > CUT_M
     if not len(corners):
         return shapely.MultiPolygon()
-    # Two sides of each such triangle cross: the corner between them is on one side, alone.
+    # Two sides of each such triangle cross: the vertex between them is alone on its side.
     alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(corners))
     tip = corners[rows, alone]
@@ -182,7 +181,7 @@ def _section(mesh: TriangleMesh) -> shapely.MultiPolygon:
         other = corners[rows, (alone + step) % 3]
         share = (CUT_M - tip[:, 2]) / (other[:, 2] - tip[:, 2])
         ends.append(tip[:, :2] + share[:, None] * (other - tip)[:, :2])
-    # Neighbours find the same point, up to the last bits.
+    # Neighbours compute the same point, up to rounding.
     segments = np.round(np.stack(ends, axis=1), 6)
     segments = segments[(segments[:, 0] != segments[:, 1]).any(axis=1)]
     area = shapely.build_area(shapely.multilinestrings(shapely.linestrings(segments)))
@@ -191,7 +190,7 @@ def _section(mesh: TriangleMesh) -> shapely.MultiPolygon:
 
 
 def _extent(world: World, seen: tuple[Surface, ...]) -> Extent:
-    """From the least to the greatest (x, y) of what stands, and of the places in between."""
+    """From the least to the greatest (x, y) of all entities, and of the named locations."""
     places = (world.start, *world.locations)
     points = [np.array([(place.x_m, place.y_m) for place in places])]
     points.append(wall_corners(world.walls).reshape(-1, 2))
@@ -205,19 +204,19 @@ def _extent(world: World, seen: tuple[Surface, ...]) -> Extent:
 
 
 def _cropped(mesh: TriangleMesh, extent: Extent) -> TriangleMesh:
-    """The floor around what stands on it, and a little lower than it is."""
+    """The floor around the walls and bodies, slightly lowered."""
     lowered = np.eye(4)
     lowered[2, 3] = _FLOOR_Z_M
     mesh = mesh.moved(lowered)
     for low, high in zip(*extent, strict=True):
-        # What was x, then y, is z, along which surfaces can be cut.
+        # Rotate the axes: surfaces can only be clipped along z.
         turned = mesh.moved(_NEXT_AXES)
         mesh = clipped(turned, low - _FLOOR_MARGIN_M, high + _FLOOR_MARGIN_M)
     return mesh.moved(_NEXT_AXES)
 
 
 def plain_rgba(material: Material, part: Part) -> tuple[int, int, int, int]:
-    """The colour of a part without a texture, 0 to 255; tops are in shade."""
+    """The colour of an untextured part, 0 to 255; tops are darkened."""
     shade = 1.0 if part.textured else _TOP_SHADE
     red, green, blue, alpha = material.diffuse
     colour = np.array([red * shade, green * shade, blue * shade, alpha])

@@ -1,4 +1,4 @@
-"""What is told in words: the services' log, their states and parameters, the world asked for."""
+"""What is drawn as text: the services' logs, states and parameters, and the world request."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from services.recorder.drawing.canvas import Canvas, entity_part
 
 _SECOND_NS = 1_000_000_000
 _MOST_GOALS = 50
-"""In the table of results, the newest ones: a run may have thousands, and each makes a table."""
+"""Goals in the table of results, newest: a run may have thousands, and each one logs a table."""
 _LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
 
 
 def draw_world_request(canvas: Canvas, request: doc.WorldRequest) -> None:
-    """The world asked for."""
+    """The requested world."""
     canvas.recording.at(canvas.now_ns)
     values = rr.AnyValues(
         world_name=request.world_name,
@@ -36,7 +36,7 @@ def draw_world_request(canvas: Canvas, request: doc.WorldRequest) -> None:
 
 
 def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
-    """What became of a request."""
+    """The state of a world request."""
     canvas.recording.at(canvas.now_ns)
     name = status.request.world_name
     values = rr.AnyValues(world_name=name, world_hash=status.world_hash, error=status.error)
@@ -44,7 +44,7 @@ def draw_world_status(canvas: Canvas, status: doc.WorldStatus) -> None:
 
 
 def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
-    """How a service is configured, as a document."""
+    """The configuration of a service, as a document."""
     lines = [f"- {name}: {value}" for name, value in parameters.values.items()]
     text = "\n".join([f"# {parameters.service}", *lines])
     path = f"parameters/{entity_part(parameters.service)}"
@@ -54,7 +54,7 @@ def draw_parameters(canvas: Canvas, parameters: doc.Parameters) -> None:
 
 
 def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
-    """The state's hash, and the watchdog's stops."""
+    """The state hash, and the watchdog's stops."""
     stamp_ns = round(stats.sim_time_s * 1e9)
     canvas.recording.at(stamp_ns)
     if canvas.due("simulation/stats", stamp_ns, _SECOND_NS):
@@ -66,14 +66,14 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
         )
         canvas.recording.scalar("simulation/stats/watchdog_stops", stats.watchdog_stops)
     if stats.paused:
-        # A pause says nothing of how fast the simulation is.
+        # While paused, the real-time factor is not measured.
         canvas.real_time = None
     if canvas.changed("simulation/stats/renderer", stats.renderer):
         canvas.say("simulation/stats", f"renderer: {stats.renderer}")
 
 
 def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
-    """Each service's state over time, and each change in words."""
+    """Each service's state over time, and each change as text."""
     canvas.at(array.header.stamp)
     for status in array.status:
         path = f"diagnostics/{entity_part(status.name)}"
@@ -112,7 +112,7 @@ def _level(level: int) -> str:
 
 
 def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = False) -> None:
-    """The table of the tour as a document: anew for each goal that ends, and at a run's end."""
+    """The table of goals as a document: logged for each goal that ends, and at a run's end."""
     rows = tuple(goal_rows(evaluation.goals[-_MOST_GOALS:]))
     if not canvas.changed("evaluation", (len(evaluation.goals), rows)) and not final:
         return
@@ -131,5 +131,5 @@ def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = Fa
 
 
 def _table_row(cells: tuple[str, ...]) -> str:
-    """In Markdown; a name may hold what would be taken for marks."""
+    """In Markdown; special characters in names are escaped."""
     return "| " + " | ".join(re.sub(r"([\\`*_\[\]<>|])", r"\\\1", cell) for cell in cells) + " |"

@@ -1,4 +1,4 @@
-"""How the world, what stands in it, and their textures are drawn."""
+"""How the world, its entities, and their textures are drawn."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from services.recorder.judging.obstacles import read_meshes
 
 _TEXTURE_SIDE_PX = 512
 _MOST_GONE = 1000
-"""Of the entities taken away whose looks need not be drawn again when they return."""
+"""Removed entities that are remembered, so that they need not be drawn again if they return."""
 
 
 def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
-    """Draw what waits for a texture or a mesh."""
+    """Draw the entities that were waiting for a texture or a mesh."""
     sha256 = asset.header.frame_id
     if not canvas.changed(f"world/assets/{sha256}", True):
         return
     wanted = {mesh for body in canvas.world.bodies for mesh in seen_meshes(body)}
     if sha256 in wanted:
-        # One drawing for all of them, once the last is there.
+        # Draw the bodies once, when the last of their meshes has arrived.
         if wanted <= canvas.assets.keys():
             draw_world(canvas, canvas.world)
         return
@@ -46,9 +46,9 @@ def draw_asset(canvas: Canvas, asset: msg.CompressedImage) -> None:
 
 
 def draw_world(canvas: Canvas, world: doc.World) -> None:
-    """Walls, floors, ceiling and bodies by material, rooms, named places and lamps.
+    """Walls, floors, ceiling and bodies by material, rooms, named locations and lamps.
 
-    The upper part of walls and of what stands, and the ceiling, are entities of their own.
+    The upper part of walls and bodies, and the ceiling, are separate entities.
     """
     canvas.parts = parts(world, read_meshes(world.bodies, canvas.assets))
     for part in canvas.parts:
@@ -57,7 +57,7 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
     canvas.recording.at(canvas.now_ns)
     for body in world.bodies:
         if body.mass_kg > 0.0:
-            # Where it stands until the simulation tells of it.
+            # Initial pose, until the simulation publishes one.
             path = f"tf/{entity_part(body.name)}"
             pose = body.position_m, body.orientation_xyzw
             canvas.recording.transform(path, *pose, MAP_FRAME, body.name)
@@ -107,12 +107,12 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
 
 
 def _on_the_floor(points_m: Array) -> Array:
-    """(n, 3) of points (n, 2): above the floor by as much as it takes to be seen."""
+    """(n, 3) from points (n, 2): just high enough above the floor to be visible."""
     return np.column_stack([points_m, np.full(len(points_m), 0.02)])
 
 
 def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """How many entities should stand, and how many of them the placement refused."""
+    """Number of desired entities, and how many of them were refused."""
     if entities.world_hash != canvas.world.hash:
         return
     counts = len(entities.entities), len(entities.refused)
@@ -123,9 +123,9 @@ def draw_desired_entities(canvas: Canvas, entities: doc.Entities) -> None:
 
 
 def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
-    """The markers' panels and the bodies, where and as long as they stand.
+    """The markers' panels and the bodies, at their poses while they exist.
 
-    Each has a frame of its own, which says where it is at which time; its looks hold at every one.
+    Each has its own frame, which carries its pose over time; its meshes are static.
     """
     if entities.world_hash != canvas.world.hash:
         return
@@ -147,7 +147,7 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
             and canvas.now_ns > canvas.start_ns
             and canvas.changed(_path_of(entity), 0)
         ):
-            # Until now it was not there.
+            # It did not exist until now.
             canvas.recording.at(canvas.start_ns)
             _place(canvas, entity, shown=False)
         canvas.recording.at(canvas.now_ns)
@@ -161,7 +161,7 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
 
 
 def place_what_stands(canvas: Canvas) -> None:
-    """Say again where the entities are of which /tf tells nothing."""
+    """Log the poses of the entities that are not in /tf again."""
     canvas.recording.at(canvas.now_ns)
     for entity in canvas.entities.entities if canvas.entities is not None else ():
         if not _moves(entity):
@@ -189,30 +189,30 @@ def _draw_part(canvas: Canvas, above: str, part: Part, material: doc.Material) -
 
 
 def _frame_of(entity: doc.Entity) -> str:
-    """The frame that an entity is drawn in: that of /tf where it moves, or one of its own."""
+    """The frame of an entity: that in /tf if it moves, or a separate one."""
     return entity.name if _moves(entity) else f"entities/{entity.name}"
 
 
 def _path_of(entity: doc.Entity) -> str:
-    """Where the drawing says where an entity's frame is."""
+    """The entity path on which an entity's transform is logged."""
     name = entity_part(entity.name)
     return f"tf/{name}" if _moves(entity) else f"entities/{name}"
 
 
 def _moves(entity: doc.Entity) -> bool:
-    """Whether /tf tells where an entity is."""
+    """Whether the entity's pose is published on /tf."""
     return isinstance(entity, doc.BodyEntity) and entity.moves
 
 
 def _looks(entity: doc.Entity) -> tuple[object, ...]:
-    """What an entity's drawing is made of, but for its place."""
+    """Everything that an entity's drawing depends on, except its pose."""
     if isinstance(entity, doc.MarkerEntity):
         return entity.panel_side_m, entity.texture_sha256
     return entity.shapes, entity.materials, entity.moves
 
 
 def _place(canvas: Canvas, entity: doc.Entity, shown: bool = True) -> None:
-    """Say where an entity is, or that it is nowhere. The time must be set."""
+    """Log an entity's pose, or hide it. The time must be set."""
     canvas.recording.transform(
         _path_of(entity),
         entity.position_m,
@@ -224,7 +224,7 @@ def _place(canvas: Canvas, entity: doc.Entity, shown: bool = True) -> None:
 
 
 def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
-    """Draw an entity in its frame, in place of what had its name."""
+    """Draw an entity in its frame, replacing an earlier one of its name."""
     above, frame = f"entities/{entity_part(entity.name)}", _frame_of(entity)
     drawn: list[str] = []
     if isinstance(entity, doc.MarkerEntity):
@@ -243,7 +243,7 @@ def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
 
 
 def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
-    """A texture that has come, as (h, w, 3) RGB of at most 512 pixels a side."""
+    """A received texture, as (h, w, 3) RGB of at most 512 pixels per side."""
     data = canvas.assets.get(sha256)
     if data is None:
         return None

@@ -1,4 +1,4 @@
-"""Where the robot truly was, and how far it had driven, at any time of a run."""
+"""The robot's true pose and driven distance at any time of a run."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from services.common.frames import SE2, Array, wrap_angle
 from services.recorder.judging.recent_rows import RecentRows
 
 JITTER_M = 2e-3
-"""Displacements shorter than this are the trembling of a robot at rest, and no path."""
+"""Displacements shorter than this are jitter of a robot at rest, and not driven distance."""
 
 _RECENT = 1800
-"""Poses kept as they came, a minute's; of older ones,"""
+"""Newest poses, a minute's, kept at full rate; of older ones,"""
 _OLD_PERIOD_NS = 500_000_000
-"""one of this time, on a line between two of which a robot that can reach 0.5 m/s within a second
-is off by less than 2 cm;"""
+"""one per this period is kept: a robot that can reach 0.5 m/s within a second is off the line
+between two of them by less than 2 cm;"""
 _OLD_AGE_NS = 3_600_000_000_000
-"""and of those older than this, so many that from one to the next is at most"""
+"""of those older than this, the interval between two is at most"""
 _OLD_SHARE = 1 / 900
-"""of their age: fewer with each doubling of it, so that a run of days takes little more memory than
-one of hours.
+"""this share of their age: fewer with each doubling of it, so that a run of days takes little more
+memory than one of hours.
 """
 _AGED = 600
-"""So many poses, together, have grown old before they are thinned again."""
+"""Number of poses that exceed that age before they are thinned again."""
 
 
 class _Piece(NamedTuple):
-    """A part of the way."""
+    """A part of the driven path."""
 
     stamps_ns: NDArray[np.int64]
     poses: Array
@@ -51,10 +51,10 @@ class _Piece(NamedTuple):
 
 
 class DrivenWay:
-    """The true poses of a run in the order of their time, and the length of the path by them.
+    """The true poses of a run in order of time, and the length of the path through them.
 
-    What is no longer recent lies in pieces that are not touched for an hour: arrays that grew with
-    the run would be moved, again and again, and leave holes in the heap.
+    Older poses lie in pieces that are not changed for an hour: arrays that grow with the run would
+    be reallocated again and again, and fragment the heap.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class DrivenWay:
         self._pieces: list[_Piece] = []
 
     def add(self, stamp_ns: int, pose: SE2) -> None:
-        """Take in a true pose, newer than all before."""
+        """Add a true pose, newer than all before."""
         if self._counted_xy is None:
             self._counted_xy = pose.x_m, pose.y_m
         step_m = math.dist(self._counted_xy, pose[:2])
@@ -79,8 +79,8 @@ class DrivenWay:
         self._recent.add(stamp_ns, (pose.x_m, pose.y_m, yaw_rad, self.total_m))
 
     def at(self, stamp_ns: int) -> tuple[SE2, float] | None:
-        """Pose and length driven (m) at a time, between the poses around it; before the first and
-        after the last, theirs. None where there is none.
+        """Interpolated pose and driven length (m) at a time; outside the recorded range, the first
+        or last one. None if there are no poses.
         """
         recent = self._recent_piece()
         if not len(recent.stamps_ns):
@@ -98,12 +98,12 @@ class DrivenWay:
         return SE2(x_m, y_m, wrap_angle(yaw_rad)), length_m
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The way so far, for `restore()`."""
+        """The path so far, for `restore()`."""
         stamps_ns, poses = _joined([*self._pieces, self._recent_piece()])
         return {"stamps_ns": stamps_ns, "poses": poses}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a way. Raises ValueError, KeyError, TypeError where it is none."""
+        """Continue from a saved path. Raises ValueError, KeyError, TypeError if it is invalid."""
         piece = _Piece(state["stamps_ns"].astype(np.int64), state["poses"].reshape(-1, 4))
         if not len(piece.stamps_ns):
             return
@@ -117,7 +117,7 @@ class DrivenWay:
         return _Piece(self._recent.stamps_ns, self._recent.rows)
 
     def _put_away(self) -> None:
-        """Leave out most of the poses that are no longer recent, and of those that became old."""
+        """Thin out the poses that are no longer recent, and those that exceeded the old age."""
         piece = self._recent_piece().rows(slice(_RECENT))
         now_ns = piece.end_ns
         self._pieces.append(_thinned(piece, now_ns))
@@ -132,9 +132,9 @@ def _joined(pieces: Sequence[_Piece]) -> _Piece:
 
 
 def _thinned(piece: _Piece, now_ns: int) -> _Piece:
-    """The first pose of each of the periods that suit their age."""
+    """The first pose of each period, whose length depends on the poses' age."""
     ages_ns = now_ns - piece.stamps_ns
-    # More than half of the longest that they may be, since they double.
+    # More than half of the longest period allowed, since periods double.
     times = np.where(ages_ns > _OLD_AGE_NS, 0.5 * _OLD_SHARE * ages_ns / _OLD_PERIOD_NS, 1.0)
     periods_ns = _OLD_PERIOD_NS << np.ceil(np.log2(times)).astype(np.int64)
     kept = np.flatnonzero(np.diff(piece.stamps_ns // periods_ns, prepend=-1))

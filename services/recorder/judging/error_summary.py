@@ -16,19 +16,19 @@ _LEAST = 1e-6
 """Smaller errors count as this."""
 _STEP = math.log(1.001)
 _SIDE = 144
-"""Of the square of counts: above 1,000, all sizes count as one."""
+"""Side of the square of counts: errors above 1,000 are counted together."""
 
 
 class ErrorSummary:
-    """Of errors in whichever unit. Of more than 5,000 the percentile is exact to 0.1 %: they are
-    only counted, by their size.
+    """Of errors in any unit. Beyond 5,000 errors the percentile is exact to 0.1 %: they are then
+    only counted, by size.
     """
 
     def __init__(self) -> None:
         self._kept = np.empty(_MOST_KEPT)
-        """The first ones, until they are counted"""
+        """The first ones, until they are counted by size"""
         self._counts = np.zeros((_SIDE, _SIDE), np.int64)
-        """By size, row by row: no array of all sizes is made for a percentile, as one is asked for
+        """By size, in rows: no array over all sizes is made for a percentile, which is requested
         every second.
         """
         self._count = 0
@@ -36,7 +36,7 @@ class ErrorSummary:
         self._max = 0.0
 
     def add(self, error: float) -> None:
-        """Take in an error, not negative."""
+        """Add an error, not negative."""
         if self._count < len(self._kept):
             self._kept[self._count] = error
         else:
@@ -49,7 +49,7 @@ class ErrorSummary:
         self._max = max(self._max, error)
 
     def statistics(self) -> ErrorStatistics:
-        """Of all so far; None each where there are none."""
+        """Of all errors so far; each None if there are none."""
         if not self._count:
             return ErrorStatistics()
         if self._count <= len(self._kept):
@@ -64,12 +64,12 @@ class ErrorSummary:
         return ErrorStatistics(mean=self._sum / self._count, p95=p95, max=self._max)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All so far, for `restore()`."""
+        """All errors so far, for `restore()`."""
         totals = np.array([self._count, self._sum, self._max])
         return {"kept": self._kept[: self._count], "counts": self._counts, "totals": totals}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state. Raises ValueError, KeyError where it is none."""
+        """Continue from a saved state. Raises ValueError, KeyError if it is invalid."""
         count, self._sum, self._max = (float(value) for value in state["totals"])
         self._count = int(count)
         self._kept[: len(state["kept"])] = state["kept"]
@@ -77,6 +77,6 @@ class ErrorSummary:
 
 
 def _bin(error: float) -> tuple[int, int]:
-    """Row and column of the count of its size."""
+    """Row and column of the bin for its size."""
     size = math.log(max(error, _LEAST) / _LEAST) / _STEP
     return divmod(int(min(size, _SIDE**2 - 1)), _SIDE)

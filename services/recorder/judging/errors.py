@@ -19,18 +19,18 @@ from services.common.node.messages import (
 from services.common.pose_history import PoseHistory
 
 _HOLD_NS = 50_000_000
-"""How far the truth may be from an estimate's stamp: it may come a little later."""
+"""How far the truth may be from an estimate's stamp: it may arrive a little later."""
 
 
 class PoseError(NamedTuple):
-    """Distance and turn between an estimate and the truth."""
+    """Distance and angle between an estimate and the truth."""
 
     distance_m: float
     angle_rad: float
 
 
 class TruthComparison:
-    """Holds each estimate against the true pose at its own stamp. None where that is not known."""
+    """Compares each estimate with the true pose at its own stamp. None if that is not known."""
 
     def __init__(self, map_from_start: SE2) -> None:
         self._map_from_start = map_from_start
@@ -38,11 +38,11 @@ class TruthComparison:
         self._static: dict[str, msg.TransformStamped] = {}
 
     def add_truth(self, odometry: msg.Odometry) -> None:
-        """Take in the true pose, map from base_footprint."""
+        """Add a true pose, map from base_footprint."""
         self._truth.add(ns_from_time(odometry.header.stamp), matrix_from_pose(odometry.pose.pose))
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
-        """Take in fixed frames of the robot."""
+        """Add fixed frames of the robot."""
         self._static.update({entry.child_frame_id: entry for entry in transforms.transforms})
 
     def localisation(self, estimate: msg.PoseWithCovarianceStamped) -> PoseError | None:
@@ -50,14 +50,14 @@ class TruthComparison:
         return self._error(ns_from_time(estimate.header.stamp), se2_from_pose(estimate.pose.pose))
 
     def odometry(self, odometry: msg.Odometry) -> PoseError | None:
-        """Drift of wheel odometry, odom from base_footprint, counted from the world's start."""
+        """Drift of wheel odometry, odom from base_footprint, relative to the world's start pose."""
         pose = self._map_from_start @ se2_from_pose(odometry.pose.pose)
         return self._error(ns_from_time(odometry.header.stamp), pose)
 
     def markers(
         self, detections: msg.Detection3DArray, entities: tuple[MarkerEntity, ...]
     ) -> list[tuple[str, float]]:
-        """Marker and distance (m) from where it is, of each one detected in the camera's frame."""
+        """Name of each marker detected in the camera's frame, and distance (m) to its true pose."""
         base_from_camera = chain_transforms(
             list(self._static.values()), BASE_FOOTPRINT_FRAME, detections.header.frame_id
         )

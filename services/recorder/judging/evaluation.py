@@ -1,4 +1,4 @@
-"""A run judged by the ground truth: how well the robot localised, saw the markers, and drove."""
+"""Evaluates a run against the ground truth: localisation, marker detection, and navigation."""
 
 from __future__ import annotations
 
@@ -38,33 +38,35 @@ from services.recorder.judging.recent_rows import RecentRows
 from services.recorder.judging.shortest_path import ShortestPath
 
 GOAL_TOLERANCE_M = 0.25
-"""A goal counts as reached within this distance, Nav2's `xy_goal_tolerance`."""
+"""A goal counts as reached within this distance: Nav2's `xy_goal_tolerance`,"""
 GOAL_TOLERANCE_RAD = 0.25
-"""and within this angle, Nav2's `yaw_goal_tolerance`."""
+"""and within this angle: Nav2's `yaw_goal_tolerance`."""
 SAME_PLACE_M = 1e-3
-"""A goal nearer than this to a location has its name."""
+"""A goal nearer than this to a named location gets its name."""
 
 P = TypeVar("P")
 _Pending = deque[tuple[int, P]]
-# What waits for the truth, with its stamp.
+# Entries that wait for the ground truth, with their stamps.
 
 _TRUTH_DEPTH = 30 * 60
 _PENDING_DEPTH = 1000
 _RECENT_ESTIMATES = 10 * 60 * 15
-"""A quarter of an hour's: of a goal that took longer, the mean error may be that of the last ones.
+"""A quarter of an hour's: the mean error of a goal that took longer may cover only its last part.
 """
 _MOST_CONTACTS = 1000
-"""That are told of one by one; the others are counted."""
+"""Contacts listed one by one; further ones are only counted."""
 _GOALS_UNDER_WAY = 16
 
 
 _NONE_SET: set[str] = set()
-"""Shared, where pydantic would keep the names of a report's fields for each one."""
+"""Shared: otherwise pydantic would keep the set of field names for each report."""
 
 
 @dataclass(slots=True)
 class _Judged:
-    """A goal that has ended, and what was seen on the way. Small: a run may have thousands."""
+    """A goal that has ended, and the errors and contacts on the way. Small: a run may have
+    thousands.
+    """
 
     start_ns: int
     end_ns: int
@@ -74,7 +76,7 @@ class _Judged:
     error_sum_m: float = 0.0
     contacts: int = 0
     _is_told: bool = False
-    """Whether the verdict has all that was seen."""
+    """Whether the verdict includes all errors and contacts."""
 
     def see_error(self, stamp_ns: int, error_m: float) -> None:
         if self.start_ns <= stamp_ns <= self.end_ns:
@@ -97,29 +99,29 @@ class _Judged:
 
 
 class RunEvaluation:
-    """Judges one run in one world, from its messages in the order they came.
+    """Evaluates one run in one world, from its messages in the order of arrival.
 
-    An estimate is held against the true pose at its own stamp, interpolated between the true poses
-    around it, as soon as both are there: the order in which topics arrive changes nothing.
+    An estimate is compared with the true pose at its own stamp, interpolated between the true poses
+    around it, as soon as both are there: the order in which topics arrive does not matter.
 
     What is measured:
 
-    - localisation error: distance and turn between an estimated pose and the true one, over all
+    - localisation error: distance and angle between an estimated pose and the true one, over all
       estimates from the first on.
-    - marker error: distance between a marker's position as detected (the best solution, in the
-      camera's frame, carried into the map by the true pose of the robot) and its true position.
-    - odometry drift: distance between where wheel odometry alone puts the robot, counted from the
-      world's start pose, and where it is, at the newest odometry message.
+    - marker error: distance between a marker's detected position (the best solution, in the
+      camera's frame, transformed into the map by the robot's true pose) and its true position.
+    - odometry drift: distance between the pose by wheel odometry alone, relative to the world's
+      start pose, and the true one, at the newest odometry message.
     - markers seen: the number of images in which each marker of the world was detected.
-    - a goal is reached where navigation says so and the robot truly stands within 0.25 m and
-      0.25 rad of it; its path is the true one, from the start to the end that navigation names,
-      and its shortest path leads from where the robot truly stood at its start, past the walls and
-      the bodies that stood still when the goal was sent.
+    - a goal is reached if navigation reports so and the robot's true pose is within 0.25 m and
+      0.25 rad of it; its path is the true one, from the start to the end that navigation reports,
+      and its shortest path leads from the robot's true position at its start, around the walls and
+      the bodies that were static when the goal was sent.
     """
 
     def __init__(self, world: World, assets: Mapping[str, bytes] | None = None) -> None:
-        """`assets` by sha256 may still be coming: the world's meshes are looked for among them
-        when the first goal has ended.
+        """`assets` by sha256 may be filled later: the world's meshes are looked up in them when the
+        first goal has ended.
         """
         self._world = world
         self._assets = {} if assets is None else assets
@@ -128,7 +130,7 @@ class RunEvaluation:
         self._entities: tuple[MarkerEntity, ...] = ()
         self._standing: tuple[BodyEntity, ...] = ()
         self._standing_at: dict[int, tuple[BodyEntity, ...]] = {}
-        """What stood in the way when a goal was sent, by its stamp."""
+        """Static bodies at the time a goal was sent, by its stamp."""
         self._static: list[msg.TransformStamped] = []
         self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
         self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
@@ -147,17 +149,17 @@ class RunEvaluation:
         self._drift_m: float | None = None
 
     def set_entities(self, entities: Entities) -> None:
-        """Take in what stands in the world."""
+        """Set the entities of the world."""
         self._entities = entities.markers
         self._standing = tuple(body for body in entities.bodies if not body.moves)
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
-        """Take in fixed frames of the robot."""
+        """Add fixed frames of the robot."""
         known = {entry.child_frame_id: entry for entry in (*self._static, *transforms.transforms)}
         self._static = list(known.values())
 
     def add_ground_truth(self, odometry: msg.Odometry) -> None:
-        """Take in the true pose, map from base_footprint; one older than the newest is left out."""
+        """Add a true pose, map from base_footprint; one older than the newest is dropped."""
         stamp_ns = ns_from_time(odometry.header.stamp)
         pose = matrix_from_pose(odometry.pose.pose)
         newest_ns = self._truth.newest_ns
@@ -167,24 +169,24 @@ class RunEvaluation:
         self._settle()
 
     def add_odometry(self, odometry: msg.Odometry) -> None:
-        """Take in wheel odometry, odom from base_footprint."""
+        """Add wheel odometry, odom from base_footprint."""
         stamp_ns = ns_from_time(odometry.header.stamp)
         self._odometry.append((stamp_ns, se2_from_pose(odometry.pose.pose)))
 
     def add_estimate(self, estimate: msg.PoseWithCovarianceStamped) -> None:
-        """Take in an estimated pose, map from base_footprint."""
+        """Add an estimated pose, map from base_footprint."""
         stamp_ns = ns_from_time(estimate.header.stamp)
         self._estimates.append((stamp_ns, se2_from_pose(estimate.pose.pose)))
 
     def add_detections(self, detections: msg.Detection3DArray) -> None:
-        """Take in the markers detected in one image, in the camera's optical frame."""
+        """Add the markers detected in one image, in the camera's optical frame."""
         classes = {d.results[0].hypothesis.class_id for d in detections.detections if d.results}
         self._seen.update(sorted(classes))
         if detections.detections:
             self._detections.append((ns_from_time(detections.header.stamp), detections))
 
     def add_contact(self, contact: Contact) -> None:
-        """Take in a contact."""
+        """Add a contact."""
         stamp_ns = _ns(contact.time_s)
         self._contact_count += 1
         if len(self._contacts) < _MOST_CONTACTS:
@@ -194,7 +196,7 @@ class RunEvaluation:
             judged.see_contact(stamp_ns)
 
     def add_goal(self, goal: msg.PoseStamped) -> None:
-        """Take in a goal that was sent."""
+        """Add a goal that was sent."""
         stamp_ns = ns_from_time(goal.header.stamp)
         self._goal_stamps_ns.add(stamp_ns)
         self._standing_at[stamp_ns] = self._standing
@@ -202,17 +204,17 @@ class RunEvaluation:
             del self._standing_at[next(iter(self._standing_at))]
 
     def add_result(self, result: NavigationResult) -> None:
-        """Take in how a goal ended; one that its world took away was neither reached nor missed."""
+        """Add the result of a goal; one aborted by a restart of its world is not counted."""
         if result.error_code == ErrorCode.WORLD_RESTARTED:
             return
         self._goal_stamps_ns.add(result.goal_stamp_ns)
         self._results.append((_ns(result.end_time_s), result))
 
     def evaluation(self, recording: str = "") -> Evaluation:
-        """The run so far.
+        """The evaluation of the run so far.
 
         A goal that ended after the newest true pose is judged by that pose, and again when a newer
-        one is there. Before the first true pose, no goal is judged.
+        one has arrived. Before the first true pose, no goal is judged.
         """
         self._settle()
         return Evaluation(
@@ -230,7 +232,7 @@ class RunEvaluation:
         )
 
     def totals(self) -> dict[str, Any]:
-        """What the evaluation does not hold of the run as a whole, as JSON values.
+        """Totals of the run that the evaluation does not contain, as JSON values.
 
         `contacts` is their number, `distance_m` the length driven, None before the first true pose,
         and `spl` success weighted by
@@ -248,9 +250,9 @@ class RunEvaluation:
         }
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-        """What the verdict is made of so far, as JSON values and as arrays, for `restore()`.
+        """The evaluation's state so far, as JSON values and as arrays, for `restore()`.
 
-        What the world's latched messages tell is no part of it: they come again.
+        Data of the world's latched messages is not included: they are received again.
         """
         self._settle()
         goals = [
@@ -283,9 +285,9 @@ class RunEvaluation:
         return values, arrays
 
     def restore(self, values: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from where `state()` was called.
+        """Continue from a saved `state()`.
 
-        Raises ValueError, KeyError, TypeError where that is none.
+        Raises ValueError, KeyError, TypeError if it is invalid.
         """
         for name, part in self._lasting():
             start = f"{name}/"
@@ -312,7 +314,7 @@ class RunEvaluation:
         self._drift_m = values["drift_m"]
 
     def _lasting(self) -> tuple[tuple[str, DrivenWay | ErrorSummary], ...]:
-        """What holds arrays of its own."""
+        """The parts that have arrays in their state."""
         return (
             ("way", self._way),
             ("error_m", self._error_m),
@@ -326,7 +328,7 @@ class RunEvaluation:
         return [judged.report() for judged in (*self._goals, *provisional)]
 
     def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
-        """Of the robot's disc, past the walls and what stood still when the goal was sent."""
+        """For the robot's disc, around the walls and the bodies that were static at that time."""
         standing = self._standing_at.get(result.goal_stamp_ns, self._standing)
         if self._paths is None or self._paths[0] != standing:
             meshes = read_meshes((*self._world.bodies, *standing), self._assets)
@@ -335,7 +337,7 @@ class RunEvaluation:
         return self._paths[1].length_m(start[:2], goal[:2])
 
     def _settle(self) -> None:
-        """Hold what waits against the truth, as far as the truth goes."""
+        """Judge the waiting entries, as far as the ground truth reaches."""
         newest_ns = self._truth.newest_ns
         if newest_ns is None:
             return
@@ -382,7 +384,7 @@ class RunEvaluation:
                 )
 
     def _judge(self, result: NavigationResult) -> list[_Judged]:
-        """A goal and its report; none before the first true pose."""
+        """A goal and its report; empty before the first true pose."""
         start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
         at_start, at_end = self._way.at(start_ns), self._way.at(end_ns)
         if at_start is None or at_end is None:
@@ -430,7 +432,7 @@ def _planar(matrix: Array) -> SE2:
 
 
 def _take_until(newest_ns: int, pending: _Pending[P]) -> list[tuple[int, P]]:
-    """Take out what is stamped no later than the newest truth."""
+    """Remove and return the entries stamped no later than the newest true pose."""
     ready = [entry for entry in pending if entry[0] <= newest_ns]
     if ready:
         waiting = [entry for entry in pending if entry[0] > newest_ns]

@@ -1,4 +1,4 @@
-"""What stands in a robot's way on the floor, as polygons in the map."""
+"""Obstacles on the robot's level, as polygons in the map."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from services.common.world.footprint import footprints
 from services.common.world.geometry import TriangleMesh, mesh_from_bytes
 
 _FEW = 5_000
-"""Polygons of one thing that are each taken as they are."""
+"""Up to this many polygons of one body are used individually."""
 _CELL_M = 0.05
-"""What has more is taken in squares of this side."""
+"""Beyond that, they are merged within squares of this side."""
 
 
 def read_meshes(bodies: Iterable[Thing], assets: Mapping[str, bytes]) -> dict[str, TriangleMesh]:
-    """The meshes of bodies that are there and are meshes, by sha256."""
+    """The meshes of bodies whose assets are available and valid, by sha256."""
     meshes: dict[str, TriangleMesh] = {}
     for body in bodies:
         for shape in body.shapes:
             sha256 = shape.geometry.sha256 if shape.geometry.kind == "mesh" else ""
             if sha256 in assets and sha256 not in meshes:
-                # What is no mesh is refused, and told of, by the simulation.
+                # An invalid mesh is refused, and reported, by the simulation.
                 with contextlib.suppress(ValueError):
                     meshes[sha256] = mesh_from_bytes(assets[sha256])
     return meshes
@@ -37,10 +37,10 @@ def read_meshes(bodies: Iterable[Thing], assets: Mapping[str, bytes]) -> dict[st
 def obstacles(
     world: World, meshes: Mapping[str, TriangleMesh], spawned: tuple[Thing, ...] = ()
 ) -> NDArray[np.object_]:
-    """Polygons and lines of all that is solid and never moves, in a world and `spawned` in it; what
-    moves may be out of the way.
+    """Polygons and lines of everything that is solid and static, in a world and `spawned` in it;
+    moving bodies may be out of the way.
 
-    `meshes` are by sha256; a body of which one is not there is left out.
+    `meshes` are by sha256; a body whose mesh is missing is left out.
     """
     bodies: tuple[Thing, ...] = (*world.bodies, *spawned)
     still = [body for body in bodies if not body.moves and _is_whole(body, meshes)]
@@ -49,7 +49,7 @@ def obstacles(
         for stack in footprint.polygons_m:
             found += _covered(stack)
         if footprint.outline_m is not None:
-            # What it winds around cannot be driven into.
+            # The robot cannot drive into the area it winds around.
             found += shapely.linestrings(footprint.outline_m).tolist()
     return np.array(found, object)
 
@@ -60,7 +60,7 @@ def _is_whole(body: Thing, meshes: Mapping[str, TriangleMesh]) -> bool:
 
 
 def _covered(corners: Array) -> Iterator[Any]:
-    """The floor under (n, k, 2) convex polygons; one as thin as a line covers a line."""
+    """The floor under (n, k, 2) convex polygons; one that degenerates to a line yields a line."""
     if len(corners) > _FEW:
         low, high = corners.min(axis=1), corners.max(axis=1)
         large = (high - low).max(axis=1) > _CELL_M
@@ -68,6 +68,6 @@ def _covered(corners: Array) -> Iterator[Any]:
         cells = np.unique(np.floor(points.reshape(-1, 2) / _CELL_M), axis=0) * _CELL_M
         yield from shapely.box(*cells.T, *(cells + _CELL_M).T)
         corners = corners[large]
-    # The hull of the same triangle is a line where it stands upright.
+    # The hull of a triangle is a line if the triangle is upright.
     corners = np.unique(np.round(corners, 4), axis=0)
     yield from shapely.convex_hull(shapely.multipoints(corners))

@@ -1,4 +1,4 @@
-"""The newest rows of numbers, by their stamps, in memory that is taken once."""
+"""The newest rows of numbers, by their stamps, in memory that is allocated once."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from services.common.frames import Array
 
 
 class RecentRows:
-    """At least the newest `kept` rows, once as many have come, at most `capacity`.
+    """Holds at least the newest `kept` rows, once that many were added, and at most `capacity`.
 
-    Its arrays stay where they are: ones that grew would be moved, again and again, and leave holes
-    in the heap.
+    Its arrays are never reallocated: growing ones would be moved again and again, and fragment the
+    heap.
     """
 
     def __init__(self, columns: int, kept: int, capacity: int) -> None:
@@ -25,21 +25,21 @@ class RecentRows:
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """(n,), good until the next row comes."""
+        """(n,), valid until the next row is added."""
         return self._stamps_ns[: self._count]
 
     @property
     def rows(self) -> Array:
-        """(n, columns), good until the next row comes."""
+        """(n, columns), valid until the next row is added."""
         return self._rows[: self._count]
 
     @property
     def is_full(self) -> bool:
-        """Whether the next row is the one for which all but the newest `kept` are let go of."""
+        """Whether adding the next row drops all but the newest `kept`."""
         return self._count == len(self._rows)
 
     def add(self, stamp_ns: int, row: Sequence[float]) -> None:
-        """Take in a row."""
+        """Add a row."""
         if self.is_full:
             self._let_go()
         self._stamps_ns[self._count] = stamp_ns
@@ -47,10 +47,10 @@ class RecentRows:
         self._count += 1
 
     def _let_go(self) -> None:
-        """Of all but the newest."""
+        """Drop all rows but the newest."""
         space = self._count - self._kept
         for column in (self._stamps_ns, self._rows):
-            # In blocks that do not overlap: of two that do, NumPy would make a copy.
+            # In blocks that do not overlap: for overlapping ones NumPy would make a copy.
             for start in range(space, self._count, space):
                 block = column[start : start + space]
                 column[start - space :][: len(block)] = block

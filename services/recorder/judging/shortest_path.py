@@ -1,4 +1,4 @@
-"""The length of the shortest way a disc can take among obstacles, to judge the driven one by."""
+"""The length of the shortest path of a disc among obstacles, to compare the driven path with."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ROBOT_RADIUS_M = 0.22
-"""Radius of the disc that stands for the robot, Nav2's `robot_radius` for a TurtleBot3 waffle."""
+"""Radius of the disc that models the robot, Nav2's `robot_radius` for a TurtleBot3 waffle."""
 
 _QUARTER_SEGMENTS = 8
-# A way may touch the obstacles: they are shrunk by this much before a segment is held against them.
+# A path may touch the obstacles: they are shrunk by this much before segments are tested.
 _TOUCH_M = 1e-6
 _MANY = 3_000
-"""Obstacles that are drawn more coarsely, to take seconds and not a minute."""
+"""Beyond this many obstacles, outlines are coarser, to take seconds instead of a minute."""
 _SPACING_M = 0.2
-"""Between points of the outline: less than what is narrow, so that triangles keep to it."""
+"""Spacing of the outline's points: less than a narrow passage, so that triangle sides follow it."""
 _DIGITS = 6
-"""Places of the outline's metres: of corners that are nearly one, one is left."""
+"""Decimals of the outline's metres: corners that coincide after rounding are merged."""
 _ROUNDS = 2
-"""Times that sides which the triangles lack are halved."""
+"""How often outline segments that are no triangle sides are halved."""
 _MARGIN_M = 20.0
-"""Of free floor around all obstacles. Ways that lead farther out are not known."""
+"""Free floor around all obstacles. Paths that lead farther out are not found."""
 _SIDES = [1, 2, 2, 0, 0, 1]
 """Ends of the sides opposite a triangle's corners."""
 _SHARES = np.array([0.1, 0.5, 0.9])
-"""Of the way along a triangle's side, where the search may cross it."""
+"""Fractions of a triangle's side at which the search may cross it."""
 
 
 class ShortestPath:
-    """Shortest ways of a disc among obstacles grown by its radius.
+    """Shortest paths of a disc among obstacles inflated by its radius.
 
-    The free floor is cut into triangles. A search over points on their sides finds the triangles
-    to go through, and the funnel algorithm (Lee and Preparata 1984,
-    https://doi.org/10.1002/net.3230140304) the shortest way within these: exact, but where another
-    way round an obstacle is nearly as short. The effort grows with the obstacles' outline, and not
-    with their number squared. A round corner is drawn with 32 segments to the full turn (with 8
-    where there are thousands of obstacles): a way is too short by less than 0.2 % (2.6 %) of what
-    it runs along round corners.
+    The free floor is triangulated. A search over points on the triangles' sides finds the sequence
+    of triangles, and the funnel algorithm (Lee and Preparata 1984,
+    https://doi.org/10.1002/net.3230140304) the shortest path within it: exact, unless another path
+    round an obstacle is nearly as short. The effort grows with the obstacles' outline, not with
+    their number squared. A round corner is drawn with 32 segments to the full turn (with 8 where
+    there are thousands of obstacles): a path is too short by less than 0.2 % (2.6 %) of its length
+    along round corners.
     """
 
     def __init__(self, obstacles: NDArray[np.object_], radius_m: float = ROBOT_RADIUS_M) -> None:
-        """`obstacles` are polygons and lines of shapely, in the map."""
+        """`obstacles` are shapely polygons and lines, in the map."""
         self._radius_m = radius_m
         coarse = len(obstacles) > _MANY
         grown = shapely.union_all(
@@ -68,10 +68,11 @@ class ShortestPath:
         )
 
     def length_m(self, start_xy: tuple[float, float], goal_xy: tuple[float, float]) -> float | None:
-        """Length of the shortest way between two points of the map; None where there is no way.
+        """Length of the shortest path between two points of the map; None if there is none.
 
-        A point nearer to a wall than the radius is first moved to the nearest place where the disc
-        fits, and the way there counts; one farther than the radius from any such place has no way.
+        A point nearer to a wall than the radius is first moved to the nearest position where the
+        disc fits, and that distance counts; a point farther than the radius from any such position
+        has no path.
         """
         start, start_extra_m = self._fit(start_xy)
         goal, goal_extra_m = self._fit(goal_xy)
@@ -86,7 +87,7 @@ class ShortestPath:
         return float(np.hypot(*np.diff(way, axis=0).T).sum()) + extra_m
 
     def _fit(self, xy: tuple[float, float]) -> tuple[Array, float]:
-        """The nearest place where the disc fits, and how far off it is."""
+        """The nearest position where the disc fits, and its distance."""
         point = Point(xy)
         if not shapely.intersects(self._obstacles, point):
             return np.array(xy, np.float64), 0.0
@@ -99,7 +100,7 @@ class ShortestPath:
 
 
 class _Floor:
-    """The free floor in triangles, and the points on their sides where ways may cross."""
+    """The free floor in triangles, and the points on their sides where paths may cross."""
 
     def __init__(self, obstacles: Any, spacing_m: float) -> None:
         self._points, triangles, neighbours = _triangles(obstacles, spacing_m)
@@ -109,12 +110,12 @@ class _Floor:
         number = np.where(free, np.cumsum(free) - 1, -1)
         self._triangles = triangles[free]
         beside = np.where(neighbours[free] < 0, -1, number[neighbours[free]])
-        # Side k of a triangle lies opposite its corner k, as its neighbour k does.
+        # Side k of a triangle is opposite its corner k, and so is its neighbour k.
         rows, sides = np.nonzero(beside >= 0)
         others = beside[rows, sides]
         first = rows < others
         self._between = np.stack([rows[first], others[first]], axis=1)
-        """(s, 2) triangles on both sides of each side that a way may cross."""
+        """(s, 2) triangles on both sides of each side that a path may cross."""
         self._sides = np.stack(
             [triangles_at[np.arange(len(rows)), (sides + k) % 3][first]
              for triangles_at in (self._triangles[rows],) for k in (1, 2)], axis=1,
@@ -125,14 +126,14 @@ class _Floor:
         self._gates = (1.0 - shares) * ends[:, None, 0] + shares * ends[:, None, 1]
         """(s, g, 2) points of each side."""
         self._ways = self._connected()
-        """To which points each leads, and how far they are."""
+        """The points reachable from each point across one triangle, and their distances."""
 
     def way(self, start: Array, goal: Array) -> Array | None:
-        """(n, 2) corners of the shortest way; None where there is none."""
+        """(n, 2) corners of the shortest path; None if there is none."""
         triangles = self._triangles_between(start, goal)
         if triangles is None:
             return None
-        # A point on a gate would leave no funnel.
+        # A start or goal on a gate would make the funnel degenerate.
         while len(triangles) > 1 and self._touches(start, triangles[1]):
             del triangles[0]
         while len(triangles) > 1 and self._touches(goal, triangles[-2]):
@@ -141,7 +142,7 @@ class _Floor:
         for here, there in itertools.pairwise(triangles):
             corners = self._triangles[here]
             apart = int(np.flatnonzero(~np.isin(corners, self._triangles[there]))[0])
-            # Counter-clockwise from the corner that is left behind: right, then left.
+            # Counter-clockwise from the corner that is not shared: right, then left.
             rights.append(self._points[corners[(apart + 1) % 3]])
             lefts.append(self._points[corners[(apart + 2) % 3]])
         return _funnel(np.array([*lefts, goal]), np.array([*rights, goal]))
@@ -151,7 +152,7 @@ class _Floor:
         return bool(shapely.dwithin(shape, Point(point), _TOUCH_M))
 
     def _connected(self) -> list[list[tuple[int, float]]]:
-        """Between the points on different sides of each triangle."""
+        """Connections between the points on different sides of each triangle."""
         side_of = np.full((len(self._triangles), 3), -1)
         for column in (0, 1):
             rows = self._between[:, column]
@@ -176,7 +177,7 @@ class _Floor:
         return ways
 
     def _triangles_between(self, start: Array, goal: Array) -> list[int] | None:
-        """The triangles to go through, each beside the next; None where there is no way."""
+        """The triangles to go through, each adjacent to the next; None if there is no path."""
         first, last = (int(self._tree.nearest(Point(point))) for point in (start, goal))
         if first == last:
             return [first]
@@ -187,17 +188,17 @@ class _Floor:
         triangles = [last]
         for point in reversed(points):
             beside = self._between[point // gates].tolist()
-            # Two sides of one triangle in a row: what lay behind the first was not entered.
+            # Two sides of one triangle in a row: the one behind the first was not entered.
             while triangles[-1] not in beside:
                 triangles.pop()
             triangles.append(beside[0] if beside[1] == triangles[-1] else beside[1])
         return triangles[::-1]
 
     def _search(self, start: Array, first: int, goal: Array, last: int) -> list[int] | None:
-        """The points on sides through which the shortest way leads, by A*; None where none does."""
+        """The points on sides along the shortest path, by A*; None if there is none."""
         points = self._gates.reshape(-1, 2)
         left_m = np.hypot(*(points - goal).T).tolist()
-        """To the goal, if nothing were in the way."""
+        """Straight-line distance to the goal."""
         own = self._points_around(first)
         lengths_m = np.hypot(*(points[own] - start).T)
         at_goal = set(self._points_around(last).tolist())
@@ -234,8 +235,8 @@ class _Floor:
 
 
 def _triangles(obstacles: Any, spacing_m: float) -> tuple[Array, Indices, Indices]:
-    """Points (n, 2), triangles (m, 3) counter-clockwise, and neighbours (m, 3), -1 for none, of
-    which no triangle crosses the outline of the obstacles.
+    """Points (n, 2), triangles (m, 3) counter-clockwise, and neighbours (m, 3), -1 for none; no
+    triangle crosses the outline of the obstacles.
     """
     low, high = np.array(shapely.bounds(obstacles)).reshape(2, 2)
     frame = shapely.box(*(low - _MARGIN_M), *(high + _MARGIN_M))
@@ -265,7 +266,7 @@ def _triangles(obstacles: Any, spacing_m: float) -> tuple[Array, Indices, Indice
 
 
 def _delaunay(points: Array) -> Indices:
-    """(m, 3) Delaunay's triangles of points (n, 2), counter-clockwise."""
+    """(m, 3) Delaunay triangles of points (n, 2), counter-clockwise."""
     shapes = shapely.get_parts(shapely.delaunay_triangles(shapely.multipoints(points)))
     corners = shapely.get_coordinates(shapes).reshape(-1, 4, 2)[:, :3]
     number = {xy: index for index, xy in enumerate(map(tuple, points.tolist()))}
@@ -278,7 +279,7 @@ def _delaunay(points: Array) -> Indices:
 
 
 def _neighbours(triangles: Indices) -> Indices:
-    """(m, 3) the triangle beyond the side that lies opposite each corner; -1: none."""
+    """(m, 3) the triangle across the side opposite each corner; -1: none."""
     sides = _pairs(triangles[:, _SIDES])
     order = np.argsort(sides, kind="stable")
     same = np.flatnonzero(np.diff(sides[order]) == 0)
@@ -289,13 +290,13 @@ def _neighbours(triangles: Indices) -> Indices:
 
 
 def _pairs(indices: NDArray[Any]) -> Indices:
-    """One number for each pair of points, in whichever order."""
+    """One number for each pair of points, in either order."""
     pairs = np.sort(indices.reshape(-1, 2).astype(np.int64), axis=1)
     return np.asarray((pairs[:, 0] << 32) + pairs[:, 1], np.int64)
 
 
 def _funnel(lefts: Array, rights: Array) -> Array:
-    """(n, 2) corners of the shortest way through gates, of which the first and last are points."""
+    """(n, 2) corners of the shortest path through gates, of which the first and last are points."""
     left, right = lefts.tolist(), rights.tolist()
     apex = left[0]
     way = [apex]

@@ -1,4 +1,4 @@
-"""The summary of a run, as its summary.json holds it."""
+"""The summary of a run, as stored in its summary.json."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Pauses(Document):
 
 
 class Contacts(Document):
-    """What the robot touched, the floor excepted."""
+    """Contacts of the robot, except with the floor."""
 
     count: int = Field(description="number of contacts in the run")
     list: tuple[Contact, ...] = Field(description="the first 1,000 of them, oldest first")
@@ -43,51 +43,50 @@ class TopicMessages(Document):
     """The messages on one topic."""
 
     sent: int | None = Field(
-        description="by their publishers, from the first message on that the recorder got; null: "
-        "the recorder does not read this topic"
+        description="by their publishers, since the first message received by the recorder; null: "
+        "the recorder does not subscribe to this topic"
     )
     received: int | None = Field(description="of these, by the recorder; null as `sent`")
-    lost: int | None = Field(description="on the way to the recorder; null as `sent`")
+    lost: int | None = Field(description="not received by the recorder; null as `sent`")
     rejected: int = Field(description="by any service")
     rejected_by: dict[str, int] = Field(description="the same by `service: reason`")
 
 
 class RunSummary(Document):
-    """Everything about a run that a script may want. What was not measured is null, never 0."""
+    """Everything about a run that scripts may need. Unmeasured values are null, never 0."""
 
     world: str = Field(description="name of the world")
-    world_hash: str = Field(description="hash of the world: the same hash, the same world")
+    world_hash: str = Field(description="hash of the world; equal for equal worlds")
     seed: int = Field(description="seed of all random streams")
     epoch: int | None = Field(
-        description="times that the simulation was begun, with this run; null: it told of none"
+        description="number of simulation starts, including this run's; null: never received"
     )
     rebuilds: int = Field(
-        description="times that physics built the world anew while time went on, because a body's "
+        description="times that physics was rebuilt while time went on, because a body's "
         "state was not physical"
     )
     state_hash: str | None = Field(
-        description="hash of every state of the simulation so far; null: it told of none"
+        description="hash of every state of the simulation so far; null: never received"
     )
     image_hash: str | None = Field(
         description="hash of every camera image so far; null: there is no camera"
     )
     sim_time_s: Finite | None = Field(
-        description="simulation time at the end of the run, s; null: the clock never came"
+        description="simulation time at the end of the run, s; null: no clock was received"
     )
     wall_time_s: Finite | None = Field(
-        description="wall time between the first and the last tick of the clock that the recorder "
-        "got, without pauses, s; null: there were no two ticks"
+        description="wall time between the first and the last clock message received, without "
+        "pauses, s; null: fewer than two"
     )
     real_time_factor: Finite | None = Field(
-        description="simulation time between these ticks per wall time; null as `wall_time_s`"
+        description="simulation time between these messages per wall time; null as `wall_time_s`"
     )
     pauses: Pauses = Field(description="pauses of the simulation")
     renderer: str | None = Field(
-        description="what rendered the camera images; `none`: the camera is off; null: the "
-        "simulation told of none"
+        description="renderer of the camera images; `none`: the camera is off; null: never received"
     )
     goals: tuple[GoalReport, ...] = Field(description="the goals that have ended, oldest first")
-    contacts: Contacts = Field(description="what the robot touched, the floor excepted")
+    contacts: Contacts = Field(description="contacts of the robot, except with the floor")
     markers_seen: dict[str, int] = Field(
         description="number of images in which each marker of the world was detected, by its id"
     )
@@ -98,13 +97,13 @@ class RunSummary(Document):
         description="angle between estimated and true heading, rad"
     )
     marker_error_m: ErrorStatistics = Field(
-        description="distance between a marker as detected and as it hangs, m"
+        description="distance between a marker's detected and true position, m"
     )
     odometry_drift_m: Finite | None = Field(
         description="distance between the pose by wheel odometry alone and the true one at the "
         "end, m; null: no odometry or no ground truth"
     )
-    recording: str = Field(description="folder of the run, as the recorder knows it")
+    recording: str = Field(description="folder of the run, as a path of the recorder")
     distance_m: Finite | None = Field(
         description="length of the true path, m; null: no ground truth"
     )
@@ -160,7 +159,7 @@ def build_summary(
 
 
 def summary_text(summary: RunSummary) -> Iterator[bytes]:
-    """The text of summary.json, as UTF-8, piece by piece: in one it would be longer with each goal,
+    """The text of summary.json, as UTF-8, in pieces: as one string it would grow with each goal,
     every few seconds.
     """
     yield from _pieces(dict(summary), b"\n")
@@ -168,7 +167,7 @@ def summary_text(summary: RunSummary) -> Iterator[bytes]:
 
 
 def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
-    """JSON of a value, in lines that begin like this one."""
+    """JSON of a value, in lines that start like this one."""
     if isinstance(value, Contacts):
         value = dict(value)
     if not isinstance(value, dict | list | tuple) or not value:

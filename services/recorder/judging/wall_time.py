@@ -1,4 +1,4 @@
-"""How much wall time a run has taken, and how fast it was."""
+"""Wall time and real-time factor of a run."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 
 @dataclass
 class WallTime:
-    """Measures between two ticks of the clock, the first and the newest that came here.
+    """Measures between two clock messages, the first and the newest received.
 
-    Both ends are pairs of wall time and of the time that the clock itself told: what the recorder
-    believes the time to be may lag behind it, by all of a simulation that it has just joined.
+    Both ends are pairs of wall time and the message's own time: the recorder's current time may lag
+    behind it, by the whole duration of a simulation that it has just joined.
     """
 
     pauses: int = 0
-    """Times that the simulation was paused."""
+    """Number of times the simulation was paused."""
     first: tuple[float, int] | None = None
-    """Wall time (s) and the clock's time (ns) of the first tick,"""
+    """Wall time (s) and clock time (ns) of the first clock message,"""
     newest: tuple[float, int] | None = None
     """and of the newest."""
     paused_since_s: float | None = None
@@ -29,25 +29,25 @@ class WallTime:
 
     @classmethod
     def restored(cls, state: Mapping[str, Any]) -> WallTime:
-        """What `dataclasses.asdict` has made of one, back from JSON."""
+        """A WallTime from the JSON of its `dataclasses.asdict`."""
         pairs = {name: tuple(value) for name, value in state.items() if isinstance(value, list)}
         return cls(**{**state, **pairs})
 
     def tick(self, wall_s: float, clock_ns: int) -> None:
-        """Take in the clock's time."""
+        """Set the newest clock time."""
         self.newest = wall_s, clock_ns
         self.pauses_before_newest_s = self.ended_pauses_s
         if self.first is None:
             self.first = self.newest
 
     def pause(self, wall_s: float) -> None:
-        """Take in that the simulation is paused."""
+        """The simulation was paused."""
         if self.paused_since_s is None:
             self.pauses += 1
             self.paused_since_s = wall_s
 
     def resume(self, wall_s: float) -> None:
-        """Take in that the simulation goes on."""
+        """The simulation was resumed."""
         self.ended_pauses_s = self.paused_s(wall_s)
         self.paused_since_s = None
 
@@ -59,19 +59,19 @@ class WallTime:
 
     @property
     def ticked(self) -> bool:
-        """Whether the clock has come."""
+        """Whether a clock message was received."""
         return self.first is not None
 
     @property
     def simulated_s(self) -> float | None:
-        """Simulation time between the two ticks; None before there are two."""
+        """Simulation time between the two clock messages; None before there are two."""
         if self.first is None or self.newest is None or self.newest == self.first:
             return None
         return (self.newest[1] - self.first[1]) * 1e-9
 
     @property
     def wall_time_s(self) -> float | None:
-        """Wall time between the two ticks, without pauses; None before there are two."""
+        """Wall time between the two clock messages, without pauses; None before there are two."""
         if self.first is None or self.newest is None or self.newest == self.first:
             return None
         return max(self.newest[0] - self.first[0] - self.pauses_before_newest_s, 0.0)

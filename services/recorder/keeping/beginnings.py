@@ -1,4 +1,4 @@
-"""Tells one run from the next by the simulation's time."""
+"""Detects the start of a new run by the simulation's time."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ NEW_RUN_NS = 1_000_000_000
 
 
 class Beginnings:
-    """Notices where time goes back: on the clock, or in what the simulation says of itself.
+    """Detects that time goes back: on the clock, or in the simulation's stats.
 
-    The latter knows of every beginning, also of one within the first second. The clock may show
-    it earlier, or later.
+    The stats show every restart, even one within the first second. The clock may show it earlier or
+    later.
     """
 
     def __init__(self) -> None:
         self.now_ns = 0
-        """Time in the run that goes on."""
+        """Time in the current run."""
         self.ended_ns = 0
-        """The newest time of the run before."""
+        """The newest time of the previous run."""
         self._told_ns: int | None = None
         self._stale_ns: int | None = None
 
     def look(self, clock_ns: int, told_ns: Iterable[int]) -> bool:
-        """Whether a run begins, by the clock and the times that the simulation told of since."""
+        """Whether a new run starts, by the clock and the times of the stats received since."""
         if self._stale_ns is not None:
             if clock_ns >= self._stale_ns:
                 clock_ns = self.now_ns
@@ -40,11 +40,11 @@ class Beginnings:
         if begun_ns is not None:
             self.ended_ns = self.now_ns
             if clock_ns > (self.ended_ns + begun_ns) // 2:
-                # It will show the new time in a moment.
+                # The clock will show the new time in a moment.
                 self._stale_ns, clock_ns = clock_ns, begun_ns
         self.now_ns = clock_ns
         return begun_ns is not None
 
     def is_before(self, sent_ns: int) -> bool:
-        """Whether what was sent at a time was sent in the run before, of what came at once."""
+        """Whether a message, by its send time, belongs to the run before a restart just found."""
         return sent_ns > (self.ended_ns + self.now_ns) // 2

@@ -1,4 +1,4 @@
-"""What a folder of recordings holds."""
+"""Lists the runs in a folder of recordings."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ class RecordingInfo:
     path: Path
     world: str
     started: datetime | None
-    """Local time, by the folder's name, or else by the age of its files."""
+    """Local time, from the folder's name, or else from its oldest file."""
     goals_reached: int
     goals_total: int
     sim_time_s: float | None
-    """None where its summary does not tell."""
+    """None if its summary does not contain it."""
     size_bytes: int
     """Of everything in the folder."""
     recording: Path | None
-    """The run.rrd, where there is one."""
+    """The run.rrd, if there is one."""
     closed: bool
-    """Whether the recorder ended it; else it is being written, or its recorder was killed."""
+    """Whether the run was ended; else it is being recorded, or its recorder was killed."""
 
 
 def list_recordings(folder: Path) -> list[RecordingInfo]:
-    """The runs in a folder, newest first; a folder without a run's files is none."""
+    """The runs in a folder, newest first; folders without a run's files are skipped."""
     if not folder.is_dir():
         return []
     runs = [

@@ -1,7 +1,7 @@
-"""What a run said, as a digest of each message: by them two runs can be told apart.
+"""A digest of each message of a run, to compare two runs.
 
 The file is one line of JSON (`HEAD`, with the names of topics and services in the order of their
-numbers), and then 24 bytes a message (`ROW`), in the order in which they were taken in.
+numbers), and then 24 bytes per message (`ROW`), in the order in which they were added.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICE
 from services.recorder.keeping.message_digest import digest_of
 
 LEFT_OUT: tuple[Topic[Any], ...] = (PARAMETERS, DIAGNOSTICS, ROSOUT)
-"""They name folders, or tell of wall time: two runs alike to the last bit differ in them."""
+"""They contain folder names or wall times, which differ even between bit-identical runs."""
 
 HEAD = "mazebot digests 1"
 OTHERS = 100
@@ -49,21 +49,21 @@ _HEAD_BYTES = 1 << 16
 
 
 class DigestError(ValueError):
-    """A file that holds no digests, in one line."""
+    """An invalid digest file; one line of text."""
 
 
 class DigestWriter:
     """Writes the digests of one run to a file."""
 
     def __init__(self, path: Path) -> None:
-        """Make the file, or go on with that of a run whose recorder died.
+        """Create the file, or continue that of a run whose recorder died.
 
-        Raises OSError where it cannot be made.
+        Raises OSError if it cannot be created.
         """
         self.waits = False
-        """Whether the disk did not take everything."""
+        """Whether data is still waiting to be written to disk."""
         self.lost = 0
-        """Digests for which there was no room, neither on the disk nor here."""
+        """Digests lost because neither the disk nor the buffer had room."""
         self._topics = {topic.name: number for number, topic in enumerate(TOPICS)}
         self._left_out = {topic.name for topic in LEFT_OUT}
         self._sources = {name: number for number, name in enumerate(SERVICES)}
@@ -71,7 +71,7 @@ class DigestWriter:
         self._unwritten = bytearray()
         names = {"topics": [topic.name for topic in TOPICS], "services": list(SERVICES)}
         self._head = json.dumps({"head": HEAD, **names}).encode() + b"\n"
-        # Not buffered: what the disk does not take must be known, and written again.
+        # Unbuffered: unwritten data must be known, and written again.
         self._file = path.open("a+b", buffering=0)
         self._go_on(path)
         self._rows: list[bytes | Future[bytes]] = []
@@ -79,7 +79,7 @@ class DigestWriter:
         self._making: deque[Future[bytes]] = deque()
 
     def _go_on(self, path: Path) -> None:
-        """Begin behind the last whole row, or anew where there is none of this version."""
+        """Continue after the last whole row, or start a new file if none of this version exists."""
         try:
             rows = read_digests(path).rows
         except DigestError:
@@ -94,7 +94,7 @@ class DigestWriter:
             self._first_other = int(others.max()) + 1
 
     def add(self, topic: Topic[Any], message: Any, envelope: Envelope) -> None:
-        """Take in a message."""
+        """Add a message."""
         if topic.name in self._left_out:
             return
         source = self._sources.get(envelope.source)
@@ -106,7 +106,7 @@ class DigestWriter:
         number = self._topics[topic.name]
         start = _PACK(envelope.sent_ns, envelope.sequence & 0xFFFFFFFF, number, source)
         if topic.type is msg.Image:
-            # A picture takes longer than all the rest, and hashing it leaves others to work.
+            # Hashing an image takes longer than all the rest, and lets other threads run.
             while len(self._making) >= _MOST_WAITING:
                 self._making.popleft().result()
             row = self._maker.submit(lambda: start + digest_of(topic, message))
@@ -116,9 +116,9 @@ class DigestWriter:
             self._rows.append(start + digest_of(topic, message))
 
     def flush(self) -> None:
-        """Bring what was taken in to the disk.
+        """Write the added digests to disk.
 
-        Raises OSError; what it does not take waits for the next time, as far as there is room.
+        Raises OSError; unwritten data is kept for the next call, as far as there is room.
         """
         rows, self._rows = self._rows, []
         self._making.clear()
@@ -134,7 +134,7 @@ class DigestWriter:
         self.waits = False
 
     def close(self) -> None:
-        """Write the rest. Raises OSError; the file is closed all the same."""
+        """Write the rest. Raises OSError; the file is closed in any case."""
         try:
             self.flush()
         finally:
@@ -144,7 +144,7 @@ class DigestWriter:
 
 @dataclass(frozen=True, eq=False)
 class Digests:
-    """What a file of digests holds."""
+    """The contents of a digest file."""
 
     topics: tuple[str, ...]
     services: tuple[str, ...]
@@ -153,9 +153,9 @@ class Digests:
 
 
 def read_digests(path: Path) -> Digests:
-    """Read a file of digests; a row that was cut short is left out.
+    """Read a digest file; an incomplete row is left out.
 
-    Raises DigestError where it holds none, OSError where it cannot be read.
+    Raises DigestError if it is invalid, OSError if it cannot be read.
     """
     with path.open("rb") as file:
         head = file.readline(_HEAD_BYTES)

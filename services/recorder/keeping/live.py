@@ -1,4 +1,4 @@
-"""What a browser opens: the page that shows a recording, and the server of a live one."""
+"""The web page that shows a recording, and the server of a live one."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from services.recorder.stream.live_feed import LiveFeed
 _RECORDING = "run.rrd"
 _WAITING = "waiting for a run"
 _LOOK_S = 0.05
-"""How often the page looks whether it is to end."""
+"""How often the page server checks whether to stop."""
 _END_TIMEOUT_S = 0.5
 MAX_CONNECTIONS = 32
-"""That the page serves at once, each by a thread; a browser takes six."""
+"""Connections served at once by the page, one thread each; a browser uses six."""
 REQUEST_S = 10.0
-"""Time in which a browser must have asked for something."""
+"""Timeout for a browser's request to be complete."""
 STALL_S = 30.0
-"""Time in which one that is sent something must have taken a part of it."""
+"""Timeout for a browser to accept a part of the response."""
 _PASSED_HEADERS = ("Content-Type", "Content-Length", "rerun-final-length")
 
 
 def check_port_free(name: str, bind: str, port: int) -> None:
-    """Raise ConfigError with one line where something listens on a port already, or nothing may."""
+    """Raise ConfigError with one line if a port is in use or may not be bound."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -45,18 +45,18 @@ def check_port_free(name: str, bind: str, port: int) -> None:
 
 
 class LiveView:
-    """Serves what is recorded to any number of browsers, from before the first run to the last.
+    """Serves the live recording to any number of browsers, from before the first run to the last.
 
-    The bare address shows the live recording, by whatever name the machine is called.
+    The page's root URL shows the live recording, under any host name of the machine.
     """
 
     def __init__(self, bind: str, web_port: int, grpc_port: int, memory_mib: int) -> None:
-        """Raises ConfigError, naming the port, where one is taken."""
+        """Raises ConfigError, naming the port, if one is in use."""
         check_port_free("web_port", bind, web_port)
         check_port_free("grpc_port", bind, grpc_port)
         loopback = "127.0.0.1" if bind in ("", "0.0.0.0") else bind
         url = f"rerun+http://{loopback}:{grpc_port}/proxy"
-        # The server outlives every run, so it hangs on a recording of its own.
+        # The server outlives every run, so it is owned by a separate recording.
         self._server = rr.RecordingStream(_WAITING, recording_id="waiting", send_properties=False)
         try:
             self._server.set_sinks(
@@ -71,25 +71,25 @@ class LiveView:
         self.feed = LiveFeed(url)
 
     def close(self) -> None:
-        """Stop serving; viewers that do not listen are not waited for."""
+        """Stop serving; unresponsive viewers are not waited for."""
         self._page.close()
         self.feed.close()
-        # It waits for its viewers before it lets go of them.
+        # Disconnecting waits for the viewers.
         ending = threading.Thread(target=self._server.disconnect, name="end of view", daemon=True)
         ending.start()
         ending.join(_END_TIMEOUT_S)
 
 
 class WebPage:
-    """The Rerun web viewer of the installed package, with `/` leading to the recording to show.
+    """The Rerun web viewer of the installed package, with `/` redirecting to the recording.
 
-    It shows what comes from `grpc_port` on the same machine, or else the parts of a `recording`.
+    It shows the stream of `grpc_port` on the same machine, or else the parts of a `recording`.
     """
 
     def __init__(
         self, bind: str, web_port: int, *, grpc_port: int = 0, recording: Sequence[Path] = ()
     ) -> None:
-        """Raises ConfigError where the port is taken."""
+        """Raises ConfigError if the port is in use."""
         values = {
             "web_port": web_port,
             "grpc_port": grpc_port,
@@ -112,8 +112,8 @@ class WebPage:
 
 
 class _Server(ThreadingHTTPServer):
-    """Serves so many connections at once. Where one more comes, the oldest of those that have not
-    asked for anything yet goes; where all have, the new one does.
+    """Serves a limited number of connections. A new one beyond that replaces the oldest without a
+    complete request; if there is none, the new one is refused.
     """
 
     daemon_threads = True
@@ -122,7 +122,7 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._guard = threading.Lock()
         self._unfinished: dict[socket.socket, float] = {}
-        """Those that have not asked yet, oldest first, with when they came."""
+        """Connections without a complete request, oldest first, with their arrival times."""
         self._served: set[socket.socket] = set()
         super().__init__(address, handler)
 
@@ -132,7 +132,7 @@ class _Server(ThreadingHTTPServer):
             self._unfinished.pop(connection, None)
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Whether there is room for one more."""
+        """Whether one more connection is accepted."""
         with self._guard:
             if len(self._served) >= MAX_CONNECTIONS:
                 oldest = next(iter(self._unfinished), None)
@@ -144,7 +144,7 @@ class _Server(ThreadingHTTPServer):
         return True
 
     def service_actions(self) -> None:
-        """Drop those that take too long to ask, also where they send a byte now and then."""
+        """Drop connections whose request times out, even if they send a byte now and then."""
         now_s = time.monotonic()
         with self._guard:
             late = [one for one, came_s in self._unfinished.items() if now_s - came_s > REQUEST_S]
@@ -155,18 +155,18 @@ class _Server(ThreadingHTTPServer):
         del self._unfinished[connection]
         self._served.discard(connection)
         with contextlib.suppress(OSError):
-            # The thread that waits for it goes on, and closes it.
+            # The thread that reads from it then returns, and closes it.
             connection.shutdown(socket.SHUT_RDWR)
 
     def shutdown_request(self, request: Any) -> None:
-        """The connection's end."""
+        """Remove an ended connection."""
         with self._guard:
             self._unfinished.pop(request, None)
             self._served.discard(request)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that leaves early is nobody's news."""
+        """A browser that disconnects early is not logged."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -177,7 +177,7 @@ class _Handler(BaseHTTPRequestHandler):
     files_port: ClassVar[int]
 
     def do_GET(self) -> None:
-        """Lead `/` to the recording; pass what is not ours on to the package's own file server."""
+        """Redirect `/` to the recording; pass other requests to the package's own file server."""
         cast("_Server", self.server).asks(self.connection)
         parts = urlsplit(self.path)
         if parts.path == "/" and "url=" not in parts.query:
@@ -198,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self._pass_on()
 
     def _send_recording(self, parts: Sequence[Path]) -> None:
-        """One after the other: a viewer reads them as one."""
+        """One file after the other: a viewer reads them as one."""
         with contextlib.ExitStack() as stack:
             files = [stack.enter_context(part.open("rb")) for part in parts]
             size_bytes = sum(os.fstat(file.fileno()).st_size for file in files)
@@ -225,11 +225,11 @@ class _Handler(BaseHTTPRequestHandler):
             connection.close()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's news."""
+        """Requests are not logged."""
 
 
 def _serve_viewer_files() -> int:
-    """Start the file server inside the Rerun package on a free port; that port."""
+    """Start the file server of the Rerun package on a free port; returns the port."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])

@@ -1,4 +1,4 @@
-"""Eight bytes that stand for a message: equal for equal ones, in whichever process."""
+"""Eight-byte digest of a message: equal for equal messages, in any process."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 _Take = Callable[[Any, "_Hash"], None]
 
 _CODES = {"float64": "d", "float32": "f", "uint64": "Q", "bool": "?"}
-"""How a number is packed; all others as signed 64 bits."""
+"""How a number is packed; others as signed 64 bits."""
 
 
 def digest_of(topic: Topic[Any], message: Any) -> bytes:
-    """The first 8 bytes of the sha1, for which CPUs have instructions, over all that a message
-    holds.
+    """The first 8 bytes of the sha1, for which CPUs have instructions, over all fields of a
+    message.
 
-    Not over its CDR: making that takes as long as all else that a small message needs.
+    Not over its CDR: serialising takes as long as everything else for a small message.
     """
     taken = hashlib.sha1(usedforsecurity=False)
     if isinstance(message, Document):
@@ -42,7 +42,7 @@ def digest_of(topic: Topic[Any], message: Any) -> bytes:
 
 @functools.cache
 def _taker(type_name: str) -> _Take:
-    """What takes in a message of a type: its numbers at once, then its texts, arrays and lists."""
+    """A function that hashes a message of a type: numbers first, then texts, arrays and lists."""
     numbers: list[str] = []
     codes: list[str] = []
     texts: list[str] = []
@@ -96,7 +96,7 @@ def _take_text(text: str, taken: _Hash) -> None:
 
 
 def _all_of(paths: list[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """What fetches the values at some paths."""
+    """A function that returns the values at some attribute paths."""
     if not paths:
         return lambda _: ()
     get = operator.attrgetter(*paths)

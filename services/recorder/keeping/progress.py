@@ -1,4 +1,4 @@
-"""How far a run has come, in a file of its folder: by it a recorder goes on with a run whose own
+"""The progress of a run, in a file of its folder, from which a new recorder resumes a run whose
 recorder died.
 """
 
@@ -22,42 +22,42 @@ _DOCUMENT = "document"
 
 @dataclass(frozen=True)
 class Progress:
-    """Which simulation a run is of, and what its verdict is made of so far."""
+    """Which simulation a run belongs to, and the state of its evaluation so far."""
 
     world_hash: str
     source: str
-    """By which the simulation's messages are known: another one with each start of its process."""
+    """Source id of the simulation's messages: a new one with each start of its process."""
     epoch: int
     time_ns: int
     taken: dict[str, dict[str, int]] = field(default_factory=dict)
-    """By topic and source, the number of the last message of which every one counts."""
+    """By topic and source, the last sequence number taken, of topics with delivery EVERY."""
     run: dict[str, Any] = field(default_factory=dict)
-    """What the summary holds beside the verdict, as JSON values."""
+    """Values of the summary besides the evaluation, as JSON."""
     verdict: dict[str, Any] = field(default_factory=dict)
-    """What `RunEvaluation.state()` has as JSON values,"""
+    """JSON values of `RunEvaluation.state()`,"""
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
-    """and as arrays."""
+    """and its arrays."""
     written_s: float = field(default_factory=time.time)
     """Unix time."""
 
     def is_before(self, world_hash: str, source: str, epoch: int, time_ns: int) -> bool:
-        """Whether a simulation that is in this state is the same one, later."""
+        """Whether a simulation in this state is the same one, at this or a later time."""
         same = (self.world_hash, self.source, self.epoch) == (world_hash, source, epoch)
         return same and time_ns >= self.time_ns
 
 
 def write_progress(folder: Path, progress: Progress) -> None:
-    """Keep it in a run's folder. Raises OSError."""
+    """Write it to a run's folder. Raises OSError."""
     values = {name: value for name, value in vars(progress).items() if name != "arrays"}
     document = np.frombuffer(json.dumps(values).encode(), np.uint8)
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **{_DOCUMENT: document, **progress.arrays})
-    # A killed process loses nothing that the kernel has.
+    # A killed process loses nothing that was passed to the kernel.
     write_atomically(folder / PROGRESS, [file.getvalue()], sync=False)
 
 
 def read_progress(folder: Path) -> Progress | None:
-    """What a run's folder has of it; None where there is none that can be read."""
+    """Read it from a run's folder; None if there is none or it is unreadable."""
     try:
         with np.load(folder / PROGRESS, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}

@@ -1,4 +1,4 @@
-"""Rewrites recordings: makes whole what a killed recorder left, and joins many small chunks."""
+"""Rewrites recordings: repairs those of killed recorders, and merges many small chunks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LOG = logging.getLogger("recorder")
 TIMEOUT_S = 120.0
 LOOK_PERIOD_S = 20.0
 SPARE_S = 60.0
-"""Wall time for the others to be there again, where everything was started anew."""
+"""Wall time for the other services to come back, if everything was restarted."""
 
 
 def rerun_binary() -> Path | None:
@@ -31,12 +31,12 @@ def rerun_binary() -> Path | None:
 
 
 def leftovers(recordings_dir: Path) -> list[Path]:
-    """The run folders whose recorder is dead but never said that the run is whole, oldest first."""
+    """The run folders whose recorder died before the run was complete, oldest first."""
     return [lock.parent for lock in sorted(recordings_dir.glob(f"*/{LOCK}")) if _is_free(lock)]
 
 
 def interrupted(recordings_dir: Path) -> tuple[Path, Progress] | None:
-    """The newest of them of which is known how far it came, and that."""
+    """The newest leftover that has a progress file, and its progress."""
     for folder in reversed(leftovers(recordings_dir)):
         progress = read_progress(folder)
         if progress is not None:
@@ -45,10 +45,10 @@ def interrupted(recordings_dir: Path) -> tuple[Path, Progress] | None:
 
 
 class Rewriting:
-    """Writes what can be read of a recording as a whole one of few chunks, in another process."""
+    """Rewrites the readable part of a recording as one file of few chunks, in another process."""
 
     def __init__(self, parts: Sequence[Path], binary: Path | None = None) -> None:
-        """Of several parts, the first one's file will be the whole."""
+        """Several parts are merged into the first one's file."""
         self._parts = parts
         self._whole = parts[0].with_suffix(".whole")
         self._binary = binary or rerun_binary()
@@ -56,7 +56,7 @@ class Rewriting:
         self._stopped = False
 
     def run(self, timeout_s: float) -> str:
-        """Put the rewritten recording in the old one's place; what went wrong, or nothing."""
+        """Replace the recording by the rewritten one; returns the problem, or an empty string."""
         try:
             problem = self._rewrite(timeout_s)
             if not problem:
@@ -70,7 +70,7 @@ class Rewriting:
         return problem
 
     def stop(self) -> None:
-        """End at once; the recording stays as it was."""
+        """Stop at once; the recording stays unchanged."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()
@@ -102,27 +102,27 @@ class Rewriting:
 
 
 class Repair(threading.Thread):
-    """Repairs every leftover of a folder, one at a time, beside whatever else happens, and looks
-    for more now and then: one for which there was no room, or whose recorder has just died.
+    """Repairs every leftover of a folder, one at a time, in the background, and repeats the search
+    regularly: for one that had no room, or whose recorder has just died.
     """
 
     def __init__(self, recordings_dir: Path) -> None:
         super().__init__(name="repair", daemon=True)
         self.spared: Path | None = None
-        """A run that may go on yet, for a minute."""
+        """A run that may still be resumed, for a minute."""
         self._start_s = time.monotonic()
         self._recordings_dir = recordings_dir
         self._stopped = threading.Event()
         self._rewriting: Rewriting | None = None
 
     def run(self) -> None:
-        """Repair what is left, again and again, until `stop()` is called."""
+        """Repair leftovers, repeatedly, until `stop()` is called."""
         while not self._stopped.is_set():
             self.repair_all()
             self._stopped.wait(LOOK_PERIOD_S)
 
     def repair_all(self) -> None:
-        """Repair what is left now, but for what there is no room for."""
+        """Repair the current leftovers, except those for which there is no room."""
         for folder in leftovers(self._recordings_dir):
             if self._stopped.is_set():
                 return
@@ -130,7 +130,7 @@ class Repair(threading.Thread):
                 continue
             lock = folder / LOCK
             try:
-                # Held while at work, so that of two recorders one repairs.
+                # Locked during the repair, so that only one of two recorders does it.
                 with lock.open(encoding="utf-8") as held:
                     fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     if not self._is_spared(folder):
@@ -139,7 +139,7 @@ class Repair(threading.Thread):
                 continue
 
     def stop(self) -> None:
-        """End at once; what is half repaired stays as it was."""
+        """Stop at once; a half-repaired recording stays unchanged."""
         self._stopped.set()
         if self._rewriting is not None:
             self._rewriting.stop()

@@ -1,4 +1,4 @@
-"""One run: its folder, its recording, its verdict."""
+"""One run: its folder, its recording, its evaluation."""
 
 from __future__ import annotations
 
@@ -59,21 +59,21 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("recorder")
 
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""The one in C is ten times as fast, where there is one."""
+"""The C implementation is ten times as fast, if available."""
 
 FLUSH_PERIOD_S = 0.5
-"""Wall time: what a killed recorder may lose."""
+"""Wall time: data of at most this duration is lost if the recorder is killed."""
 SEND_PERIOD_S = 0.25
-"""Wall time by which the live view may lag."""
+"""Wall time by which the live view may lag behind."""
 SUMMARY_PERIOD_S = 5.0
 PROGRESS_PERIOD_S = 2.0
-"""Wall time by which the verdict of a run may lack what a killed recorder saw last."""
+"""Wall time: the evaluation loses at most this duration if the recorder is killed."""
 SPACE_PERIOD_S = 2.0
-"""Wall time between looks at whether the folder is there, and at a disk that was full."""
+"""Wall time between checks whether the folder exists, and whether a full disk has room again."""
 GO_ON_MIB = 16
-"""Room beyond the least, for the recording to go on with a part that is worth its beginning."""
+"""Free space beyond the minimum that is needed to resume the recording with a new part."""
 JOIN_TIMEOUT_S = 6.0
-"""Wall time at a run's end to make one recording of several, or of one without its end."""
+"""Wall time at a run's end to merge several parts, or to repair one without its end."""
 
 _MIB = 1024 * 1024
 _ROBOT = ROOT / "models" / "turtlebot3_waffle" / "model.urdf"
@@ -81,18 +81,18 @@ _ROBOT = ROOT / "models" / "turtlebot3_waffle" / "model.urdf"
 
 @dataclass(frozen=True)
 class Setting:
-    """What every run of a recorder shares."""
+    """State that all runs of a recorder share."""
 
     config: RecorderConfig
     wall_clock_s: Callable[[], float]
     versions: Mapping[str, str]
     live: LiveFeed | None = None
     resumable: bool = False
-    """Whether a recorder that finds a run whose own died goes on with it."""
+    """Whether a recorder resumes a run whose recorder died."""
     assets: dict[str, bytes] = field(default_factory=dict)
     """Textures (PNG) and meshes (npz) by their sha256."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
-    """The newest message of each topic whose messages hold until the next one."""
+    """The newest message of each latched topic."""
 
 
 class Run:
@@ -106,14 +106,14 @@ class Run:
         now_ns: int,
         progress: Progress | None = None,
     ) -> None:
-        """`make_folder` is called again where somebody removes the run's folder; with `progress`
-        the run goes on from there. Raises OSError where no folder can be made.
+        """`make_folder` is called again if the run's folder is removed; with `progress` the run is
+        resumed from there. Raises OSError if no folder can be created.
         """
         self.world = world
         self.folder = make_folder()
         self._make_folder = make_folder
         self.trouble: str | None = None
-        """What keeps the recording from being written."""
+        """Why the recording cannot be written."""
         self._setting = setting
         self._evaluation = RunEvaluation(world, setting.assets)
         self._judge: dict[Topic[Any], Callable[[Any], None]] = {
@@ -133,7 +133,7 @@ class Run:
         self._canvas: Canvas | None = None
         self._parts = 0
         self._are_whole = True
-        """Whether every part so far has its end."""
+        """Whether every part so far was ended properly."""
         self._content: Mapping[str, Any] = {}
         self._stats: doc.SimulationStats | None = None
         self._rebuilds = 0
@@ -141,15 +141,15 @@ class Run:
         self._rejected: dict[tuple[str, str, str], int] = {}
         self._counts: Mapping[str, TopicCounts] = {}
         self._tick_ns: int | None = None
-        """What the clock told last."""
+        """Time of the newest clock message."""
         now_s = setting.wall_clock_s()
         self._end: tuple[float, int] = (now_s, now_ns)
         self._known: tuple[str, int] | None = None
-        """Where the simulation's messages come from, and its epoch."""
+        """Source id of the simulation's messages, and its epoch."""
         self._taken: dict[str, dict[str, int]] = {}
-        """By topic and source, the last message of those of which every one counts."""
+        """By topic and source, the last sequence number, of topics with delivery EVERY."""
         self._carried: Mapping[str, Any] = {}
-        """Counts of the messages that a recorder before this one saw."""
+        """Message counts of the previous recorder of this run."""
         if progress is not None:
             self._go_on_from(progress)
         self._kept_s = now_s
@@ -159,7 +159,7 @@ class Run:
         self._open_recording(now_ns)
 
     def take(self, topic: Topic[Any], arrival: tuple[Any, Envelope], now_ns: int) -> None:
-        """Judge, draw and digest one message, as Inbox.arrivals() has it."""
+        """Evaluate, draw and digest one message from Inbox.arrivals()."""
         message, envelope = arrival
         if topic.delivery is Delivery.EVERY and not self._is_new(topic, envelope):
             return
@@ -175,7 +175,7 @@ class Run:
             self._draw(self._canvas, topic, message, now_ns)
 
     def _is_new(self, topic: Topic[Any], envelope: Envelope) -> bool:
-        """Whether a message has not been taken in yet, here or by the recorder before this one."""
+        """Whether a message was not taken yet, by this recorder or the previous one."""
         if not envelope.source:
             return True
         taken = self._taken.setdefault(topic.name, {})
@@ -187,11 +187,11 @@ class Run:
         return is_new
 
     def tick(self, now_ns: int, counts: Mapping[str, TopicCounts]) -> None:
-        """Bring what is due to the disk."""
+        """Write to disk what is due."""
         self._counts = counts
         now_s = self._setting.wall_clock_s()
         if self._tick_ns is not None:
-            # The newest of those that waited: it alone came just now.
+            # Only the newest of the queued messages arrived just now.
             self._wall_time.tick(now_s, self._tick_ns)
             self._tick_ns = None
         if self._setting.live is not None and now_s - self._sent_s >= SEND_PERIOD_S:
@@ -212,7 +212,7 @@ class Run:
             self.keep_progress()
 
     def keep_progress(self) -> None:
-        """Keep what a recorder needs that has to go on with this run."""
+        """Write the state that a new recorder needs to resume this run."""
         if self._known is None or not self._setting.resumable or self.folder.is_gone:
             return
         source, epoch = self._known
@@ -236,7 +236,7 @@ class Run:
             _LOG.debug("%s: %s", self.folder.path, error.strerror)
 
     def _go_on_from(self, progress: Progress) -> None:
-        """Take over what another recorder has seen of the run."""
+        """Take over the state of the previous recorder of the run."""
         run = progress.run
         self._evaluation.restore(progress.verdict, progress.arrays)
         self._rebuilds = run["rebuilds"]
@@ -249,13 +249,13 @@ class Run:
         self._are_whole = False
 
     def _all_counts(self) -> dict[str, TopicCounts]:
-        """What has come here on each topic, and to the recorder before."""
+        """Message counts by topic, including those of the previous recorder."""
         counts = dict(self._counts)
         for topic, (received, sent, lost, rejected) in self._carried.items():
             ours = counts.get(topic, TopicCounts())
             counts[topic] = TopicCounts(
                 ours.received + received,
-                # A publisher's numbers tell what it sent before as well.
+                # A publisher's sequence numbers include those sent before.
                 max(ours.sent, sent),
                 ours.lost + lost,
                 ours.rejected + Counter(rejected),
@@ -264,24 +264,24 @@ class Run:
         return counts
 
     def evaluation(self) -> doc.Evaluation:
-        """The run so far, judged by the ground truth."""
+        """The evaluation of the run so far, against the ground truth."""
         return self._evaluation.evaluation(str(self.folder.path))
 
     def show(self, evaluation: doc.Evaluation, final: bool = False) -> None:
-        """Draw the run's verdict."""
+        """Draw the run's evaluation."""
         if self._canvas is not None:
             from services.recorder.drawing.text_drawing import draw_evaluation  # noqa: PLC0415
 
             draw_evaluation(self._canvas, evaluation, final)
 
     def write_config(self, content: Mapping[str, Any]) -> None:
-        """Keep what the run was told."""
+        """Write config.yaml."""
         self._content = content
         text = yaml.dump(dict(content), Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
         self._write(CONFIG, [text.encode()])
 
     def close(self) -> None:
-        """Write the summary, end the recording, and say that the run is whole."""
+        """Write the summary, end the recording, and mark the run as complete."""
         self._write_summary()
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
@@ -291,7 +291,7 @@ class Run:
         if self._join_parts():
             self.folder.release()
         else:
-            # A recorder that finds it so makes it whole.
+            # A later recorder will repair it.
             self.folder.let_go()
 
     def _judge_one(self, topic: Topic[Any], message: Any) -> None:
@@ -322,7 +322,7 @@ class Run:
                     self._rejected[status.name, topic, reason] = int(value.value)
 
     def _look_again(self, now_ns: int) -> None:
-        """Go on where something kept the recording from it, and does no longer."""
+        """Resume the recording if what prevented it is gone."""
         if self.folder.is_gone:
             removed = self.folder.path
             self._stop(f"{removed} was removed")
@@ -342,7 +342,7 @@ class Run:
             self._open_recording(now_ns)
 
     def _open_recording(self, now_ns: int) -> None:
-        """Begin run.rrd, or its next part, with everything that holds already."""
+        """Start run.rrd, or its next part, with the current state."""
         is_kept = self._setting.config.record
         trouble = self._no_room() if is_kept else None
         if trouble is not None:
@@ -361,12 +361,12 @@ class Run:
             self._begin_drawing(None, now_ns)
 
     def _begin_drawing(self, path: Path | None, now_ns: int) -> None:
-        """Draw everything that holds already, into a file, to the live view, or both.
+        """Draw the current state, into a file, to the live view, or both.
 
-        Raises RecordingError where the file cannot be made.
+        Raises RecordingError if the file cannot be created.
         """
         setting = self._setting
-        # Rerun is loaded only where something is drawn.
+        # Rerun is imported only if something is drawn.
         from services.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
         from services.recorder.drawing.blueprint import run_blueprint  # noqa: PLC0415
         from services.recorder.drawing.canvas import Canvas  # noqa: PLC0415
@@ -421,7 +421,7 @@ class Run:
             return None
 
     def _write_digests(self, close: bool = False) -> None:
-        """Bring the digests to the disk; what it does not take is kept until it does."""
+        """Write the digests to disk; unwritten ones are kept for the next time."""
         digests = self._digests
         if digests is None:
             return
@@ -459,7 +459,7 @@ class Run:
             self._stop(trouble)
 
     def _stop(self, reason: str) -> None:
-        """End the file before its disk is full; the run goes on, judged, and shown live."""
+        """End the file before its disk is full; evaluation and live view go on."""
         recording = self.folder.path / RECORDING
         trouble = f"room for {recording}: {reason}"
         if trouble != self.trouble:
@@ -482,13 +482,13 @@ class Run:
             _LOG.error("%s: %s", self.folder.part(self._parts), error)
 
     def _join_parts(self) -> bool:
-        """Make one small run.rrd, quick to open, of all parts; whether it is whole."""
+        """Merge all parts into one compact run.rrd; returns whether it is complete."""
         parts = self.folder.parts()
         timeout_s = self._setting.config.compact_timeout_s
         must = len(parts) > 1 or not self._are_whole
         if not parts or (timeout_s <= 0.0 and not must):
             return True
-        # One that takes longer is whole all the same where it is the only part, and stays as it is.
+        # If this times out, a properly ended single part stays as it is.
         problem = Rewriting(parts).run(max(timeout_s, JOIN_TIMEOUT_S) if must else timeout_s)
         if problem and must:
             _LOG.warning(
@@ -497,7 +497,7 @@ class Run:
         return not (problem and must)
 
     def _no_room(self, more_mib: int = 0) -> str | None:
-        """What keeps a file from being written, in words."""
+        """Why a file cannot be written, as a phrase."""
         minimum_mib = self._setting.config.min_free_mib + more_mib
         try:
             free_mib = self._free_mib()

@@ -1,4 +1,4 @@
-"""Where two runs part: the first message of each publisher on each topic that is not the same."""
+"""Where two runs diverge: the first differing message of each publisher on each topic."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ from services.recorder.keeping.digests import OTHERS, Digests
 Rows = NDArray[np.void]
 
 _TAIL_NS = 1_000_000_000
-"""Before the end that both runs have: what is lacking there may have been under way at the end."""
+"""Before the common end of both runs: messages missing there may have been in transit."""
 
 _BLOCK = 4096
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The first message on a topic that is not the same in both runs."""
+    """The first message on a topic that differs between the two runs."""
 
     time_ns: int
     """Simulation time at which it was sent."""
     topic: str
     source: str
-    """Name of the service, or nothing where that is not known."""
+    """Name of the service; empty if unknown."""
     number: int
-    """Of the message at its source on this topic, from 0."""
+    """Sequence number of the message at its source on this topic, from 0."""
     only_in: int | None
     """The run, 0 or 1, that alone has it; None: both have one, and they differ."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two runs have in common and what not."""
+    """Result of the comparison of two runs."""
 
     differences: tuple[Difference, ...]
-    """One a topic and publisher, the earliest first."""
+    """One per topic and publisher, the earliest first."""
     messages: int
-    """That are the same."""
+    """Number of equal messages."""
     lost: tuple[int, int]
-    """Messages of each run that its recording lacks, and the other's has."""
+    """Messages missing in each run's recording that the other has."""
     ends_ns: tuple[int, int]
     """When each run sent its last message."""
 
 
 def compare(first: Digests, second: Digests) -> Comparison:
-    """Hold two runs against each other, up to where the shorter one ends.
+    """Compare two runs, up to the end of the shorter one.
 
-    A message is told from others by the time at which it was sent, and by its order among those
-    of one time. Before time passes, how often something is said depends on who came when: there,
-    only the last messages count.
+    A message is identified by its send time, and by its order among messages of equal time. Before
+    simulation time advances, the number of repetitions depends on the services' start order: there,
+    only the last messages are compared.
     """
     ends_ns = _end_ns(first), _end_ns(second)
     differences: list[Difference] = []
@@ -77,7 +77,7 @@ def _end_ns(digests: Digests) -> int:
 
 
 _Streams = dict[str, list[tuple[str, Rows]]]
-"""By topic, the messages of each publisher and its name; no name where that is not known."""
+"""By topic, the name and messages of each publisher; an empty name if unknown."""
 
 
 def _streams(digests: Digests) -> _Streams:
@@ -98,8 +98,8 @@ def _streams(digests: Digests) -> _Streams:
 def _paired(first: _Streams, second: _Streams) -> dict[tuple[str, str], tuple[Rows, Rows]]:
     """The messages of both runs by topic and publisher.
 
-    In one process publishers have names, over a bus they have none: those without a partner of
-    their name are told apart by what they said first, the same in both runs.
+    Publishers have names within one process, but not over a bus: those without a namesake are
+    matched by their first message, which is the same in both runs.
     """
     pairs = {}
     for topic in dict.fromkeys((*first, *second)):
@@ -123,7 +123,7 @@ def _paired(first: _Streams, second: _Streams) -> dict[tuple[str, str], tuple[Ro
 
 
 class _Walk:
-    """Through the messages of one publisher in two runs, side by side."""
+    """Walks through the messages of one publisher in two runs, side by side."""
 
     def __init__(self, first: Rows, second: Rows, end_ns: int) -> None:
         self._rows = first, second
@@ -132,7 +132,7 @@ class _Walk:
         self.lost = [0, 0]
 
     def first_difference(self) -> tuple[np.void, int | None] | None:
-        """The message, and the run that alone has it; None where there is none."""
+        """The message, and the run that alone has it; None if there is no difference."""
         at = [0, 0]
         while any(i < len(rows) for i, rows in zip(at, self._rows, strict=True)):
             alike = self._alike(at)
@@ -155,7 +155,7 @@ class _Walk:
         return None
 
     def _alike(self, at: list[int]) -> int:
-        """How many of the next messages are the same, in whole groups of one time."""
+        """Number of equal next messages, in whole groups of equal time."""
         a, b = (rows[i : i + _BLOCK] for rows, i in zip(self._rows, at, strict=True))
         count = min(len(a), len(b))
         same = (a["time_ns"][:count] == b["time_ns"][:count]) & (
@@ -164,7 +164,7 @@ class _Walk:
         end = count if same.all() else int(same.argmin())
         if end == len(a) == len(b) < _BLOCK:
             return end
-        # Those of the time at which they may part are looked at together.
+        # Messages of the time of a possible difference are compared together.
         while end > 0 and any(
             end == len(rows) or rows["time_ns"][end] == rows["time_ns"][end - 1] for rows in (a, b)
         ):
@@ -211,7 +211,7 @@ class _Walk:
         return self._rows[longer][at[longer] + row], None if len(other) else longer
 
     def _gap(self, run: int, start: int, end: int) -> int:
-        """How many of a run's messages its recording lacks around rows `start` to `end`."""
+        """Number of messages missing in a run's recording around rows `start` to `end`."""
         numbers = self._rows[run]["sequence"]
         if end >= len(numbers):
             return 0

@@ -1,4 +1,4 @@
-"""The folder of one run: its name, its lock, and what must hold before anything starts."""
+"""The folder of one run: its name, its lock, and the checks before a start."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ DIGESTS = "digests.bin"
 SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 PROGRESS = ".progress.npz"
-"""Stands in a run's folder until the run has ended: by it another recorder can go on with it."""
+"""Exists in a run's folder until the run has ended: another recorder can resume the run from it."""
 LOCK = ".recording"
-"""Stands in a run's folder, locked, while its recorder lives; without the lock, it was killed."""
+"""Exists in a run's folder, locked while its recorder lives; if unlocked, it was killed."""
 
 
 def parts_of(folder: Path) -> list[Path]:
@@ -31,7 +31,7 @@ def parts_of(folder: Path) -> list[Path]:
 
 
 def _number(stem: str) -> int:
-    """The number of a part by its name without `.rrd`; 0: it is none."""
+    """The number of a part by its name without `.rrd`; 0: not a part."""
     if stem == "run":
         return 1
     number = stem.removeprefix("run_")
@@ -39,7 +39,7 @@ def _number(stem: str) -> int:
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder; raise ConfigError with one line where no file can be made in it."""
+    """Create a folder; raise ConfigError with one line if no file can be created in it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -49,8 +49,8 @@ def check_writable(folder: Path) -> None:
 
 
 def check_free(field: str, folder: Path) -> None:
-    """Raise ConfigError with one line, which begins with the field or flag, where a folder cannot
-    be that of a new run. Nothing is left of the try.
+    """Raise ConfigError with one line, which begins with the field or flag, if a folder cannot be
+    used for a new run. Leaves nothing behind.
     """
     for name in (SUMMARY, RECORDING, CONFIG):
         if os.path.exists(folder / name):  # noqa: PTH110 - False for a name that cannot be
@@ -75,12 +75,12 @@ def check_free(field: str, folder: Path) -> None:
 
 
 class RunFolder:
-    """A run's own folder, locked until `release()`."""
+    """A run's folder, locked until `release()`."""
 
     def __init__(self, path: Path) -> None:
-        """Raises FileExistsError where a run has the folder already."""
+        """Raises FileExistsError if the folder already belongs to a run."""
         self.path = path
-        # Locked before it gets its name: nobody may find it unlocked and take the run for dead.
+        # Locked before it gets its name: otherwise another recorder could take the run for dead.
         with tempfile.NamedTemporaryFile("w", dir=path, prefix=f"{LOCK}.", delete=False) as file:
             lock = os.fdopen(os.dup(file.fileno()), "w", encoding="utf-8")
         temporary = Path(file.name)
@@ -96,14 +96,14 @@ class RunFolder:
 
     @classmethod
     def in_folder(cls, recordings_dir: Path, started: datetime, world: str) -> RunFolder:
-        """Make the folder of a run, `<time>_<world>`; a taken name gets a number."""
+        """Create the folder of a run, `<time>_<world>`; a taken name gets a number."""
         safe_world = re.sub(r"[^A-Za-z0-9_.-]+", "-", world).strip(".-") or "world"
         name = f"{started:%Y-%m-%d_%H-%M-%S}_{safe_world}"
         return cls._make(recordings_dir, name)
 
     @classmethod
     def exactly(cls, path: Path) -> RunFolder:
-        """Take a folder of that path, or beside it with a number where it holds a run already."""
+        """Use a folder of that path, or one with a number if it already contains a run."""
         path.mkdir(parents=True, exist_ok=True)
         if not any((path / name).exists() for name in (LOCK, SUMMARY, RECORDING)):
             with contextlib.suppress(FileExistsError):
@@ -126,9 +126,9 @@ class RunFolder:
 
     @classmethod
     def take_over(cls, path: Path) -> RunFolder:
-        """Take the folder of a run whose recorder died.
+        """Take over the folder of a run whose recorder died.
 
-        Raises OSError where it lives, or the run has ended.
+        Raises OSError if that recorder is alive, or the run has ended.
         """
         lock = (path / LOCK).open("r+", encoding="utf-8")
         try:
@@ -142,11 +142,11 @@ class RunFolder:
 
     @property
     def is_gone(self) -> bool:
-        """Whether somebody has removed the folder, or put another in its place."""
+        """Whether the folder was removed or replaced."""
         return self._lock is not None and os.fstat(self._lock.fileno()).st_nlink == 0
 
     def part(self, number: int) -> Path:
-        """Where a part of the recording goes, counted from 1."""
+        """Path of a part of the recording, counted from 1."""
         return self.path / (RECORDING if number == 1 else f"run_{number}.rrd")
 
     def parts(self) -> list[Path]:
@@ -154,26 +154,26 @@ class RunFolder:
         return parts_of(self.path)
 
     def last_part(self) -> int:
-        """The number of the newest part; 0: there is none."""
+        """The number of the newest part; 0: none."""
         return max((_number(path.stem) for path in self.parts()), default=0)
 
     def release(self) -> None:
-        """Say that the run is whole."""
+        """Mark the run as complete."""
         if self._lock is not None and not self.is_gone:
             (self.path / PROGRESS).unlink(missing_ok=True)
             (self.path / LOCK).unlink(missing_ok=True)
         self.let_go()
 
     def let_go(self) -> None:
-        """Leave the folder as that of a run which is not whole."""
+        """Leave the folder marked as that of an incomplete run."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
 
 
 def write_atomically(path: Path, pieces: Iterable[bytes], sync: bool = True) -> None:
-    """Write a file so that a reader, or a crash, finds the old one or the new one, whole; `sync`:
-    also after a crash of the machine.
+    """Write a file so that after a crash, and for readers, it is either the old or the new one;
+    `sync`: also after a crash of the machine.
     """
     temporary = path.with_name(f".{path.name}.part")
     with temporary.open("wb") as file:

@@ -1,4 +1,4 @@
-"""Which versions of what a run was made with."""
+"""Software versions used for a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OPENCV = (
 
 
 def versions() -> dict[str, str]:
-    """Version of Mazebot, Python and the packages whose numbers a run depends on."""
+    """Version of Mazebot, Python and the packages that a run's numbers depend on."""
     found = {"mazebot": _mazebot(), "python": platform.python_version()}
     for package in _PACKAGES:
         names = _OPENCV if package == "opencv" else (package,)

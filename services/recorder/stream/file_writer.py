@@ -1,5 +1,5 @@
-"""Writes a file that Rerun makes, in its place: its own writer is never heard of again where the
-disk takes nothing, and whoever flushes or closes it waits for ever.
+"""Writes a file for Rerun: if the disk refuses data, Rerun's own writer hangs without an error,
+and so does every flush or close.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ _LOOK_S = 0.001
 
 
 class RecordingError(Exception):
-    """A recording that cannot be written any further; its text is one line."""
+    """A recording that cannot be written any further; one line of text."""
 
 
 class FileWriter:
-    """Writes what comes through a pipe to a new file, until the pipe's other end is closed.
+    """Writes data from a pipe to a new file, until the pipe's other end is closed.
 
-    Once the disk refuses anything, all that follows is let go of: nobody waits for it.
+    Once the disk refuses anything, all further data is dropped, so that nobody waits for it.
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError where the file cannot be made."""
+        """Raises OSError if the file cannot be created."""
         self.problem: str | None = None
-        """Why the file is not whole, in one line."""
+        """Why the file is incomplete, in one line."""
         self._file = path.open("wb", buffering=0)
         self._lock = threading.Lock()
         self._is_reading = True
-        """Whether all that was taken out of the pipe has been written."""
+        """Whether all data read from the pipe has been written."""
         self._read_end, self._write_end = os.pipe()
         with contextlib.suppress(OSError):
-            # Where that is more than a user may have, a smaller one does.
+            # If that exceeds the user's limit, the default size is enough.
             fcntl.fcntl(self._write_end, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         self._thread = threading.Thread(target=self._run, name="file writer", daemon=True)
 
     @property
     def path(self) -> str:
-        """What to open, once, and write to."""
+        """The path to open, once, and write to."""
         return f"/proc/self/fd/{self._write_end}"
 
     def start(self) -> None:
-        """Begin, when the path has been opened, or will not be."""
+        """Start, after the path has been opened or if it will not be."""
         os.close(self._write_end)
         self._thread.start()
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether the file has, within a time, all that was written to the path so far."""
+        """Whether, within a timeout, the file contains all data written to the path so far."""
         end_s = time.monotonic() + timeout_s
         while self._thread.is_alive() and self._waits():
             if time.monotonic() >= end_s:
@@ -62,7 +62,7 @@ class FileWriter:
         return True
 
     def join(self, timeout_s: float) -> bool:
-        """Whether, within a time, the path was closed and the file has everything."""
+        """Whether, within a timeout, the path was closed and the file is complete."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 

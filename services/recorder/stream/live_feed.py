@@ -1,4 +1,4 @@
-"""Hands what is drawn to the live view's server, beside the recorder, which never waits for it."""
+"""Sends what is drawn to the live view's server, in a thread, so that the recorder never waits."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _LOG = logging.getLogger("recorder")
 APPLICATION = "mazebot"
 TIMELINE = "sim_time"
 BATCH_PERIOD_S = 0.25
-"""Wall time after which what was logged goes on its way: a live view's default of 8 ms makes fifty
-times the chunks, which slow viewers choke on.
+"""Wall time after which logged data is sent: the default of 8 ms for live views makes fifty times
+the chunks, too many for slow viewers.
 """
 _MOST_WAITING = 4000
 _MOST_WAITING_BYTES = 32 * 1024 * 1024
 _FLUSH_TIMEOUT_S = 0.5
 _SLOW_S = 5.0
-"""Wall time without progress after which it is told that a viewer does not keep up."""
+"""Wall time without progress after which a slow viewer is reported."""
 _END_TIMEOUT_S = 0.5
 
 Batches = list[rr.DescribedComponentBatch]
@@ -34,7 +34,7 @@ Batches = list[rr.DescribedComponentBatch]
 
 @dataclass(frozen=True)
 class _Waiting:
-    """What is to be logged; a newer one of the same key stands for the older where both wait."""
+    """Data to be logged; while it waits, a newer one of the same key may replace it."""
 
     key: Hashable
     size_bytes: int
@@ -42,11 +42,11 @@ class _Waiting:
 
 
 class LiveFeed:
-    """Feeds a server of Rerun's, which makes whoever writes to it wait for its slowest viewer.
+    """Feeds a Rerun server, which makes its writers wait for its slowest viewer.
 
-    A thread of its own waits. While it does, what is drawn piles up here, up to a bound; beyond
-    it only the newest of each entity is kept, so that a viewer which goes on, or comes late, is
-    shown how everything is now.
+    A separate thread does the waiting. Meanwhile drawn data is queued here, up to a limit; beyond
+    it only the newest of each entity is kept, so that a viewer which catches up, or connects late,
+    is shown the current state.
     """
 
     def __init__(self, url: str) -> None:
@@ -63,7 +63,7 @@ class LiveFeed:
         self._thread.start()
 
     def begin(self, name: str, blueprint: rrb.Blueprint, properties: Mapping[str, str]) -> None:
-        """Show another recording from now on; of one that is shown already, what comes next."""
+        """Show another recording from now on; the one that is shown already is simply continued."""
 
         def make() -> rr.RecordingStream:
             stream = rr.RecordingStream(
@@ -106,7 +106,7 @@ class LiveFeed:
         self._put(_Waiting((path, "columns"), size_bytes, log))
 
     def close(self) -> bool:
-        """Show the last of it; False where a viewer did not take it in time."""
+        """Send the rest; False if a viewer did not accept it in time."""
         self._ended.set()
         self._thread.join(BATCH_PERIOD_S + _END_TIMEOUT_S)
         return not self._thread.is_alive()
@@ -125,7 +125,7 @@ class LiveFeed:
             newest[waiting.key] = waiting
         self._waiting = list(newest.values())
         self._waiting_bytes = sum(waiting.size_bytes for waiting in self._waiting)
-        # Where the newest of everything is much already, not with every message anew.
+        # If the newest data alone is large, do not repeat this with every message.
         self._most = max(_MOST_WAITING, 2 * len(self._waiting))
         self._most_bytes = max(_MOST_WAITING_BYTES, 2 * self._waiting_bytes)
 
@@ -151,13 +151,13 @@ class LiveFeed:
                 return
 
     def _wait_for_viewers(self, stream: rr.RecordingStream) -> None:
-        """Wait until the server has taken everything, for as long as it takes."""
+        """Wait until the server has accepted everything, without a timeout."""
         waited_s = 0.0
         while True:
             try:
                 stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
             except (RuntimeError, TimeoutError, ValueError):
-                # It is the server that waits for a viewer, or that has ended.
+                # The server is waiting for a viewer, or has ended.
                 before_s, waited_s = waited_s, waited_s + _FLUSH_TIMEOUT_S
                 if before_s < _SLOW_S <= waited_s:
                     _LOG.warning(
@@ -173,8 +173,8 @@ class LiveFeed:
 def introduce(
     stream: rr.RecordingStream, name: str, blueprint: rrb.Blueprint, properties: Mapping[str, str]
 ) -> None:
-    """Log what a recording is, and how it is laid out."""
-    # Active at once: a viewer that is open already has made up a layout of its own.
+    """Log name, properties and layout of a recording."""
+    # Active at once: an open viewer has already chosen a layout.
     stream.send_blueprint(blueprint, make_active=True, make_default=True)
     stream.send_recording_name(name)
     stream.send_property("run", rr.AnyValues(drop_untyped_nones=True, **dict[str, Any](properties)))

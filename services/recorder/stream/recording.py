@@ -29,20 +29,20 @@ if TYPE_CHECKING:
 
 
 AGAIN_NS = 10_000_000_000
-"""What has not changed is logged again this often, for viewers that have only the newest data."""
+"""Unchanged values are logged again this often, for viewers that have only the newest data."""
 LEVEL_NS = 2_000_000_000
-"""By how much a plot's line may end too early while the number stays the same."""
+"""How much too early a plot's line may end while the number stays the same."""
 _NOTHING = 1e-9
-"""Less than this (m, rad, and the like) no number has changed: a body at rest trembles by 1e-17."""
+"""Smaller changes (m, rad, and the like) count as none: a body at rest jitters by 1e-17."""
 _MOST_SHOWN = 20_000
-"""Entities come and go; what is known of more is forgotten, and logged once more than needed."""
+"""Entities come and go: beyond this, the state is forgotten, and values are logged once more."""
 _EVENT = "rerun.archetypes.TextLog"
-"""Each one stands for itself, however alike."""
+"""Events are always logged, even if equal."""
 _CLOSE_TIMEOUT_S = 1.5
 _FLUSH_TIMEOUT_S = 1.0
 _MOST_WAITING = 8
 _UNSEEN = 1e-6
-"""Scale of what is not there: Rerun warns of 0, and of a frame that is nowhere."""
+"""Scale of hidden entities: Rerun warns about 0, and about a frame without a transform."""
 
 
 Vector = tuple[float, float, float]
@@ -52,8 +52,8 @@ Xyzw = tuple[float, float, float, float]
 class Recording:
     """A stream of drawn messages into a file, to the live view, or both.
 
-    Numbers and transforms are many and small: they are kept until all of an entity's are sent
-    at once, which costs a hundredth of logging each.
+    Numbers and transforms are many and small: they are collected and sent together for each entity,
+    at a hundredth of the cost of logging each.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Recording:
         blueprint: rrb.Blueprint,
         properties: Mapping[str, str],
     ) -> None:
-        """Raises RecordingError where the file cannot be made."""
+        """Raises RecordingError if the file cannot be created."""
         self._live = live
         self._file: rr.RecordingStream | None = None
         self._writer: FileWriter | None = None
@@ -78,7 +78,7 @@ class Recording:
         self._placed: dict[str, tuple[int, tuple[float, ...], tuple[object, ...]]] = {}
         """Of each path with a transform: when the last one was logged, its numbers and frames."""
         self._shown: dict[tuple[str, bool, rr.ComponentDescriptor], tuple[int, bytes]] = {}
-        """Of each component of an entity: when it was last logged, and the digest of what."""
+        """Of each component of an entity: when it was last logged, and the digest of its data."""
         self._made_of: dict[str, tuple[int, NDArray[Any]]] = {}
         if path is not None:
             batches = rr.ChunkBatcherConfig(flush_tick=BATCH_PERIOD_S)
@@ -112,8 +112,8 @@ class Recording:
     def log_later(
         self, path: str, make: Callable[[], rr.AsComponents], of: NDArray[Any] | None = None
     ) -> None:
-        """Log to an entity what takes long to make, beside the caller's work; not, where it would
-        be made `of` the same array as the last one.
+        """Log to an entity what takes long to make, in another thread; skipped if it would be made
+        `of` the same array as the last one.
         """
         if of is not None:
             before = self._made_of.get(path)
@@ -126,7 +126,7 @@ class Recording:
         self._making.append(self._maker.submit(self._make, self._stamp_ns, path, make))
 
     def scalar(self, path: str, value: float) -> None:
-        """Log a number to an entity; of equal ones in a row the first and the last."""
+        """Log a number to an entity; of equal ones in a row only the first and the last."""
         self._scalars.setdefault(path, _Series()).add(self._stamp_ns, float(value))
 
     def transform(
@@ -138,8 +138,8 @@ class Recording:
         child_frame: str,
         shown: bool = True,
     ) -> None:
-        """Log where a frame is in another, or that what is in it is not there; not, where that has
-        not changed.
+        """Log the transform of a frame in another, or hide what is in it; skipped if nothing has
+        changed.
         """
         numbers, frames = (*translation_m, *xyzw), (parent_frame, child_frame, shown)
         before = self._placed.get(path)
@@ -156,14 +156,14 @@ class Recording:
         rows.xyzws.append(xyzw)
 
     def send_numbers(self) -> None:
-        """Log the numbers that wait."""
+        """Log the queued numbers."""
         for path, series in self._scalars.items():
             stamps_ns, values = series.take()
             if stamps_ns:
                 self._send_columns(path, stamps_ns, rr.Scalars.columns(scalars=values))
 
     def send_transforms(self) -> None:
-        """Log the transforms that wait."""
+        """Log the queued transforms."""
         for (path, parent_frame, child_frame, shown), rows in self._transforms.items():
             columns = rr.Transform3D.columns(
                 translation=np.array(rows.translations_m),
@@ -176,9 +176,9 @@ class Recording:
         self._transforms.clear()
 
     def flush(self) -> None:
-        """Bring everything logged so far to the disk, or as much as it takes within a second.
+        """Write everything logged so far to disk, or as much as possible within a second.
 
-        Raises RecordingError where the file cannot be written any further.
+        Raises RecordingError if the file cannot be written any further.
         """
         self._send_all()
         self._flush_file(_FLUSH_TIMEOUT_S)
@@ -186,9 +186,9 @@ class Recording:
             raise RecordingError(self._writer.problem)
 
     def end_file(self) -> None:
-        """Write the file's end, where that can be, and let go of it; what follows is only shown.
+        """Write the file's end, if possible, and close it; further data goes to the live view only.
 
-        Raises RecordingError where it has no end.
+        Raises RecordingError if the end could not be written.
         """
         for series in self._scalars.values():
             series.end()
@@ -198,7 +198,7 @@ class Recording:
             return
         self._flush_file(_CLOSE_TIMEOUT_S)
         self._file = None
-        # Where the disk hangs, it waits for it.
+        # Disconnecting blocks while the disk hangs.
         ending = threading.Thread(target=stream.disconnect, name="end of file", daemon=True)
         ending.start()
         is_whole = writer.join(_CLOSE_TIMEOUT_S)
@@ -208,9 +208,9 @@ class Recording:
             raise RecordingError(f"the disk takes longer than {_CLOSE_TIMEOUT_S:g} s")
 
     def close(self) -> None:
-        """End the file; nothing may be logged after.
+        """End the file; nothing may be logged afterwards.
 
-        Raises RecordingError where the file has no end.
+        Raises RecordingError if the file's end could not be written.
         """
         try:
             self.end_file()
@@ -224,7 +224,7 @@ class Recording:
             self._file.flush(timeout_sec=timeout_s)
             self._writer.wait(timeout_s)
         except (RuntimeError, TimeoutError, ValueError) as error:
-            # A slow disk takes the rest later.
+            # A slow disk catches up later.
             if "timed out" not in _one_line(error):
                 raise RecordingError(_one_line(error)) from error
 
@@ -236,7 +236,7 @@ class Recording:
 
     def _make(self, stamp_ns: int, path: str, make: Callable[[], rr.AsComponents]) -> None:
         if self._file is not None:
-            # Rerun keeps the time by thread: this one's is its own.
+            # Rerun keeps the time per thread.
             self._file.set_time(TIMELINE, duration=np.timedelta64(stamp_ns, "ns"))
         self._log(path, (make(),), stamp_ns, static=False)
 
@@ -254,7 +254,7 @@ class Recording:
             self._live.log(path, batches, stamp_ns, static)
 
     def _is_as_before(self, path: str, batches: Batches, stamp_ns: int, static: bool) -> bool:
-        """Whether a viewer shows the same already, as it shows the newest of every component."""
+        """Whether a viewer shows the same already: it shows the newest value of every component."""
         descriptors = [batch.component_descriptor() for batch in batches]
         if any(descriptor.archetype == _EVENT for descriptor in descriptors):
             return False
@@ -290,13 +290,13 @@ class Recording:
 
 
 class _Series:
-    """A number over time, as what a plot draws a line through: the ends of each level stretch."""
+    """A number over time, reduced to the ends of each constant stretch, for a line plot."""
 
     def __init__(self) -> None:
         self._stamps_ns: list[int] = []
         self._values: list[float] = []
         self._last: tuple[int, float] | None = None
-        """The newest point taken up,"""
+        """The newest point added,"""
         self._level_ns: int | None = None
         """and until when it has stayed the same."""
 
@@ -309,7 +309,7 @@ class _Series:
         self._take_up(stamp_ns, value)
 
     def end(self) -> None:
-        """Take up the end of a level stretch."""
+        """Add the end of a constant stretch."""
         level_ns, self._level_ns = self._level_ns, None
         if self._last is not None and level_ns is not None:
             self._take_up(level_ns, self._last[1])

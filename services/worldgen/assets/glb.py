@@ -14,7 +14,7 @@ from services.worldgen.assets.meshes import EXTRAS, UV_ATTRIBUTE, MeshPart
 
 
 def glb_of(parts: Sequence[MeshPart]) -> bytes:
-    """The parts as one self-contained GLB, from which `meshes.load_mesh` reads the very same.
+    """The parts as one self-contained GLB, from which `meshes.load_mesh` reads identical parts.
 
     The same bytes for the same parts. Positions, normals and uvs are in single precision.
     """
@@ -25,7 +25,7 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
 
 
 class _GlbWriter:
-    """glTF 2.0 in one file: a header in JSON, then the arrays and pictures it speaks of."""
+    """glTF 2.0 in one file: a JSON header, then the arrays and images that it refers to."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
@@ -46,7 +46,7 @@ class _GlbWriter:
         }
         one = np.float32(1.0)
         if not np.array_equal(one - (one - uvs[:, 1]), uvs[:, 1]):
-            # Readers that count v from the bottom round it.
+            # Readers that count v from the bottom would round it.
             attributes[UV_ATTRIBUTE] = attributes["TEXCOORD_0"]
         indices = self._accessor(mesh.triangles.astype("<u4").reshape(-1), "SCALAR", 34963)
         exact = {

@@ -1,4 +1,4 @@
-"""The files that a mesh's file names: materials, buffers and pictures."""
+"""The files that a mesh file refers to: materials, buffers and images."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from services.worldgen.recipe.problems import shown_value
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 MAX_TEXTURE_PX = 2048
-"""Side of a texture; larger ones are made smaller."""
+"""Side of a texture; larger ones are scaled down."""
 MAX_IMAGE_PIXELS = 64 * 1024 * 1024
 
 
 class MeshError(Exception):
-    """What is wrong with a file, as a phrase."""
+    """Describes an invalid file, as a phrase."""
 
 
 def read_bytes(path: Path) -> bytes:
     """Contents of a file. Raises MeshError, or OSError."""
     if not path.is_file():
-        # Opening a pipe would wait for ever.
+        # Opening a pipe would block forever.
         path.stat()
         raise MeshError("must be a file")
     with path.open("rb") as file:
@@ -38,7 +38,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 class MeshFiles(Resolver):
-    """The files that a mesh names."""
+    """The files that a mesh file refers to."""
 
     def __init__(self, path: Path) -> None:
         self._folder = path.resolve().parent
@@ -48,7 +48,7 @@ class MeshFiles(Resolver):
         self.file_path = str(path)
         self.file_name = path.name
         self.problem: MeshError | None = None
-        """The first thing wrong; trimesh goes on without what it cannot read."""
+        """The first problem; trimesh continues without files that it cannot read."""
         self._pngs: dict[int, tuple[Image.Image, bytes]] = {}
 
     def get(self, name: str) -> bytes:
@@ -71,7 +71,7 @@ class MeshFiles(Resolver):
         return data
 
     def namespaced(self, namespace: str) -> MeshFiles:
-        """Files are looked for in one place."""
+        """Files are searched in one folder only."""
         return self
 
     def keys(self) -> tuple[str, ...]:
@@ -89,7 +89,7 @@ class MeshFiles(Resolver):
             raise self.problem from error
 
     def png(self, image: Image.Image) -> bytes:
-        """A picture as PNG. Raises MeshError."""
+        """An image as PNG. Raises MeshError."""
         known = self._pngs.get(id(image))
         if known is None:
             known = self._pngs[id(image)] = (image, _png(image))
@@ -102,7 +102,7 @@ class MeshFiles(Resolver):
             raise MeshError(f"{shown_value(name)}: must be a file name")
         textures = self._folder.parent / "materials" / "textures"
         outside = False
-        # As Gazebo looks for them; an author's own absolute path is as good as its last part.
+        # The search order of Gazebo; of an absolute path only the last part is used.
         for candidate in (self._folder / relative, self._folder / base, textures / base):
             found = candidate.resolve()
             if found.is_relative_to(self._root):
@@ -116,7 +116,7 @@ class MeshFiles(Resolver):
 
 def bare_lines(text: bytes) -> bytes:
     """OBJ and MTL without comments and runs of blanks."""
-    # Readers take a time that grows with the square of a run of blanks.
+    # The time that readers take grows with the square of a run of blanks.
     return re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)(^|[ \t])#.*$", b"", text))
 
 
@@ -134,7 +134,7 @@ def _png(image: Image.Image) -> bytes:
             size = [max(1, round(side * share)) for side in pixels.size]
             pixels = pixels.resize((size[0], size[1]), Image.Resampling.LANCZOS)
         png = io.BytesIO()
-        # As a new picture: without the file's own notes.
+        # As a new image: without the file's metadata.
         Image.fromarray(np.asarray(pixels)).save(png, "PNG")
     except Exception as error:
         raise MeshError("a texture is cut short or damaged") from error

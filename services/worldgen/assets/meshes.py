@@ -1,7 +1,7 @@
 """Meshes in files: COLLADA, OBJ, STL and glTF.
 
-As in Gazebo, a COLLADA file's unit counts and its `up_axis` does not, and nothing is turned: what
-the file calls z is up.
+As in Gazebo, a COLLADA file's unit is applied and its `up_axis` is not; nothing is rotated: the
+file's z axis is up.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ MAX_COORDINATE_M = 1e5
 
 SUFFIXES = (".dae", ".obj", ".stl", ".glb", ".gltf")
 EXTRAS = "mazebot"
-"""Of what a GLB of our own says that glTF has no place for."""
+"""Key of our own data in a GLB, for which glTF has no field."""
 UV_ATTRIBUTE = "_MAZEBOT_UV"
-"""Texture coordinates that count v from the top, to the last bit."""
+"""Texture coordinates with v counted from the top, bit-exact."""
 _IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """The triangles of a mesh that look alike."""
+    """The triangles of a mesh that share a material."""
 
     name: str
     mesh: TriangleMesh
     diffuse: Rgba | None
-    """None: the file says none."""
+    """None: not set in the file."""
     texture: bytes | None
-    """PNG, at most MAX_TEXTURE_PX a side."""
+    """PNG, at most MAX_TEXTURE_PX per side."""
     texture_name: str
-    """File name, for people; empty where there is no texture."""
+    """File name, for display; empty if there is no texture."""
 
 
 def load_mesh(
@@ -66,10 +66,10 @@ def load_mesh(
     """The parts of a mesh in a file, one for each material, in metres.
 
     `submesh` is the name of a node or geometry: only its parts are taken. `center` moves the middle
-    of the box around what is taken to the origin. Triangles without area are dropped; where the
-    file has no normals they are the triangles' own. Files that it names are read from its model's
-    folder, the one with a model.config; else from the folder above its own. `data` is what the file
-    holds where it need not be read.
+    of their bounding box to the origin. Triangles without area are dropped; if the file has no
+    normals, those of the triangles are used. Files that it refers to are read from its model's
+    folder, the one with a model.config; else from the folder above its own. `data` is the file's
+    content, if it is known already.
 
     Raises ConfigError with one line for a file that is missing, too large or damaged.
     """
@@ -80,7 +80,7 @@ def load_mesh(
     except OSError as error:
         raise ConfigError(words(f"{path}: cannot be read: {error.strerror or error}")) from error
     except (Exception, RecursionError) as error:
-        # The readers of damaged files raise whatever they please.
+        # Readers of damaged files may raise anything.
         kind = path.suffix[1:].upper()
         said = words(str(error)[:200]) or type(error).__name__
         raise ConfigError(words(f"{path}: is damaged, or no {kind}: {said:.120}")) from error
@@ -88,10 +88,10 @@ def load_mesh(
 
 @dataclass(frozen=True)
 class _Piece:
-    """What a reader found: one mesh of one material where it stands."""
+    """One mesh of one material with its pose, as a reader found it."""
 
     names: tuple[str, ...]
-    """The one to show, then others that it may be called by."""
+    """The one to show, then aliases."""
     vertices: Array
     triangles: NDArray[np.int64]
     normals: Array | None
@@ -135,7 +135,7 @@ def _load(
 
 
 def _told_apart(pieces: Iterable[_Piece]) -> list[_Piece]:
-    """The second of one name is called `name-2`, and still found by the name it had."""
+    """Renames the second piece of one name to `name-2`; its old name stays as an alias."""
     taken: dict[str, int] = {}
     apart = []
     for piece in pieces:
@@ -149,7 +149,7 @@ def _told_apart(pieces: Iterable[_Piece]) -> list[_Piece]:
 
 
 class _quiet:  # noqa: N801
-    """Keeps the readers' complaints, which are ours to tell, out of the log."""
+    """Keeps the readers' messages out of the log: their problems are reported by this module."""
 
     def __enter__(self) -> None:
         self._level = logging.getLogger("trimesh").level
@@ -162,7 +162,7 @@ class _quiet:  # noqa: N801
 def _read_stl(data: bytes, _: MeshFiles) -> Iterator[_Piece]:
     scene = trimesh.load_scene(io.BytesIO(data), file_type="stl", process=False)
     for name, geometry in scene.geometry.items():
-        # The normals of an STL are its triangles' own.
+        # The normals of an STL are those of its triangles.
         yield _piece_of_trimesh((name,), geometry, _IDENTITY, None, None)
 
 
@@ -211,7 +211,7 @@ def _read_gltf(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
 
 
 def _check_header(data: bytes, is_binary: bool) -> None:
-    """Refuse what a reader would work on without end, or go on without. Raises MeshError."""
+    """Refuse files that would make a reader hang, or silently skip data. Raises MeshError."""
     whole, start = data, 0
     if is_binary:
         if len(data) < 20:
@@ -283,7 +283,7 @@ def _piece_of_trimesh(
     diffuse, image, texture_name = _look(material)
     exact = geometry.metadata.get(EXTRAS)
     if isinstance(exact, dict):
-        # Written by `glb_of`: what trimesh would round or rename.
+        # Written by `glb_of`: values that trimesh would round or rename.
         names = (str(exact.get("name", names[0])), *names)
         texture_name = str(exact.get("texture_name", ""))
         colour = exact.get("diffuse")
@@ -407,7 +407,9 @@ def _dae_look(
 
 
 def _part(piece: _Piece, files: MeshFiles) -> MeshPart | None:
-    """Placed, rounded and made whole; None where nothing is left. Raises MeshError."""
+    """Transformed, rounded and with missing normals added; None if nothing is left. Raises
+    MeshError.
+    """
     matrix = piece.matrix
     vertices, triangles = piece.vertices, piece.triangles
     normals, uvs = piece.normals, piece.uvs
@@ -459,24 +461,24 @@ def _part(piece: _Piece, files: MeshFiles) -> MeshPart | None:
 
 
 def _rounded(values: Array) -> Array:
-    """To single precision, in which assets and GLB hold them."""
+    """To single precision, as stored in assets and GLB."""
     with np.errstate(over="ignore"):
         return np.asarray(values, np.float32).astype(np.float64)
 
 
 def _cofactors(matrix: Array) -> Array:
-    """(3, 3) that turns normals with the surface, even where the matrix has no inverse."""
+    """(3, 3) that transforms normals, even if the matrix has no inverse."""
     m = matrix[:3, :3]
     cofactors = np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
     return np.asarray(cofactors * np.sign(portable.determinants(m)))
 
 
 def _unit(normals: Array) -> Array | None:
-    """Of unit length; None where one is none."""
+    """Normalised; None if one has no length."""
     length = portable.lengths(normals)
     if not np.isfinite(length).all() or not (length > 1e-9).all():
         return None
-    # What is a unit vector but for its rounding is left, so that it stays what it is.
+    # Vectors of unit length up to rounding are left unchanged, so that they stay bit-identical.
     return np.where(np.abs(length - 1.0)[:, None] < 1e-6, normals, normals / length[:, None])
 
 

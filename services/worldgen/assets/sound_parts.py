@@ -1,4 +1,4 @@
-"""What is left of a recipe without the parts that are wrong, so that the rest can be judged."""
+"""A recipe without its invalid parts, so that the rest can be checked."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from services.worldgen.recipe.recipe import Recipe
 
 @dataclass(frozen=True)
 class SoundParts:
-    """A recipe's content with wrong parts left out, and what was left out."""
+    """A recipe's content with invalid parts left out, and the list of these."""
 
     content: dict[str, Any]
     dropped: frozenset[str]
-    """Fields left out whole; required ones hold something that does no harm."""
+    """Fields left out as a whole; required ones get a harmless value."""
     kept: Mapping[str, tuple[int, ...]]
-    """For each list that lost parts, the numbers that the others had before."""
+    """For each list that lost parts, the former indices of the others."""
     lost_names: frozenset[str]
     """Names of the parts left out."""
 
     def explains(self, location: Location, value: object) -> bool:
-        """Whether something seems wrong at a place here only because of what was left out."""
+        """Whether a problem at a location is only caused by what was left out."""
         about_material = "material" in str(location[-1]) or location[0] == "wall_materials"
         return (
             location[0] in self.dropped
@@ -33,20 +33,20 @@ class SoundParts:
 
     @property
     def lost_something_solid(self) -> bool:
-        """Then the floor may end elsewhere, and nothing new is in the way."""
+        """If so, the floor may end elsewhere, but no obstacle was added."""
         solid = {"walls", "maze", "boxes", "cylinders", "meshes", "bodies", "wall_thickness_m"}
         return not solid.isdisjoint((*self.dropped, *self.kept))
 
     def before(self, location: Location) -> Location:
-        """A place here, as it was called before parts were left out."""
+        """A location, with its index before parts were left out."""
         if len(location) > 1 and location[0] in self.kept and isinstance(location[1], int):
             return (location[0], self.kept[str(location[0])][location[1]], *location[2:])
         return location
 
 
 def sound_parts(content: Mapping[Any, Any], wrong: Iterable[Location], name: str) -> SoundParts:
-    """Leave out the part of a list or of a mapping by name that holds a wrong place, else the whole
-    field. `name` is what the recipe should be called.
+    """Leave out the part of a list or of a mapping by name that contains a wrong location, else the
+    whole field. `name` is the recipe's expected name.
     """
     left: dict[str, Any] = {
         field: value for field, value in content.items() if field in Recipe.model_fields
@@ -62,7 +62,7 @@ def sound_parts(content: Mapping[Any, Any], wrong: Iterable[Location], name: str
         elif isinstance(value, Mapping) and inner in value and _by_name(field):
             lost.add(str(inner))
             rest = {key: part for key, part in value.items() if key != inner}
-            # A material that is there, however it looks.
+            # A material that exists, with default looks.
             left[field] = {**rest, inner: {}} if field == "materials" and len(place) > 2 else rest
         elif field in Recipe.model_fields:
             dropped.add(field)

@@ -2,8 +2,8 @@
 
 `python -m services.worldgen.assets.textures OUT_DIR` writes them. A tile is about one metre of
 wall and repeats without a seam: all noise is periodic, and every distance is measured around the
-tile's edges. Coordinates run from 0 to 1 over the tile, x to the
-right, y down. Pictures are (side, side, 3) float64 RGB in 0..255 until they are written.
+edges. Coordinates run from 0 to 1 over the tile, x to the
+right, y down. Images are (side, side, 3) float64 RGB in 0..255 until they are written.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def bricks(side_px: int = SIDE_PX) -> Picture:
     rng = np.random.default_rng([SEED, 1])
     courses, across = 12, 4
     x, y = _coordinates(side_px)
-    # Hand-laid: edges wander by a millimetre or two.
+    # Hand-laid: edges vary by a millimetre or two.
     x = x + 0.0012 * noise(rng, side_px, 24, 24)
     y = y + 0.0012 * noise(rng, side_px, 24, 24)
     row = np.floor(y * courses).astype(int) % courses
@@ -378,7 +378,7 @@ def ceiling_panels(side_px: int = SMALL_SIDE_PX) -> Picture:
 
 @dataclass(frozen=True)
 class Texture:
-    """How a texture is drawn, and how large the one that comes with the worlds is."""
+    """How a texture is drawn, and the size of the shipped one."""
 
     draw: Callable[[int], Picture]
     side_px: int
@@ -417,7 +417,7 @@ def _bond(
 
 
 def _scatter(rng: np.random.Generator, count: int, stretch: float = 1.0) -> Field:
-    """(count, 2) random points of a tile that keep away from each other (best candidate)."""
+    """(count, 2) random points of a tile with distance between them (best candidate)."""
     points = rng.random((1, 2))
     while len(points) < count:
         candidates = rng.random((12, 2))
@@ -430,7 +430,7 @@ def _scatter(rng: np.random.Generator, count: int, stretch: float = 1.0) -> Fiel
 def _cells(
     points: Field, side_px: int, stretch: float = 1.0
 ) -> tuple[Field, Field, NDArray[np.int64]]:
-    """Distances of each pixel to the nearest and the next of (n, 2) points, and which is nearest.
+    """Distances of each pixel to the nearest and the second of (n, 2) points, and the nearest one.
 
     Distances along x are divided by `stretch`.
     """
@@ -461,7 +461,7 @@ def noise(
     """
     total = np.zeros((side_px, side_px))
     for octave in range(octaves):
-        # Drawn at full size whatever the picture's, so that a smaller picture is of the same tile.
+        # Drawn at full size for any image size, so that a smaller image shows the same tile.
         rows, columns = cells_y * 2**octave, cells_x * 2**octave
         values = rng.standard_normal((rows, columns))
         total += _upsample(values, side_px) / 2**octave
@@ -477,7 +477,7 @@ def _upsample(values: Field, side_px: int) -> Field:
 
 @functools.cache
 def _interpolation(count: int, side_px: int) -> sparse.csr_array:
-    """(side, count) weights that make pixels along one axis from `count` values around it."""
+    """(side, count) weights that interpolate pixels along one axis from `count` values."""
     at = (np.arange(side_px) + 0.5) / side_px * count
     first = np.floor(at).astype(int)
     t = at - first
@@ -500,7 +500,7 @@ def _coordinates(side_px: int) -> tuple[Field, Field]:
 
 
 def _around(distance: Field) -> Field:
-    """The shorter way around the tile, in -0.5..0.5."""
+    """The shorter distance around the tile, in -0.5..0.5."""
     return (distance + 0.5) % 1.0 - 0.5
 
 
@@ -524,7 +524,7 @@ def _slope(height: Field, axis: int, side_px: int) -> Field:
 
 
 def _stamp(depth: Field, at: NDArray[np.float64], radius: float, squash: float) -> None:
-    """Put a round hole into `depth`, around the tile's edges where it lies across them."""
+    """Add a round hole to `depth`, wrapped around the tile's edges."""
     side = depth.shape[0]
     reach = math.ceil((radius * 1.5 + 2.0 / side) * side)
     centre = np.floor(at * side).astype(int)
@@ -538,7 +538,7 @@ def _stamp(depth: Field, at: NDArray[np.float64], radius: float, squash: float) 
 
 
 def _with_mean(picture: Picture, mean_rgb: tuple[int, int, int]) -> Picture:
-    """The picture, each channel scaled until its mean after clipping to 0..255 is the given one."""
+    """The image, each channel scaled until its mean after clipping to 0..255 is the given one."""
     picture = np.clip(picture, 0.0, None)
     for _ in range(4):
         mean = np.clip(picture, 0.0, 255.0).mean((0, 1))
@@ -547,7 +547,7 @@ def _with_mean(picture: Picture, mean_rgb: tuple[int, int, int]) -> Picture:
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """The picture as PNG of 8 bits a channel."""
+    """The image as PNG with 8 bits per channel."""
     rgb = np.rint(picture).astype(np.uint8)
     options = [cv2.IMWRITE_PNG_COMPRESSION, 9]
     done, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)

@@ -1,5 +1,5 @@
-"""Where the robot has room to stand, and how much of the floor it can come to: judged as navigation
-does, on the costmap of the map.
+"""Where the robot has clearance, and how much of the floor it can reach: judged on the costmap of
+the map, as navigation does.
 """
 
 from __future__ import annotations
@@ -44,35 +44,35 @@ CORRIDOR_M = 0.7
 """Mazes with corridors of this width are driven to the end; in narrower ones the robot gets stuck.
 """
 POCKET_SHARE = 0.5
-"""A start on less of the floor than this share of the largest piece stands in a pocket."""
+"""A start whose piece of floor is smaller than this share of the largest one is in a pocket."""
 
 _ROOM_M = 0.15
-"""Wanted around the robot where it starts by itself."""
+"""Clearance wanted around an automatic start."""
 _AHEAD_M, _FAR_AHEAD_M = 1.0, 3.0
-"""Free way wanted ahead of it there, and the most that is looked at."""
+"""Free distance wanted ahead of it there, and the maximum that is checked."""
 _HEADINGS = 24
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How much of the floor among what stands in a world the robot's centre can come to.
+    """How much of the floor among the entities of a world the robot's centre can reach.
 
-    All of it is within the convex hull of everything solid, or within the map where nothing is.
+    Limited to the convex hull of everything solid, or to the map if nothing is.
     """
 
     reachable_m2: float
     floor_m2: float
-    """Where the robot fits at all."""
+    """Where the robot fits."""
     largest_m2: float
-    """Of the largest piece that is connected."""
+    """Of the largest connected piece."""
     largest: Planar
-    """A place on it with room."""
+    """A pose on it with clearance."""
     open_floor: bool
-    """The floor goes on beyond the hull."""
+    """The floor extends beyond the hull."""
 
     @property
     def share(self) -> float:
-        """Of the floor where the robot fits; 0 where it fits nowhere."""
+        """Of the floor where the robot fits; 0 if it fits nowhere."""
         return self.reachable_m2 / self.floor_m2 if self.floor_m2 > 0.0 else 0.0
 
     @property
@@ -81,7 +81,7 @@ class Reach:
         return self.reachable_m2 < POCKET_SHARE * self.largest_m2
 
     def __str__(self) -> str:
-        """In a phrase: `25.1 m2 of floor (100 %) can be reached from the start`."""
+        """As a phrase: `25.1 m2 of floor (100 %) can be reached from the start`."""
         more = ", and the open floor around it" if self.open_floor else ""
         return (
             f"{self.reachable_m2:.1f} m2 of floor ({100.0 * self.share:.0f} %) can be reached "
@@ -91,19 +91,19 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class _Floor:
-    """Pieces of the floor on which a robot can stand."""
+    """Connected pieces of the floor where the robot fits."""
 
     grid: Grid
     clearance: Clearance
     regions: NDArray[np.int32]
     counted: Mask
-    """Cells that make up a piece's area."""
+    """Cells that count for a piece's area."""
     areas_m2: NDArray[np.float64]
-    """By the number of the piece; 0 of that which is none."""
+    """By number of the piece; 0 at number 0, which is no piece."""
 
     @property
     def largest(self) -> int:
-        """Number of the largest piece; of equals that with more floor in all; 0: there is none."""
+        """Number of the largest piece; of equal ones that with more cells in all; 0: none."""
         if len(self.areas_m2) < 2:
             return 0
         sizes = np.bincount(self.regions.ravel())
@@ -114,7 +114,7 @@ class _Floor:
 def reach(world: World, meshes: Mapping[str, TriangleMesh]) -> Reach:
     """How much of the floor can be reached from a world's start. `meshes` are by sha256.
 
-    Raises KeyError where a mesh is not there, ValueError where the map has too many cells.
+    Raises KeyError if a mesh is missing, ValueError if the map has too many cells.
     """
     floor = _floor(world, meshes, 0.0)
     cell = floor.grid.cell(world.start.x_m, world.start.y_m)
@@ -136,13 +136,13 @@ def reach(world: World, meshes: Mapping[str, TriangleMesh]) -> Reach:
 
 
 def automatic_start(world: World, meshes: Mapping[str, TriangleMesh]) -> Planar:
-    """Where a robot starts that is told nothing: on the largest connected piece of the floor, at
-    the world's start where it has room there, else at the place nearest to it, looking where the
-    way is free.
+    """Default start pose of the robot: on the largest connected piece of the floor, at the world's
+    start if it has clearance there, else at the nearest position that has, with a heading along
+    free floor.
 
-    The pieces are those of navigation's costmap for a robot larger by a cell, so that no way
-    between them is too narrow to be driven. Where there is room nowhere it is the start all the
-    same. `meshes` are by sha256. Raises as `reach` does.
+    The pieces are those of navigation's costmap for a robot larger by a cell, so that no passage
+    between them is too narrow to be driven. If there is clearance nowhere, it is the start
+    itself. `meshes` are by sha256. Raises as `reach` does.
     """
     start = world.start
     floor = _floor(world, meshes, world.map_resolution_m)
@@ -162,7 +162,7 @@ def automatic_start(world: World, meshes: Mapping[str, TriangleMesh]) -> Planar:
         row, column = cell or _unbounded_cell(grid, start)
         cell = nearest_cell(room, row, column)
         assert cell is not None
-        # Rounded to what people would write; there is more room than that.
+        # Rounded to readable numbers; the clearance is larger than that.
         x_m = round(grid.origin.x_m + (cell[1] + 0.5) * grid.resolution_m, 3)
         y_m = round(grid.origin.y_m + (cell[0] + 0.5) * grid.resolution_m, 3)
     free = ~inscribed(clearance, ROBOT_RADIUS_M + grid.resolution_m)
@@ -172,9 +172,9 @@ def automatic_start(world: World, meshes: Mapping[str, TriangleMesh]) -> Planar:
 def rooms_to_stand(
     cells: Cells, resolution_m: float, origin: SE2, start: Planar, places: Sequence[Planar]
 ) -> list[tuple[float | None, bool]]:
-    """For each place how navigation's costmap of a map sees it: the distance to the nearest
-    obstacle where that is too near to stand there, in metres, else None; and whether a path leads
-    there from the start.
+    """For each pose, by navigation's costmap of a map: the distance to the nearest obstacle in
+    metres if that is too near for the robot, else None; and whether there is a path to it from the
+    start.
 
     `cells` (rows, columns) are 0 free to 100 occupied, -1 unknown, with `origin` map_from_grid.
     """
@@ -206,7 +206,7 @@ def _floor(world: World, meshes: Mapping[str, TriangleMesh], margin_m: float) ->
     regions = connected_regions(~inscribed(clearance, ROBOT_RADIUS_M + margin_m))
     counted = np.ones(regions.shape, np.bool_)
     if points:
-        # Outside of a house is no piece of its floor, however wide the map.
+        # Floor outside a house is no piece of its floor, however wide the map.
         hull = shapely.convex_hull(shapely.linestrings(np.concatenate(points)))
         within = rasterise([np.array(shapely.get_coordinates(hull))[None]], grid)
         if (regions[within] > 0).any():
@@ -217,7 +217,7 @@ def _floor(world: World, meshes: Mapping[str, TriangleMesh], margin_m: float) ->
 
 
 def _unbounded_cell(grid: Grid, place: Planar) -> tuple[int, int]:
-    """Row and column of a place beyond the grid."""
+    """Row and column of a pose, also beyond the grid."""
     return (
         math.floor((place.y_m - grid.origin.y_m) / grid.resolution_m),
         math.floor((place.x_m - grid.origin.x_m) / grid.resolution_m),
@@ -225,8 +225,8 @@ def _unbounded_cell(grid: Grid, place: Planar) -> tuple[int, int]:
 
 
 def _heading(free: Mask, cell: tuple[int, int], resolution_m: float, yaw_rad: float) -> float:
-    """The heading given where the way ahead is free for a metre, else that of the longest free way;
-    of equals the one that is turned least.
+    """The given heading if the path ahead is free for a metre, else that of the longest free line;
+    of equal ones the one with the smallest turn.
     """
     steps = np.arange(1, math.ceil(2.0 * _FAR_AHEAD_M / resolution_m) + 1) / 2.0
     best_m, best_rad = -1.0, yaw_rad

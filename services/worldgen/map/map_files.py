@@ -1,8 +1,8 @@
-"""Maps as Nav2's map_server reads and its map_saver writes them: a YAML file and a picture.
+"""Maps as Nav2's map_server reads and its map_saver writes them: a YAML file and an image.
 
-The rules are those of nav2_map_server's map_io.cpp. One is told better than map_saver tells it: it
-writes unknown cells as grey 205 and `free_thresh: 0.25`, with which map_server reads them as free.
-Files written here say 0.196, as ROS 1 did, which keeps them unknown in map_server too.
+The rules are those of nav2_map_server's map_io.cpp, with one exception: map_saver writes unknown
+cells as grey 205 and `free_thresh: 0.25`, which map_server reads back as free. Files written here
+use 0.196, as ROS 1 did, so that map_server too keeps them unknown.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _GREY_FREE, _GREY_OCCUPIED, _GREY_UNKNOWN = 254, 0, 205
 _CLOSE_M = 0.05
 _MAX_OFFSET_M = 2.0
 _FAR_M = 0.5
-"""Walls farther apart are not the same ones: what one map alone has pulls no offset."""
+"""Distances are capped here: a wall that only one map has does not affect the offset."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class MapFile:
 
 
 class MapDisagreement(Document):
-    """How far a map is from the walls of the world that it is used in. Distances are from an
-    occupied cell of one to the nearest occupied cell of the other, both ways together.
+    """How far a map deviates from the walls of the world that it is used in. Distances are from an
+    occupied cell of one to the nearest occupied cell of the other, in both directions.
     """
 
     mean_m: Finite
@@ -77,7 +77,7 @@ class MapDisagreement(Document):
     )
 
     def __str__(self) -> str:
-        """One line for people."""
+        """One line of text."""
         line = (
             f"walls of map and world are {100 * self.mean_m:.1f} cm apart in the mean, "
             f"{100 * self.p95_m:.0f} cm at the 95th percentile, {100 * self.max_m:.0f} cm at most; "
@@ -93,7 +93,7 @@ class MapDisagreement(Document):
 
 
 def read_map(path: Path) -> MapFile:
-    """A map by its YAML file.
+    """Read a map by its YAML file.
 
     Raises WorldError, a ConfigError, with one line that names file, field and value.
     """
@@ -129,10 +129,10 @@ def write_map(
     mode: Mode = "trinary",
     image_format: ImageFormat = "pgm",
 ) -> Path:
-    """Write `name`.yaml and its picture as map_saver does; the YAML file's path.
+    """Write `name`.yaml and its image as map_saver does; returns the YAML file's path.
 
-    Raises ConfigError where a mode or format is none, or cannot carry these cells, or the files
-    cannot be written. A file is either whole or not there.
+    Raises ConfigError if a mode or format is invalid, or cannot represent these cells, or the files
+    cannot be written. A file is either complete or does not exist.
     """
     if mode not in get_args(Mode):
         raise ConfigError(f"mode: {mode!r:.60}: must be trinary, scale or raw")
@@ -161,7 +161,7 @@ def write_map(
     path = folder / f"{name}.yaml"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # The picture first: a YAML file that is there names one that is.
+        # The image first: an existing YAML file then names an existing image.
         write_file(folder / image, picture.getvalue())
         write_file(path, ("\n".join(lines) + "\n").encode())
     except OSError as error:
@@ -173,9 +173,9 @@ _PILLOW_FORMATS = {"pgm": "PPM", "png": "PNG", "bmp": "BMP"}
 
 
 def disagreement(ready: MapFile, own: MapFile) -> MapDisagreement:
-    """How far a ready map is from one made of the world's own walls.
+    """Deviation of a ready map from one made of the world's own walls.
 
-    Raises ValueError with a phrase where one of them has no occupied cell.
+    Raises ValueError with a phrase if one of them has no occupied cell.
     """
     points = _occupied_points(ready)
     own_points = _occupied_points(own)
@@ -203,7 +203,7 @@ def disagreement(ready: MapFile, own: MapFile) -> MapDisagreement:
 
 
 class _Values:
-    """The fields of a map's YAML file, each of the kind it must be."""
+    """The fields of a map's YAML file, with checked types."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -267,12 +267,12 @@ class _Values:
 
 
 def _is_number(value: Any) -> bool:
-    # NaN is in no range.
+    # NaN is not in any range.
     return isinstance(value, int | float) and not isinstance(value, bool) and -1e9 < value < 1e9
 
 
 def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
-    """(rows, columns) brightness of 0 to 255, row 0 at the top, and opacity where there is any.
+    """(rows, columns) brightness of 0 to 255, row 0 at the top, and opacity if there is any.
 
     Raises ValueError with a phrase.
     """
@@ -304,7 +304,7 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
         try:
             pixels = np.asarray(image.convert(wanted))
         except Exception as error:
-            # Damaged pictures make Pillow raise whatever its decoders please.
+            # On damaged images Pillow's decoders may raise anything.
             raise ValueError("is cut short or damaged") from error
     alpha = pixels[..., -1] if wanted in ("LA", "RGBA") else None
     if pixels.ndim == 2:
@@ -314,7 +314,7 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
 
 
 def _read_plain_pgm(data: bytes) -> Array:
-    """A PGM picture in digits, for which Pillow takes a second a megapixel."""
+    """A PGM image in ASCII, for which Pillow takes a second per megapixel."""
     text = re.sub(rb"#[^\r\n]*", b"", data[2:])
     if text.translate(None, b"0123456789 \t\r\n\v\f"):
         raise ValueError("is cut short or damaged")
@@ -350,12 +350,12 @@ def _cells(
     grey: Array, alpha: NDArray[np.uint8] | None, mode: Mode, negate: bool,
     occupied: float, free: float,
 ) -> Cells:  # fmt: skip
-    """As loadMapFromFile of map_io.cpp, rounding and all."""
+    """As loadMapFromFile of map_io.cpp, including rounding."""
     if mode == "raw":
         value = np.floor(grey + 0.5)
         return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
     if mode == "trinary" and alpha is not None:
-        # map_server averages opacity in with three channels of colour, as it always has.
+        # map_server averages opacity with the three colour channels.
         grey = (3.0 * grey + alpha) / 4.0
     share = grey / 255.0 if negate else 1.0 - grey / 255.0
     if mode == "trinary":
@@ -369,7 +369,7 @@ def _cells(
 
 
 def _image(cells: Cells, mode: Mode) -> Image.Image:
-    """The picture of (rows, columns) cells, row 0 at the top, as map_saver paints it."""
+    """The image of (rows, columns) cells, row 0 at the top, as map_saver draws it."""
     known = (cells >= 0) & (cells <= OCCUPIED)
     if mode == "raw":
         return Image.fromarray(np.where(known, cells, 255).astype(np.uint8))
@@ -402,21 +402,21 @@ def _in_own(points: Array, chart: MapFile) -> Array:
 
 
 def _in_cells(points: Array, chart: MapFile) -> NDArray[np.int64]:
-    """(n, 2) of column and row; they may lie outside."""
+    """(n, 2) of column and row; they may be outside."""
     return np.floor(_in_own(points, chart) / chart.resolution_m + 1e-9).astype(np.int64)
 
 
 def _field(chart: MapFile, margin_m: float) -> tuple[NDArray[np.float32], int]:
-    """Distance to the nearest occupied cell, and by how many cells it reaches beyond the map."""
+    """Distance to the nearest occupied cell, and by how many cells it extends beyond the map."""
     margin = math.ceil(margin_m / chart.resolution_m)
-    # A map of many cells cannot have many more around it.
+    # A map of many cells must not get many more around it.
     margin = min(margin, max(chart.cells.shape))
     walls = np.pad(chart.cells > 50, margin)
     return (distance_transform_edt(~walls) * chart.resolution_m).astype(np.float32), margin
 
 
 def _look_up(points: Array, chart: MapFile, field: NDArray[np.float32], margin: int) -> Array:
-    """Of points beyond the field, that of its nearest cell and the way there."""
+    """For points beyond the field, the value of its nearest cell plus the distance to it."""
     cells = _in_cells(points, chart) + margin
     near = cells.clip(0, np.array(field.shape[::-1]) - 1)
     beyond = portable.hypot_each(*(cells - near).T) * chart.resolution_m
@@ -432,11 +432,11 @@ def _best_offset(points: Array, own: MapFile) -> Array:
     tenth of a cell.
     """
     field, margin = _field(own, 2.0 * _MAX_OFFSET_M)
-    # As many points as tell it.
+    # As many points as are needed.
     few = points[:: max(1, len(points) // 500)]
 
     def cost(offset: Array, among: Array) -> float:
-        # Between the centres of cells too, or all offsets within a cell would be as good.
+        # Interpolated between cell centres, or all offsets within a cell would be equally good.
         at = _in_own(among + offset, own) / own.resolution_m + (margin - 0.5)
         far = map_coordinates(field, at.T[::-1], order=1, mode="nearest", prefilter=False)
         return float(np.minimum(far, _FAR_M).mean())
@@ -445,14 +445,14 @@ def _best_offset(points: Array, own: MapFile) -> Array:
     reach = round(_MAX_OFFSET_M / step)
     steps = np.arange(-reach, reach + 1) * step
     tried = [np.array((x, y)) for x in steps for y in steps]
-    # Of equals the shortest.
+    # Of equal ones the shortest.
     tried.sort(key=lambda offset: (round(float(portable.hypot_each(*offset)), 9), *offset.tolist()))
     best = min(tried, key=lambda offset: cost(offset, few))
     while step > 0.1 * own.resolution_m:
         step /= 2.0
         around = [best + step * np.array((i, j)) for i in (0, -1, 1) for j in (0, -1, 1)]
         best = min(around, key=lambda offset: cost(offset, few))
-    # What is no better than to leave it is left.
+    # Without an improvement there is no offset.
     return best if cost(best, points) < cost(np.zeros(2), points) else np.zeros(2)
 
 

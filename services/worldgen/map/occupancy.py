@@ -1,10 +1,10 @@
-"""A world to an occupancy map.
+"""Converts a world to an occupancy map.
 
-A cell is occupied where something solid on the robot's level reaches into it, however little: a
-lidar's hit on a wall then always falls into an occupied cell, as in a map made by SLAM, and no
-planner sees a gap wider than it is. Free is the floor that is connected, over the sides of cells,
-to the start; all else is unknown. The floor itself has no end, as Gazebo's ground planes have none:
-where it is open the map goes on for some metres around all that stands on it.
+A cell is occupied if anything solid on the robot's level overlaps it, however little: a lidar's
+hit on a wall is then always in an occupied cell, as in a map made by SLAM, and no planner sees a
+gap wider than it is. Free is the floor that is connected, over the sides of cells, to the start;
+all else is unknown. The floor itself is infinite, as Gazebo's ground planes are: where it is open
+the map extends for some metres around all entities on it.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from services.common.world.grids import connected_regions
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MARGIN_M = 1.0
 OPEN_MARGIN_M = 10.0
-"""Of floor on the map around what stands on open floor."""
+"""Margin of floor on the map around the entities on open floor."""
 OPEN_CELLS = 1_000_000
-"""A map of open floor has less margin, down to MARGIN_M, where it would have more cells."""
+"""The margin of open floor is reduced, down to MARGIN_M, to keep the map below this many cells."""
 MAX_CELLS = 16_000_000
 
 _TOUCH_M = 1e-6
-"""What reaches into a cell by less only touches it."""
+"""Smaller overlaps with a cell are ignored."""
 _ON_BOUNDARY = 0.02
-"""A face this near to a cell's boundary, in cells, lies on it."""
+"""A face this near to a cell's boundary, in cells, counts as on it."""
 _BATCH = 1_000_000
-"""Corners of polygons worked on at a time."""
+"""Polygon corners processed at a time."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Where a map's cells lie: row 0 at the smallest y."""
+    """Position of a map's cells: row 0 at the smallest y."""
 
     rows: int
     columns: int
@@ -61,14 +61,14 @@ class Grid:
 
 
 def grid_of(world: World, meshes: Mapping[str, TriangleMesh], margin_m: float = MARGIN_M) -> Grid:
-    """The grid around everything solid on the robot's level, of the world's resolution.
+    """The grid around everything solid on the robot's level, with the world's resolution.
 
-    Its origin lies on multiples of the resolution, or half a cell beside them: see `_phase_m`.
-    Where there are no walls the floor is open, and the start and the locations are within it too.
+    Its origin is on multiples of the resolution, or half a cell beside them: see `_phase_m`.
+    Without walls the floor is open, and the grid includes the start and the locations too.
     `meshes` are by sha256.
 
-    Raises ValueError with a phrase where it has more than MAX_CELLS, KeyError where a mesh is not
-    there.
+    Raises ValueError with a phrase if it has more than MAX_CELLS, KeyError if a mesh is
+    missing.
     """
     return _grid(world, footprints(world, meshes), margin_m)
 
@@ -80,10 +80,10 @@ def grid_around(
     margin_m: float,
     phase_m: tuple[float, float] = (0.0, 0.0),
 ) -> Grid:
-    """The grid around what reaches from `low_m` to `high_m`, (x, y) each. Its origin lies on
-    multiples of the resolution, moved by `phase_m`.
+    """The grid around the range `low_m` to `high_m`, (x, y) each. Its origin is on multiples of the
+    resolution, moved by `phase_m`.
 
-    Raises ValueError with a phrase where it has more than MAX_CELLS.
+    Raises ValueError with a phrase if it has more than MAX_CELLS.
     """
     first, last = [], []
     for low, high, phase in zip(low_m, high_m, phase_m, strict=True):
@@ -100,8 +100,8 @@ def grid_around(
 
 
 def floor_map(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Grid, NDArray[np.int8]]:
-    """The map of a world and where its cells lie: what `occupancy` says of the grid around all that
-    is solid, or of a wider one where the floor that is connected to the start is open.
+    """The map of a world and its grid: the result of `occupancy` on the grid around everything
+    solid, or on a wider one if the floor connected to the start is open.
 
     Raises as `grid_of` does.
     """
@@ -112,7 +112,7 @@ def floor_map(world: World, meshes: Mapping[str, TriangleMesh]) -> tuple[Grid, N
     if not (edge == FREE).any() and grid.cell(world.start.x_m, world.start.y_m) is not None:
         return grid, cells
     width_m, height_m = grid.columns * grid.resolution_m, grid.rows * grid.resolution_m
-    # The margin m that makes (width + 2 m) (height + 2 m) the most.
+    # The margin m for which (width + 2 m) (height + 2 m) reaches the limit.
     room_m2 = OPEN_CELLS * portable.square(grid.resolution_m) - width_m * height_m
     sides_m = (width_m + height_m) / 2.0
     more_m = (math.sqrt(max(0.0, portable.square(sides_m) + room_m2)) - sides_m) / 2.0
@@ -133,10 +133,10 @@ def _grid(world: World, taken: Sequence[Footprint], margin_m: float) -> Grid:
 
 
 def _phase_m(taken: Sequence[Footprint], resolution_m: float, axis: int) -> float:
-    """Half a cell where most faces across an axis, by length, lie on boundaries of cells; else 0.
+    """Half a cell if most faces across an axis, by length, are on cell boundaries; else 0.
 
-    Localisation takes a face to lie in the middle of its cells, as on average it does. On a
-    boundary each would be half a cell from there, and all of them to the same side.
+    Localisation assumes faces in the middle of their cells, as is true on average. On a boundary
+    each would be half a cell off, and all of them to the same side.
     """
     total_m = on_boundary_m = 0.0
     for stack in (stack for one in taken for stack in one.polygons_m):
@@ -151,9 +151,9 @@ def _phase_m(taken: Sequence[Footprint], resolution_m: float, axis: int) -> floa
 
 
 def rasterise(polygons_m: Iterable[Array], grid: Grid) -> NDArray[np.bool_]:
-    """(rows, columns) of bool: the cells that a convex polygon reaches into.
+    """(rows, columns) of bool: the cells that convex polygons overlap.
 
-    `polygons_m` are stacks of polygons as Footprint has them.
+    `polygons_m` are stacks of polygons as in Footprint.
     """
     # +1 at the first column of each run of cells in a row, -1 after its last.
     runs = np.zeros((grid.rows, grid.columns + 1), np.int32)
@@ -165,7 +165,7 @@ def rasterise(polygons_m: Iterable[Array], grid: Grid) -> NDArray[np.bool_]:
         touch = _TOUCH_M / grid.resolution_m
         low = np.floor(corners[..., 1].min(1) + touch).clip(0, grid.rows).astype(np.int64)
         high = np.ceil(corners[..., 1].max(1) - touch).clip(0, grid.rows).astype(np.int64)
-        # A line along a row has to be in it.
+        # A line along a row must be within that row.
         for first, last in _batches(high - low, max(1, _BATCH // stack.shape[1])):
             count = (high - low)[first:last].clip(0)
             which = np.repeat(np.arange(first, last), count)
@@ -180,12 +180,12 @@ def rasterise(polygons_m: Iterable[Array], grid: Grid) -> NDArray[np.bool_]:
 
 
 def fill(outline_m: Array, grid: Grid) -> NDArray[np.bool_]:
-    """(rows, columns) of bool: the cells whose centres closed loops of (n, 2, 2) directed segments
-    wind around.
+    """(rows, columns) of bool: the cells whose centres are enclosed by closed loops of (n, 2, 2)
+    directed segments.
     """
     turns = np.zeros((grid.rows, grid.columns + 1), np.int32)
     start, end = np.moveaxis(_in_cells(outline_m, grid), 1, 0) - 0.5
-    # Row r's centres lie at r in these, and so do the columns'.
+    # In these coordinates row r's centres are at r, and likewise for columns.
     low = np.ceil(np.minimum(start[:, 1], end[:, 1])).clip(0, grid.rows).astype(np.int64)
     high = np.ceil(np.maximum(start[:, 1], end[:, 1])).clip(0, grid.rows).astype(np.int64)
     for first, last in _batches(high - low, _BATCH):
@@ -200,7 +200,7 @@ def fill(outline_m: Array, grid: Grid) -> NDArray[np.bool_]:
 
 
 def occupied_cells(taken: Sequence[Footprint], grid: Grid) -> NDArray[np.bool_]:
-    """(rows, columns) of bool: the cells that footprints reach into."""
+    """(rows, columns) of bool: the cells that footprints overlap."""
     occupied = rasterise([stack for one in taken for stack in one.polygons_m], grid)
     for one in taken:
         if one.outline_m is not None and len(one.outline_m):
@@ -209,10 +209,10 @@ def occupied_cells(taken: Sequence[Footprint], grid: Grid) -> NDArray[np.bool_]:
 
 
 def occupancy(world: World, meshes: Mapping[str, TriangleMesh], grid: Grid) -> NDArray[np.int8]:
-    """(rows, columns) of int8: 100 what is solid, 0 the floor connected to the start, -1 all else.
+    """(rows, columns) of int8: 100 solid, 0 floor connected to the start, -1 all else.
 
-    There is no floor where the start is not in the grid or not free. `meshes` are by sha256.
-    Raises KeyError where one is not there.
+    There is no floor if the start is not in the grid or not free. `meshes` are by sha256.
+    Raises KeyError if one is missing.
     """
     return _occupancy(footprints(world, meshes), grid, world.start)
 
@@ -239,7 +239,7 @@ def _in_cells(points_m: Array, grid: Grid) -> Array:
 
 
 def _batches(count: NDArray[np.int64], most: int) -> Iterable[tuple[int, int]]:
-    """Ranges of items of which the counts add up to about `most`."""
+    """Ranges of items whose counts add up to about `most`."""
     total = np.cumsum(count.clip(0))
     first = 0
     while first < len(count):

@@ -1,4 +1,4 @@
-"""The fewest markers from which, wherever the robot can stand, mostly one can be read."""
+"""The fewest markers such that at least one can be read from most of the reachable floor."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from services.worldgen.markers.visibility import FARTHEST_M, WIDEST_RAD, Bits, S
 from services.worldgen.recipe.recipe import MarkerCoverRecipe
 
 SPACING_M = 0.25
-"""Between the places on a wall's face that are tried, where there are not too many."""
+"""Between candidate positions on a wall's face, unless there would be too many."""
 MAX_PLACES = 1500
 
 _SAMPLE_M = 0.2
-"""Between the places of the floor that are counted, where there are not too many."""
+"""Between the floor samples, unless there would be too many."""
 _MAX_SAMPLES = 20_000
 _MAX_ENTRIES = 60_000
 _MAX_VARIABLES = 1200
-"""Of the integer program: beyond either, places are chosen greedily. Its time grows with the cube
-of the variables and more: two seconds with these many, minutes with three times as many.
+"""Limits of the integer program: beyond either, positions are chosen greedily. Its time grows with
+the cube of the variables and more: two seconds with this many, minutes with three times as many.
 """
 _MAX_NODES = 60
-"""Of the search: a count, not a clock, so that the same world gets the same markers."""
+"""Limit of the search: a count, not a time, so that the same world gets the same markers."""
 _ROUNDS = 2
-"""Of asking the sample for a little more, where it promised too much."""
+"""Attempts with a slightly higher share, if the sample overestimated the cover."""
 _TRIED = 40
-"""Places tried on all of the floor for each marker that completes a cover."""
+"""Positions tested on the whole floor for each marker that completes a cover."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class Cover:
 
     markers: tuple[Marker, ...]
     share: float
-    """Of the floor where the robot can stand from which a marker can be read, those that the world
-    has already among them."""
+    """Share of the reachable floor from which a marker can be read, including the world's existing
+    markers."""
     proven_fewest: bool
-    """No choice of the places that were tried does with fewer, by the floor's sample."""
+    """No choice of the candidate positions needs fewer, by the floor's sample."""
 
 
 def cover(
@@ -71,12 +71,12 @@ def best_cover(
     recipe: MarkerCoverRecipe,
     meshes: Mapping[str, TriangleMesh] | None = None,
 ) -> Cover:
-    """Markers to add to a world's: same input, same markers.
+    """Markers to add to a world: same input, same markers.
 
-    The fewest by integer programming, with places and floor sampled; greedily chosen where there is
-    too much of them, or no end to the search.
+    The fewest by integer programming, on sampled positions and floor; chosen greedily if the
+    problem is too large, or the search does not end.
 
-    Raises ValueError with a short phrase about `share` where it cannot be had.
+    Raises ValueError with a short phrase about `share` if it cannot be reached.
     """
     sight = Sight(world, map_cells, origin, meshes)
     hanging = [panel_of(one) for one in furnish(world, meshes=meshes)[0].markers]
@@ -90,7 +90,7 @@ def best_cover(
     most = min(recipe.max_markers, MAX_MARKERS - len(hanging))
     seen_by_one = WIDEST_RAD * portable.square(FARTHEST_M) / portable.square(world.map_resolution_m)
     if covered.sum() + most * seen_by_one < recipe.share * floor:
-        # Told before anything is tried: a large maze would take minutes.
+        # Reported before the search: a large maze would take minutes.
         raise _too_few(covered.sum() / floor + most * seen_by_one / floor, hanging, most, recipe)
     identities = _identities(world, recipe, most)
     places = _places(world, identities[0], hanging, meshes)
@@ -143,7 +143,7 @@ def _too_few(
 
 
 def _covered_cells(sight: Sight, covered: Bits, panels: Sequence[Panel]) -> Bits:
-    """The cells that are covered with some more panels."""
+    """The cells that are covered with additional panels."""
     found = covered.copy()
     for panel in panels:
         rows, columns, seen = sight.window(panel)
@@ -161,7 +161,7 @@ def _completed(
     wanted: float,
     most: int,
 ) -> tuple[list[int], Bits]:
-    """The places chosen, and more one by one where what they cover is less than the sample said."""
+    """The chosen positions, and more one by one if they cover less than the sample predicted."""
     chosen, covered = list(chosen), covered.copy()
     while covered.sum() < wanted and len(chosen) < most:
         left = np.ones(sees.shape[1])
@@ -184,7 +184,7 @@ def _completed(
 
 
 def _identities(world: World, recipe: MarkerCoverRecipe, most: int) -> list[Marker]:
-    """As many markers as are wanted at most, and as there are ids that no other marker has."""
+    """As many markers as are wanted at most, and as there are unused ids."""
     taken = {marker.id for marker in world.markers}
     found: list[Marker] = []
     for number in range(recipe.first_id, recipe.first_id + most + len(taken)):
@@ -208,7 +208,7 @@ def _places(
     hanging: Sequence[Panel],
     meshes: Mapping[str, TriangleMesh] | None,
 ) -> list[tuple[Marker, Panel]]:
-    """Where a marker may hang, wall by wall."""
+    """Possible marker positions, wall by wall."""
     style = PanelStyle()
     placement = Placement(world, meshes)
     side_m = marker_picture.panel_side_m(like)
@@ -234,7 +234,7 @@ def _places(
 def _seen_samples(
     sight: Sight, panels: Sequence[Panel], covered: Bits, every: int
 ) -> sparse.csr_array:
-    """(panels, samples): 1.0 where a panel can be read, for the samples that nothing covers yet."""
+    """(panels, samples): 1.0 if a panel can be read from a sample that is not covered yet."""
     open_floor = (sight.reachable & ~covered)[::every, ::every]
     number = (np.cumsum(open_floor) - 1).reshape(open_floor.shape)
     rows_of: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
@@ -255,7 +255,7 @@ def _seen_samples(
 
 
 def _overlapping(panels: Sequence[Panel]) -> NDArray[np.int64]:
-    """(n, 2): pairs of panels that would lie over each other."""
+    """(n, 2): pairs of panels that would overlap."""
     if len(panels) < 2:
         return np.zeros((0, 2), np.int64)
     tree = spatial.KDTree(np.array([panel.centre_m for panel in panels]))
@@ -266,15 +266,15 @@ def _overlapping(panels: Sequence[Panel]) -> NDArray[np.int64]:
 
 
 def _covered(sees: sparse.csr_array, chosen: list[int]) -> int:
-    """Samples of which at least one of the chosen is seen."""
+    """Number of samples from which at least one of the chosen is visible."""
     return len(np.unique(sees[chosen].indices)) if len(chosen) else 0
 
 
 def _chosen(
     sees: sparse.csr_array, overlapping: NDArray[np.int64], wanted: int, most: int
 ) -> tuple[list[int], bool]:
-    """Places that cover as many samples as wanted, and whether fewer cannot; where `most` do not
-    suffice those that cover the most, taken one by one.
+    """Positions that cover as many samples as wanted, and whether fewer cannot; if `most` do not
+    suffice, those that cover the most, chosen one by one.
     """
     chosen, proven = _greedy(sees, overlapping, wanted), False
     if _covered(sees, chosen) < wanted:
@@ -287,8 +287,8 @@ def _chosen(
 
 
 def _greedy(sees: sparse.csr_array, overlapping: NDArray[np.int64], wanted: int) -> list[int]:
-    """Places, each the one that covers the most of what is left, until there are as many samples as
-    wanted, or no more to be had.
+    """Positions, each the one that covers the most remaining samples, until as many as wanted are
+    covered, or no more can be.
     """
     by_sample = sees.tocsc()
     gain = np.diff(sees.indptr).astype(np.int64)
@@ -313,11 +313,11 @@ def _greedy(sees: sparse.csr_array, overlapping: NDArray[np.int64], wanted: int)
 def _fewest(
     sees: sparse.csr_array, overlapping: NDArray[np.int64], wanted: int, enough: int
 ) -> tuple[list[int], bool]:
-    """The fewest places that cover as many samples as wanted, and whether it is proven; none where
+    """The fewest positions that cover as many samples as wanted, and whether it is proven; none if
     there is too much to search, or the search ends before it finds any. `enough` of them are known
-    to do.
+    to suffice.
 
-    Samples that are seen from the same places count as one, with a weight; places that see nothing
+    Samples visible from the same positions count as one, with a weight; positions that see nothing
     that another one does not see too are left out.
     """
     places = _worth_trying(sees)
@@ -339,7 +339,7 @@ def _fewest(
     )
     nothing = sparse.csr_array((1, count))
     constraints = [
-        # A kind of sample counts where a place that sees it is chosen.
+        # A kind of sample counts if a position that sees it is chosen.
         optimize.LinearConstraint(
             sparse.hstack([sparse.csr_array(kinds.T), -sparse.eye_array(groups)]), 0.0, np.inf
         ),
@@ -366,8 +366,8 @@ def _fewest(
 
 
 def _kinds(sees: sparse.csr_array) -> int:
-    """How many kinds of samples there are by the places that see them, those of none left out: by
-    a sum of a number of each place, which two kinds share as good as never.
+    """Number of kinds of samples, which are visible from the same positions, without those visible
+    from none: by a sum of one random number per position, which two kinds practically never share.
     """
     of_place = np.random.default_rng(0).integers(1, 2**62, size=sees.shape[0])
     seen = sparse.csr_array((sees.data.astype(np.int64), sees.indices, sees.indptr), sees.shape)
@@ -375,8 +375,8 @@ def _kinds(sees: sparse.csr_array) -> int:
 
 
 def _worth_trying(sees: sparse.csr_array) -> NDArray[np.int64]:
-    """The places that see something that no other place sees with more besides; of places that see
-    the same the first.
+    """The positions whose samples are not a proper subset of another's; of positions with the same
+    samples the first.
     """
     size = np.diff(sees.indptr)
     common = (sees @ sees.T).tocoo()

@@ -1,4 +1,4 @@
-"""Dictionaries of ArUco markers of one's own, from files as OpenCV writes them."""
+"""Custom dictionaries of ArUco markers, from files in OpenCV's format."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ MIN_SIZE, MAX_SIZE = 2, 16
 def read_dictionary(file: Path) -> cv2.aruco.Dictionary:
     """The dictionary in a YAML, JSON or XML file with OpenCV's keys.
 
-    They are nmarkers, markersize, maxCorrectionBits (may be left out), and marker_0, marker_1, ...
-    of `0` (black) and `1` (white) row by row, as cv::aruco::Dictionary::writeDictionary has them.
-    Read here, for OpenCV's own reader ends the process on some files.
+    They are nmarkers, markersize, maxCorrectionBits (optional), and marker_0, marker_1, ... of `0`
+    (black) and `1` (white) row by row, as written by cv::aruco::Dictionary::writeDictionary. Parsed
+    here, because OpenCV's own reader ends the process on some files.
 
     Raises ConfigError in one line for anything else.
     """
     try:
         if file.exists() and not file.is_file():
-            # Opening a pipe would wait for ever.
+            # Opening a pipe would block forever.
             raise ConfigError(f"{file}: must be a file")
         with file.open("rb") as opened:
             data = opened.read(MAX_BYTES + 1)
@@ -64,7 +64,7 @@ def _content(file: Path, text: str) -> Mapping[str, Any]:
         if text.lstrip().startswith("{"):
             content = json.loads(text)
         else:
-            # OpenCV begins its files with a directive that YAML does not know: %YAML:1.0
+            # OpenCV starts its files with a directive that YAML does not know: %YAML:1.0
             head, _, rest = text.partition("\n")
             content = _flat(f"\n{rest}" if head.startswith("%YAML") else text)
     except yaml.YAMLError as error:
@@ -84,8 +84,8 @@ def _content(file: Path, text: str) -> Mapping[str, Any]:
 def _flat(text: str) -> dict[str, str] | None:
     """Keys and values of a YAML mapping of texts, None for anything else.
 
-    By the events of the parser, which ends at the first that does not belong: what a loader makes
-    of four megabytes of lists and aliases takes minutes.
+    Based on the parser's events, stopping at the first invalid one: for four megabytes of lists
+    and aliases a loader takes minutes.
     """
     inside: list[str] = []
     kinds = ("StreamStart", "DocumentStart", "MappingStart")

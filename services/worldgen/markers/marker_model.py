@@ -1,4 +1,4 @@
-"""Models of ArUco markers, in the layout in which Gazebo looks for them."""
+"""Models of ArUco markers, in the folder layout of Gazebo models."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from services.worldgen.sdf.writing import add, add_look, numbers, say, sdf_root,
 Kind = Literal["panel", "cube"]
 
 PANEL_THICKNESS_M = 0.001
-"""Behind the face, which is at z = 0: less than the gap in which panels hang before their wall."""
+"""Behind the face, which is at z = 0: less than the gap between panels and their wall."""
 MIN_SIZE_M, MAX_SIZE_M = 1e-3, 100.0
 
 
@@ -40,14 +40,14 @@ def write_marker_model(
 ) -> Path:
     """Write the model `aruco_id_ID` of a marker into a folder of models, and return its folder.
 
-    A panel's face looks along +z with +x to the right and +y up as one looks at it; it has no
+    A panel's face is normal to +z, with +x to the right and +y up as seen from the front; it has no
     collision, and its back is white. A cube shows the marker on each of its faces. `size_m` is the
-    side of the black square. `dictionary_file` holds a dictionary of one's own, see
-    marker_dictionary; a model of such a marker is a thing that can be seen, but no marker of a
-    world's recipe.
+    side of the black square. `dictionary_file` contains a custom dictionary, see
+    marker_dictionary; a model of such a marker is visible, but cannot be a marker of a world's
+    recipe.
 
-    Raises ConfigError in one line for what there is no marker of, and where the folder cannot be
-    written or holds something else already.
+    Raises ConfigError in one line if there is no such marker, or if the folder cannot be written or
+    contains something else.
     """
     own = read_dictionary(dictionary_file) if dictionary_file else None
     if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
@@ -77,7 +77,7 @@ def marker_model_files(
     marker: Marker, kind: Kind = "panel", own: cv2.aruco.Dictionary | None = None
 ) -> dict[str, bytes]:
     """The files of a marker's model by their path in its folder. `own` as in marker_picture."""
-    # What writes meshes takes long to import.
+    # Imports of mesh writers are slow.
     from services.worldgen.assets.glb import glb_of  # noqa: PLC0415
     from services.worldgen.assets.meshes import MeshPart  # noqa: PLC0415
 
@@ -95,7 +95,7 @@ def marker_model_files(
         f"meshes/{name}.glb": glb,
         f"meshes/{name}.mtl": _mtl(name, f"{marker.id}.png"),
         f"meshes/{name}.obj": _obj(name, faces),
-        # Once more, for not every reader of OBJ follows a path out of the mesh's folder.
+        # A second copy, because not every reader of OBJ follows a path out of the mesh's folder.
         f"meshes/{marker.id}.png": picture,
         texture: picture,
     }
@@ -103,14 +103,14 @@ def marker_model_files(
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """A square of a model: its corners counter-clockwise from the lower left as one looks at it."""
+    """A square of a model: corners counter-clockwise from the lower left, seen from the front."""
 
     corners_m: Array
     """(4, 3)"""
     normal: Array
     """(3,)"""
     uvs: Array
-    """(4, 2): (0, 0) is the picture's top left."""
+    """(4, 2): (0, 0) is the image's top left."""
 
 
 _WHITE = (1.0, 1.0, 1.0, 1.0)
@@ -119,7 +119,7 @@ _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def _panel(side_m: float, white: float) -> list[_Face]:
-    """The face at z = 0, and a white back and edges. The paper is white at (`white`, `white`)."""
+    """The face at z = 0, and a white back and edges. The image is white at (`white`, `white`)."""
     half, back = side_m / 2.0, -PANEL_THICKNESS_M
     blank = np.full((4, 2), white)
     front = np.column_stack([half * _SQUARE, np.zeros(4)])
@@ -137,7 +137,7 @@ def _panel(side_m: float, white: float) -> list[_Face]:
 
 
 def _cube(side_m: float) -> list[_Face]:
-    """Six pictures, upright on the sides; on top and below their upper edge is towards +y."""
+    """Six images, upright on the sides; on top and bottom their upper edge is towards +y."""
     half = side_m / 2.0
     z = np.array([0.0, 0.0, 1.0])
     faces = []
@@ -164,7 +164,7 @@ def _mesh(faces: list[_Face]) -> TriangleMesh:
 
 
 def _obj(name: str, faces: list[_Face]) -> bytes:
-    """Wavefront OBJ, whose v runs upwards."""
+    """Wavefront OBJ, in which v points upwards."""
     lines = [f"mtllib {name}.mtl", f"o {name}"]
     for face in faces:
         lines += [f"v {numbers(corner)}" for corner in face.corners_m]
@@ -217,7 +217,7 @@ def _sdf(marker: Marker, kind: Kind, side_m: float, texture: str, own: bool) -> 
         add(add(add(collision, "geometry"), "box"), "size", numbers((side_m, side_m, side_m)))
     visual = add(link, "visual", name="visual")
     if kind == "panel":
-        # The shadow of what stands millimetres before its wall would flicker.
+        # The shadow of a panel millimetres before its wall would flicker.
         add(visual, "cast_shadows", "false")
     add(add(add(visual, "geometry"), "mesh"), "uri", f"meshes/{name}.obj")
     add_look(visual, _WHITE, _WHITE, texture)

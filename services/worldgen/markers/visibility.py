@@ -1,7 +1,7 @@
-"""From where on the floor the robot can read a marker.
+"""Computes from where on the floor the robot can read a marker.
 
-The whole panel must be in the camera's picture, near enough and not too much from the side, with
-the robot at a place that it can reach. The camera counts as standing above the robot's middle.
+The whole panel must be in the camera's image, near enough and not too oblique, with the robot
+at a reachable pose. The camera is assumed above the robot's centre.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from services.worldgen.map.occupancy import FREE
 
 Bits = NDArray[np.bool_]
 Window = tuple[slice, slice, Bits]
-"""Rows and columns of a map, and which of the cells there."""
+"""Rows and columns of a map, and a mask of the cells there."""
 
 CAMERA_HEIGHT_M = 0.21
 TAN_HALF_VERTICAL_FOV = 480.0 / 640.0 * portable.tan(1.047 / 2.0)
-"""Of the waffle's camera, 640 x 480 pixels and 1.047 rad wide, which looks level."""
+"""Of the waffle's camera, 640 x 480 pixels and 1.047 rad wide, which is level."""
 NEAREST_M, FARTHEST_M = 0.6, 5.0
 WIDEST_RAD = math.radians(60.0)
-"""Angle between a panel's normal and the look at it."""
+"""Angle between a panel's normal and the ray to it."""
 ROBOT_RADIUS_M = 0.22
 
 _BLOCK_M = 0.05
 """Cells of finer maps are judged in blocks about this wide, by the middle one."""
 _TOUCH = 1e-9
-"""A look that crosses something over less of its length only touches it."""
+"""A ray that crosses an obstacle over less of its length only touches it."""
 
 
 def reachable(
@@ -48,13 +48,13 @@ def reachable(
     start: Planar,
     radius_m: float = ROBOT_RADIUS_M,
 ) -> Bits:
-    """(rows, columns): the cells in whose middle a round robot can stand, coming from the start.
+    """(rows, columns): the cells in whose middle a round robot fits, connected to the start.
 
-    Only free cells count as floor. Where it does not fit at the start itself it is taken to come
-    from the nearest place where it does. Right to within a quarter of a cell.
+    Only free cells count as floor. If it does not fit at the start, the nearest cell where it does
+    is used instead. Exact to within a quarter of a cell.
     """
     taken: Bits = map_cells != FREE
-    # From a cell's middle to the nearest edge of one that is taken.
+    # From a cell's middle to the nearest edge of an occupied cell.
     distance_m = (distance_cells(taken) - 0.5) * resolution_m
     fits: Bits = distance_m >= radius_m
     if not fits.any():
@@ -71,9 +71,9 @@ def reachable(
 
 
 class Sight:
-    """What can be seen in one world. `meshes` are by sha256; those that are not there hide nothing.
+    """Visibility in one world. `meshes` are by sha256; missing ones hide nothing.
 
-    Bodies hide what is behind them where they stand at the start.
+    Bodies hide what is behind them, at their initial poses.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class Sight:
         self._hiding: dict[tuple[float, float], _Hiding] = {}
 
     def window(self, panel: Panel, every: int = 1) -> Window:
-        """The cells from which a panel can be read, within rows and columns outside of which there
-        are none. `every` so manieth of rows and columns is judged, counted from the map's corner.
+        """The cells from which a panel can be read, and the rows and columns that contain them all.
+        Only every `every`-th row and column is judged, counted from the map's corner.
         """
         size_m = self._resolution_m
         centre = self._origin.inverse() @ SE2(
@@ -119,7 +119,7 @@ class Sight:
         ahead_m = dx * panel.normal[0] + dy * panel.normal[1]
         seen &= (distance_m >= NEAREST_M) & (distance_m <= FARTHEST_M)
         seen &= ahead_m >= portable.cos(WIDEST_RAD) * distance_m
-        # What is high above the camera leaves its picture when near.
+        # Panels high above the camera are out of its image when near.
         off_axis_m = abs(float(panel.centre_m[2]) - CAMERA_HEIGHT_M) + panel.side_m / 2.0
         seen &= distance_m >= off_axis_m / TAN_HALF_VERTICAL_FOV
         if seen.any():
@@ -134,7 +134,7 @@ class Sight:
         return self._origin.x_m + c * x - s * y, self._origin.y_m + s * x + c * y
 
     def _in_sight(self, panel: Panel, x: Array, y: Array, wanted: Bits, block: int) -> Bits:
-        """Of the wanted cells those from which nothing hides any of the panel."""
+        """The wanted cells from which nothing hides any part of the panel."""
         low_m = float(panel.centre_m[2]) - panel.side_m / 2.0
         high_m = low_m + panel.side_m
         hiding = self._hiding_between(min(low_m, CAMERA_HEIGHT_M), max(high_m, CAMERA_HEIGHT_M))
@@ -201,7 +201,7 @@ def covered_share(
     origin: SE2,
     meshes: Mapping[str, TriangleMesh] | None = None,
 ) -> float:
-    """Share of the floor where the robot can stand from which at least one panel can be read."""
+    """Share of the reachable floor from which at least one panel can be read."""
     sight = Sight(world, map_cells, origin, meshes)
     covered = np.zeros(map_cells.shape, np.bool_)
     for panel in panels:
@@ -211,7 +211,7 @@ def covered_share(
 
 
 class _Hiding:
-    """Convex pieces that hide what is behind them, each within the planes of its sides."""
+    """Convex pieces that hide what is behind them, each bounded by the planes of its sides."""
 
     def __init__(
         self,
@@ -227,7 +227,7 @@ class _Hiding:
         self.spans_m = np.concatenate(
             [spans_m, *(np.stack([some.low_m, some.high_m], 1) for some in pieces)]
         )
-        """(n, 2): heights between which each is filled"""
+        """(n, 2): height range of each"""
         corners, owner = shapely.get_coordinates(
             shapely.orient_polygons(self.polygons), return_index=True
         )
@@ -236,13 +236,13 @@ class _Hiding:
         outward = np.stack([steps[:, 1], -steps[:, 0]], 1)
         planes = np.column_stack([outward, (outward * corners).sum(1)])
         self.planes = planes[~last]
-        """(m, 3): a, b, c of each side; what is inside has a x + b y < c"""
+        """(m, 3): a, b, c of each side; a x + b y < c holds inside"""
         self.first = np.searchsorted(owner[~last], np.arange(len(self.polygons) + 1))
         """(n + 1,): the first side of each"""
         self._tree = shapely.STRtree(self.polygons)
 
     def before(self, panel: Panel) -> NDArray[np.int64]:
-        """Numbers of the pieces that may be in the way, the nearest first."""
+        """Indices of the pieces that may hide the panel, the nearest first."""
         centre = panel.centre_m[:2]
         across, ahead = FARTHEST_M * panel.right[:2], FARTHEST_M * panel.normal[:2]
         view = shapely.Polygon(
@@ -263,7 +263,7 @@ def _unhidden(
     spans_m: Array,
     numbers: NDArray[np.int64],
 ) -> Bits:
-    """(n,) of the (n, 2) places from which no piece is between the camera and the panel, whose
+    """(n,) mask of the (n, 2) positions with no piece between the camera and the panel, whose
     middle and edges are the targets, (3, 2).
     """
     found = np.ones(len(places), np.bool_)
@@ -272,7 +272,7 @@ def _unhidden(
         x, y = places[place]
         for target in range(len(targets)):
             dx, dy = targets[target, 0] - x, targets[target, 1] - y
-            # What hid the panel from the place before most probably hides it from this one.
+            # The piece that hid the panel from the previous position most probably hides it again.
             for turn in range(-1, len(numbers)):
                 number = latest if turn < 0 else numbers[turn]
                 if number >= 0 and _between(
@@ -296,7 +296,7 @@ def _unhidden(
 def _between(
     x: float, y: float, dx: float, dy: float, heights_m: Array, planes: Array, span_m: Array
 ) -> bool:
-    """Whether a convex piece meets a look from the camera at (x, y) to a target's whole height.
+    """Whether a convex piece intersects a ray from the camera at (x, y) to a target's whole height.
 
     After Cyrus and Beck (1978).
     """

@@ -1,4 +1,4 @@
-"""Mazes: cells, passages between them, the walls around them, and the longest way through."""
+"""Mazes: cells, passages between them, the walls around them, and the longest path through."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from services.worldgen.recipe.recipe import MazeRecipe
 PASSABLE_M = 0.44
 """The robot is a disc of 0.22 m radius."""
 EXACT_CELLS = 2500
-"""Up to so many cells the longest way is found exactly where there are loops."""
+"""Up to this many cells the longest path is found exactly if there are loops."""
 
 _MAX_ROOM_CELLS = 5
 """Along a room's side."""
@@ -45,16 +45,16 @@ class Maze:
     up_open: Bits
     """(rows, columns): joined to the next cell along y"""
     inside: Bits
-    """(rows, columns): a cell of the maze; the others are walled off. All of them are connected."""
+    """(rows, columns): a cell of the maze; the others are walled off. All are connected."""
     way: NDArray[np.int32]
-    """(n, 2): row and column of each cell of the shortest way from start to goal"""
+    """(n, 2): row and column of each cell of the shortest path from start to goal"""
     walls: tuple[Segment, ...]
-    """Longest straight ones, those along x first; together they have no gap at any corner, and no
-    faces of two lie upon each other looking the same way."""
+    """Maximal straight ones, those along x first; together they have no gap at any corner, and no
+    two coplanar faces of the same direction overlap."""
     start: Planar
-    """Looks along the way's first step."""
+    """Heads along the path's first step."""
     goal: Planar
-    """Looks along the way's last step."""
+    """Heads along the path's last step."""
 
     @property
     def dead_ends(self) -> int:
@@ -63,7 +63,7 @@ class Maze:
 
     @property
     def turns(self) -> int:
-        """Cells of the way from start to goal in which it turns."""
+        """Cells in which the path from start to goal turns."""
         steps = np.diff(self.way, axis=0)
         return int((steps[1:] != steps[:-1]).any(1).sum())
 
@@ -71,10 +71,10 @@ class Maze:
 def generate(recipe: MazeRecipe, wall_thickness_m: float) -> Maze:
     """The maze of a recipe: same recipe, same maze.
 
-    Start and goal are the ends of the longest of all shortest ways; where there are loops and more
-    than EXACT_CELLS cells, of the longest that two sweeps find.
+    Start and goal are the ends of the longest of all shortest paths; with loops and more than
+    EXACT_CELLS cells, of the longest that two sweeps find.
 
-    Raises ValueError with a short phrase about `cell_m` where the robot cannot pass.
+    Raises ValueError with a short phrase about `cell_m` if the robot cannot pass.
     """
     if recipe.cell_m - wall_thickness_m < PASSABLE_M - 1e-9:
         raise ValueError(
@@ -112,7 +112,7 @@ def generate(recipe: MazeRecipe, wall_thickness_m: float) -> Maze:
 
 
 def _planar(cell: NDArray[np.int32], step: NDArray[np.int32], cell_m: float) -> Planar:
-    """The middle of a cell, (row, column) from the start's, looking along a step."""
+    """The middle of a cell, (row, column) from the start's, heading along a step."""
     row, column = cell.tolist()
     return Planar(
         x_m=column * cell_m, y_m=row * cell_m, yaw_rad=portable.atan2(int(step[0]), int(step[1]))
@@ -130,10 +130,10 @@ def _passages(right_open: Bits, up_open: Bits) -> NDArray[np.int8]:
 def _braid(
     right_open: Bits, up_open: Bits, inside: Bits, share: float, rng: np.random.Generator
 ) -> None:
-    """Open a wall of some dead ends, so that round(share * n) of all n are none any more.
+    """Open a wall of some dead ends, so that round(share * n) of all n are removed.
 
-    Where a wall between two dead ends is opened both are none; the last one is opened towards
-    another cell, unless there are only dead ends beside dead ends left.
+    Opening a wall between two dead ends removes both; the last one is opened towards another
+    cell, unless only pairs of dead ends are left.
     """
     passages = _passages(right_open, up_open)
     dead_ends = np.argwhere((passages == 1) & inside)
@@ -158,7 +158,7 @@ def _braid(
 def _closed_off(
     right_open: Bits, up_open: Bits, inside: Bits, row: int, column: int
 ) -> list[tuple[int, int]]:
-    """The cells beside one, of the maze, to which there is no passage."""
+    """The adjacent cells of the maze to which there is no passage."""
     rows, columns = inside.shape
     cells = []
     if column + 1 < columns and not right_open[row, column]:
@@ -173,13 +173,13 @@ def _closed_off(
 
 
 def _join(right_open: Bits, up_open: Bits, a: tuple[int, int], b: tuple[int, int]) -> None:
-    """Open the wall between two cells that lie beside each other."""
+    """Open the wall between two adjacent cells."""
     (right_open if a[0] == b[0] else up_open)[min(a, b)] = True
 
 
 def _rooms(rows: int, columns: int, rng: np.random.Generator) -> tuple[Bits, Bits, Bits]:
     """(right_open, up_open, inside) of rooms with at least a cell between any two, joined by
-    corridors along a shortest spanning tree. The cells of neither are walled off.
+    corridors along a shortest spanning tree. All other cells are walled off.
     """
     right_open = np.zeros((rows, columns), np.bool_)
     up_open = np.zeros((rows, columns), np.bool_)
@@ -215,7 +215,7 @@ def _rooms(rows: int, columns: int, rng: np.random.Generator) -> tuple[Bits, Bit
 
 
 def _shortest_tree(places: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Pairs of places, (n, 2), that join all with the least sum of distances, by Prim."""
+    """Pairs of points, (n, 2), that join all with the least sum of distances, by Prim."""
     pairs = []
     distance = np.abs(places - places[0]).sum(1)
     nearest = np.zeros(len(places), np.int64)
@@ -240,8 +240,8 @@ def _walls(
 ) -> tuple[Segment, ...]:
     """The longest straight walls around all passages.
 
-    Where walls meet at a corner one along x fills it, and one along y begins at its face; a wall
-    that ends on another's side begins at that side. A free end reaches half a thickness beyond.
+    Where walls meet at a corner, the one along x fills it, and one along y starts at its face; a
+    wall that ends at another's side starts at that side. A free end extends by half a thickness.
     """
     padded = np.pad(inside, 1)
     # Along x: (rows + 1, columns), below row i; along y: (rows, columns + 1), left of column j.
@@ -249,7 +249,7 @@ def _walls(
     along_x[1:-1] &= ~up_open[:-1]
     along_y = padded[1:-1, :-1] | padded[1:-1, 1:]
     along_y[:, 1:-1] &= ~right_open[:, :-1]
-    # Of the corners, (rows + 1, columns + 1): how many walls along each axis come to it.
+    # For each corner, (rows + 1, columns + 1): the number of walls along each axis that end there.
     x_at, y_at = np.pad(along_x, ((0, 0), (1, 1))), np.pad(along_y, ((1, 1), (0, 0)))
     x_walls = x_at[:, :-1].astype(np.int8) + x_at[:, 1:]
     y_walls = y_at[:-1].astype(np.int8) + y_at[1:]

@@ -1,7 +1,7 @@
-"""Random spanning trees of a grid of cells, and shortest ways through its passages.
+"""Random spanning trees of a grid of cells, and shortest paths through its passages.
 
-Cells are counted row by row: cell = row * columns + column. `right_open[row, column]` says that the
-cell and the next one along x are joined, `up_open[row, column]` the next one along y.
+Cells are counted row by row: cell = row * columns + column. `right_open[row, column]` is true if
+the cell and the next one along x are joined, `up_open[row, column]` the next one along y.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ def wilson(rows: int, columns: int, seed: int) -> tuple[Bits, Bits]:
     """(right_open, up_open) of a spanning tree; each of all spanning trees is equally likely.
 
     Wilson, Generating random spanning trees more quickly than the cover time (STOC 1996): loop-
-    erased random walks from each cell to the tree that there is.
+    erased random walks from each cell to the existing tree.
     """
     return _grown(_wilson, rows, columns, seed)
 
 
 def recursive_backtracker(rows: int, columns: int, seed: int) -> tuple[Bits, Bits]:
-    """(right_open, up_open) of a spanning tree with long ways: a random depth-first search."""
+    """(right_open, up_open) of a spanning tree with long paths: a random depth-first search."""
     return _grown(_backtracker, rows, columns, seed)
 
 
 def _grown(
     grow: Callable[[Bits, Bits, NDArray[np.uint8]], bool], rows: int, columns: int, seed: int
 ) -> tuple[Bits, Bits]:
-    """Where the directions drawn do not suffice the same ones are drawn again, and more."""
+    """If the random directions do not suffice, the same ones are drawn again, and more."""
     count = 16 * rows * columns
     while True:
         right_open = np.zeros((rows, columns), np.bool_)
@@ -82,7 +82,7 @@ def _open(right_open: Bits, up_open: Bits, cell: int, direction: int) -> None:
 
 @kernel()
 def _wilson(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> bool:
-    """False where the directions do not suffice. One that leads out of the grid is drawn again, so
+    """False if the directions do not suffice. One that leads out of the grid is drawn again, so
     that each neighbour is equally likely.
     """
     rows, columns = right_open.shape
@@ -112,7 +112,7 @@ def _wilson(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> b
 
 @kernel()
 def _backtracker(right_open: Bits, up_open: Bits, directions: NDArray[np.uint8]) -> bool:
-    """False where the directions do not suffice."""
+    """False if the directions do not suffice."""
     rows, columns = right_open.shape
     visited = np.zeros(rows * columns, np.bool_)
     stack = np.zeros(rows * columns, np.int64)
@@ -164,7 +164,7 @@ def _search(
     steps: NDArray[np.int32],
     queue: NDArray[np.int32],
 ) -> int:
-    """Fill `steps` with the passages from a cell to each (-1: no way); the last, farthest cell."""
+    """Fill `steps` with the passages from a cell to each (-1: no path); the farthest cell."""
     rows, columns = right_open.shape
     steps[:] = -1
     steps[source] = 0
@@ -199,10 +199,10 @@ def _farthest_of_all(right_open: Bits, up_open: Bits, inside: Bits) -> tuple[int
 def farthest_pair(
     right_open: Bits, up_open: Bits, inside: Bits, every_cell: bool
 ) -> tuple[int, int]:
-    """Two cells with the longest shortest way between them, of cells that are all connected.
+    """Two cells with the longest shortest path between them, of cells that are all connected.
 
     Searches from every cell, or else from any one to its farthest and from there to the farthest
-    again: right for trees, and a lower bound where there are loops.
+    again: exact for trees, and a lower bound with loops.
     """
     if every_cell:
         return _farthest_of_all(right_open, up_open, inside)
@@ -212,7 +212,7 @@ def farthest_pair(
 
 
 def way(right_open: Bits, up_open: Bits, start: int, goal: int) -> NDArray[np.int32]:
-    """Cells of a shortest way from start to goal, both among them."""
+    """Cells of a shortest path from start to goal, including both."""
     steps, queue = np.empty(right_open.size, np.int32), np.empty(right_open.size, np.int32)
     _search(right_open, up_open, goal, steps, queue)
     cells = [start]

@@ -1,4 +1,4 @@
-"""What would be right in a recipe's field, where pydantic says that it is wrong."""
+"""Describes valid values of a recipe's field for which pydantic reports an error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from services.worldgen.recipe.recipe_fields import fields_of
 
 
 def must_of(problem: ErrorDetails, outer: Iterable[Any]) -> str:
-    """What would be right. `outer` are the types of what holds the place."""
+    """A valid value, in words. `outer` are the types that contain the location."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "missing":

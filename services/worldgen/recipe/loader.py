@@ -1,5 +1,5 @@
-"""World recipes, textures, meshes and maps from files: the one place that reads them, and says
-what is wrong.
+"""Loads world recipes, textures, meshes and maps from files, and reports their problems: the only
+module that reads them.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ SHORT_NAMES = {
 }
 
 MAX_MAP_ERROR_M = 0.1
-"""Mean distance between a ready map's walls and the world's. SLAM's are off by 2 to 5 cm."""
+"""Mean distance between a ready map's walls and the world's. SLAM's are 2 to 5 cm off."""
 
 _MAX_EXTENDS = 20
 
@@ -95,13 +95,13 @@ class LoadedWorld:
     meshes: dict[str, TriangleMesh] = field(default_factory=dict)
     """Of the assets that are meshes, by their sha256 in hex."""
     recipe: Recipe | None = None
-    """That the world was made from, overrides and all."""
+    """The recipe of the world, including overrides."""
 
 
 def known_worlds(worlds_dir: Path = DEFAULT_WORLDS_DIR) -> list[str]:
     """Names of the recipes in a folder, sorted.
 
-    Raises WorldError where there is no such folder.
+    Raises WorldError if there is no such folder.
     """
     try:
         return sorted(path.stem for path in worlds_dir.iterdir() if path.suffix == ".yaml")
@@ -118,12 +118,12 @@ def load_world(
 ) -> LoadedWorld:
     """Load a world by the name of its recipe, or by a short name.
 
-    `texture_base` is the folder of the textures where that is not `textures` in `worlds_dir`.
-    `overrides` are `field=value`, put over the recipe's in turn.
+    `texture_base` is the folder of the textures, if that is not `textures` in `worlds_dir`.
+    `overrides` are `field=value`, applied to the recipe's in turn.
 
     Raises WorldError for everything that makes the world unusable: in its name, an override, the
-    recipe, a texture, a mesh or a map. What only lacks something (a marker that cannot hang) is
-    loaded: see check.problems_of.
+    recipe, a texture, a mesh or a map. A world with smaller problems (a marker that cannot be
+    placed) is loaded: see check.problems_of.
     """
     return _loaded(named_sources(name, worlds_dir), use_aruco, worlds_dir, texture_base, overrides)
 
@@ -134,7 +134,7 @@ def load_file(
     texture_base: Path | None = None,
     overrides: Sequence[str] = (),
 ) -> LoadedWorld:
-    """The same for a recipe's file, wherever it lies; what it needs lies beside it."""
+    """The same for a recipe's file in any folder; the files it needs are beside it."""
     return _loaded(sources_of(path), use_aruco, path.parent, texture_base, overrides)
 
 
@@ -154,27 +154,27 @@ def _loaded(
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A world as far as its mistakes let it be made."""
+    """A world, built as far as its problems allow."""
 
     recipe: Recipe
     world: World
     meshes: Mapping[str, TriangleMesh]
     grid: Grid
     cells: NDArray[np.int8]
-    """(rows, columns) in the grid, made from the world even where there is a ready map."""
+    """(rows, columns) in the grid, built from the world even if there is a ready map."""
     map_cells: NDArray[np.int8]
-    """Of the map that the robot drives by: the ready one, else `cells`."""
+    """Of the map used for navigation: the ready one, else `cells`."""
     map_resolution_m: float
     map_origin: SE2
 
     def is_free(self, place: Planar) -> bool:
-        """Whether a place lies on free floor that is connected to the start."""
+        """Whether a pose is on free floor that is connected to the start."""
         cell = self.grid.cell(place.x_m, place.y_m)
         return cell is not None and bool(self.cells[cell] == FREE)
 
 
 class Loading:
-    """What became of a recipe: the world where there is one, and everything that is wrong."""
+    """Result of loading a recipe: the world if there is one, and all problems."""
 
     def __init__(
         self,
@@ -187,14 +187,14 @@ class Loading:
         thorough: bool = False,
         name: str | None = None,
     ) -> None:
-        """`sources` are the recipe, then the one it extends, and so on. A thorough one leaves out
-        what is wrong and judges the rest. `name` is what the recipe must be called where that is
+        """`sources` are the recipe, then the one it extends, and so on. A thorough loading leaves
+        out invalid parts and checks the rest. `name` is the recipe's expected name, if that is
         not the name of its file.
         """
         self.problems: list[Problem] = []
         self.loaded: LoadedWorld | None = None
         self.draft: Draft | None = None
-        """Of a thorough one, where that can be made."""
+        """Set by a thorough loading, if it can be built."""
         self._sources = tuple(sources)
         self._overrides: list[tuple[Location, Source]] = []
         self._worlds_dir = worlds_dir
@@ -222,9 +222,9 @@ class Loading:
         self._build(recipe, file.name, name, use_aruco)
 
     def add(self, mistake: Mistake) -> None:
-        """Add a problem of the recipe as it was judged, with the file and the line of its place.
+        """Add a problem of the checked recipe, with the file and the line of its location.
 
-        What is only wrong because something was left out is passed over.
+        Problems that are only caused by left-out parts are skipped.
         """
         location, other = mistake.location, mistake.other
         if self._sound is not None:
@@ -252,7 +252,7 @@ class Loading:
         )
 
     def read_texture(self, name: str, location: Location, fatal: bool = True) -> bytes | None:
-        """The bytes of a texture; None where it is not one, which adds a problem."""
+        """The bytes of a texture; None if it is invalid, which adds a problem."""
         path = self._textures_dir / name
         try:
             return read_texture_file(path)
@@ -262,11 +262,11 @@ class Loading:
         return None
 
     def _merged(self, overrides: Sequence[str]) -> dict[Any, Any]:
-        """What the sources hold, the first over the others, and the overrides over all."""
+        """The sources' content, the first over the others, and the overrides over all."""
         content: dict[Any, Any] = {}
         for source in reversed(self._sources):
             content = _merge(content, source.content)
-        # What the requested file extends is said in the chain.
+        # Problems with what the requested file extends are reported for the chain.
         content["extends"] = self._sources[0].content.get("extends")
         if len(overrides) > MAX_OVERRIDES:
             must = f"must be at most {MAX_OVERRIDES}"
@@ -283,11 +283,11 @@ class Loading:
         return content
 
     def _add_all(self, error: ValidationError) -> list[Location]:
-        """Add what is wrong in single fields; returns where."""
+        """Add the problems of single fields; returns their locations."""
         said: dict[tuple[Location, str], str] = {}
         found = error.errors(include_url=False)
         for problem in found:
-            # Parts that are wrong do not count as parts: then a list may seem too short.
+            # Invalid parts are not counted as parts: so a list may seem too short.
             within = [other for other in found if other["loc"][: len(problem["loc"])] ==
                       problem["loc"]] if problem["type"] == "too_short" else ()  # fmt: skip
             if len(within) > 1:
@@ -301,7 +301,7 @@ class Loading:
         return [location for location, _ in said]
 
     def _build(self, recipe: Recipe, file_name: str, name: str, use_aruco: bool) -> None:
-        """Make the world, or as much of it as its mistakes let be made."""
+        """Build the world, or as much of it as its problems allow."""
         if recipe.name != name:
             self.add(Mistake(("name",), recipe.name, f"must be {name!r}, as the file is called"))
         maze = self._maze(recipe)
@@ -314,7 +314,7 @@ class Loading:
                 number = mistake.location[1:2] or range(len(recipe.bodies))
                 wrong_bodies.update(number)
         meshes = self._meshes(recipe)
-        # Nothing is asked of a shape that may have no triangles.
+        # Shapes that may have no triangles are not used.
         bodies = tuple(b for i, b in enumerate(recipe.bodies) if i not in wrong_bodies)
         world = resolve(
             recipe.model_copy(update={"bodies": bodies}), file_name, maze, meshes, use_aruco
@@ -322,7 +322,7 @@ class Loading:
         world = self._with_textures(recipe, world)
         if too_much or not (self._thorough or self._may_run()):
             return
-        # Without a start nothing can be said about what is reached from it.
+        # Without a start, reachability cannot be checked.
         if self._sound is not None and not self._sound.dropped.isdisjoint(("start", "maze")):
             return
         try:
@@ -344,7 +344,7 @@ class Loading:
         if recipe.map is not None:
             world, cells, origin = self._with_ready_map(recipe.map, draft)
             if len(self.problems) == told:
-                # What a wrong map would say of places would only be more of the same.
+                # Checks of poses on a wrong map would only repeat the problem.
                 draft = dataclasses.replace(
                     draft,
                     map_cells=cells,
@@ -364,7 +364,7 @@ class Loading:
     def _maze(self, recipe: Recipe) -> Maze | None:
         if recipe.maze is None:
             return None
-        # It brings Numba, for which most worlds need not wait.
+        # It imports Numba, which most worlds do not need.
         from services.worldgen.maze.maze import generate  # noqa: PLC0415
 
         try:
@@ -374,7 +374,7 @@ class Loading:
             return None
 
     def _with_textures(self, recipe: Recipe, world: World) -> World:
-        """The world with the textures that its materials have and that can be read."""
+        """The world with its materials' textures, as far as these can be read."""
         sha256_of: dict[str, str] = {}
         used = {material.name for material in world.materials}
         for name, material in recipe.materials.items():
@@ -388,7 +388,7 @@ class Loading:
         return with_textures(world, sha256_of)
 
     def _meshes(self, recipe: Recipe) -> dict[MeshKey, tuple[MeshAsset, ...]]:
-        """The meshes that can be read; the others add problems."""
+        """The readable meshes; the others add problems."""
         found: dict[MeshKey, tuple[MeshAsset, ...]] = {}
         wrong: set[MeshKey] = set()
         triangles = 0
@@ -396,7 +396,7 @@ class Loading:
             if key in wrong:
                 continue
             if key not in found:
-                # What reads meshes takes long to import, and most worlds have none.
+                # Imports of mesh readers are slow, and most worlds have none.
                 from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
                 file, submesh, center = key
@@ -461,10 +461,10 @@ class Loading:
         wanted = draft.recipe.marker_cover
         if wanted is None or not use_aruco:
             return draft.world
-        # What solves for the fewest takes long to import.
+        # The import of the solver is slow.
         from services.worldgen.markers.marker_cover import cover  # noqa: PLC0415
 
-        # Nobody needs markers far out on open floor.
+        # Markers far out on open floor are not needed.
         near = grid_of(draft.world, draft.meshes)
         cells = occupancy(draft.world, draft.meshes, near)
         try:
@@ -476,7 +476,7 @@ class Loading:
 
     def _with_ready_map(self, name: str, draft: Draft) -> tuple[World, NDArray[np.int8], SE2]:
         """The world, the map's cells and its origin."""
-        # Most worlds have none, and need not wait for what reads it.
+        # Most worlds have none, and do not need the map reader.
         from services.worldgen.map.map_files import read_map  # noqa: PLC0415
 
         try:
@@ -495,7 +495,7 @@ class Loading:
         return draft.world.model_copy(update=changes), ready.cells, ready.origin
 
     def _judge_map(self, name: str, ready: MapFile, draft: Draft) -> None:
-        """A ready map must be of the world that it is used in."""
+        """A ready map must match the world that it is used in."""
         from services.worldgen.map.map_files import MapFile, disagreement  # noqa: PLC0415
 
         own = MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin)
@@ -510,7 +510,7 @@ class Loading:
 
 
 def named_sources(name: str, worlds_dir: Path) -> list[Source]:
-    """The recipe of a name, then the one it extends, and so on.
+    """The recipe of that name, then the one it extends, and so on.
 
     Raises WorldError.
     """
@@ -568,12 +568,12 @@ def sources_of(path: Path) -> list[Source]:
 
 
 def shown_path(path: Path) -> str:
-    """A path as short as it can be said."""
+    """A path, as short as possible."""
     return str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
 
 
 def _merge(base: Mapping[Any, Any], over: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Mappings key by key; of everything else `over` wins."""
+    """Merge mappings key by key; for everything else `over` wins."""
     merged = dict(base)
     for key, value in over.items():
         below = merged.get(key)

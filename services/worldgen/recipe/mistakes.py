@@ -1,4 +1,4 @@
-"""What is wrong between the fields of a recipe, each of which is right by itself."""
+"""Mistakes between the fields of a recipe, each of which is valid by itself."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from services.worldgen.recipe.recipe import (
 )
 
 MIN_SIZE_M = 1e-4
-"""Of what is solid: the physics loses what is thinner."""
+"""Of solid shapes: physics loses thinner ones."""
 ROBOT_HEIGHT_M = 0.25
 MAX_SHAPES = 5000
 MAX_LENGTH_M = 200_000.0
-"""Of walls: what they take on the map is looked at in time that grows with it."""
+"""Of all walls: the time to process their cells on the map grows with it."""
 MAX_POLYGONS, MAX_CORNERS = 100, 2000
 """Of one polyline."""
 MAX_TURN = 1e-3
-"""By which the length of a quaternion may differ from 1: three digits by hand."""
+"""Allowed deviation of a quaternion's length from 1: three decimals, typed by hand."""
 
 _FRAMES = (
     frames.MAP_FRAME, frames.ODOM_FRAME, frames.BASE_FOOTPRINT_FRAME, frames.BASE_LINK_FRAME,
@@ -46,7 +46,7 @@ Placed = BoxRecipe | CylinderRecipe | MeshRecipe | BodyRecipe
 
 
 def mistakes(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
-    """All mistakes, in the order of the fields. `maze_wall_names` are of the maze's walls."""
+    """All mistakes, in the order of the fields. `maze_wall_names` are those of the maze's walls."""
     yield from _names(recipe, maze_wall_names)
     yield from _materials(recipe)
     for index, wall in enumerate(recipe.walls):
@@ -69,7 +69,7 @@ def mistakes(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake
 
 
 def placed(recipe: Recipe) -> Iterator[tuple[Location, Placed]]:
-    """Everything that becomes a body, with its place in the recipe."""
+    """Everything that becomes a body, with its location in the recipe."""
     for field in _PLACED:
         for index, part in enumerate(getattr(recipe, field)):
             yield (field, index), part

@@ -1,4 +1,4 @@
-"""`field=value` put over what a recipe holds."""
+"""Overrides `field=value` of a recipe's content."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _FIXED = ("name", "extends")
 
 
 def shown_override(override: str) -> str:
-    """As the file of a problem: `override maze.seed=3`."""
+    """In place of the file of a problem: `override maze.seed=3`."""
     text = words(override[:MAX_CHARACTERS])
     return f"override {text if len(text) <= 60 else text[:57] + '...'}".rstrip()
 
 
 def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location, Any]:
-    """The place that an override names in what a recipe holds, and the value to put there.
+    """The location in a recipe's content that an override names, and its value.
 
-    Steps are joined by points. A field may go without its unit, and the parts of a list are found
-    by number or by name: `walls.3.length=2`, `walls[3].length=2`, `walls.Wall_3.length=2`. Values
-    are YAML.
+    Steps are joined by points. A field's unit suffix may be omitted, and the parts of a list are
+    found by number or by name: `walls.3.length=2`, `walls[3].length=2`, `walls.Wall_3.length=2`.
+    Values are YAML.
 
     Raises WorldError.
     """
@@ -65,13 +65,13 @@ def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location,
     try:
         return tuple(place), parse_value(text, shown)
     except WorldError as error:
-        # It has one line only.
+        # It has one line, and so one problem.
         (problem,) = error.problems
         raise WorldError([problem.model_copy(update={"line": 0})]) from error
 
 
 def with_value(content: Any, place: Location, value: Any) -> Any:
-    """The same with another value at a place; mappings on the way there are made."""
+    """The content with another value at a location; missing mappings on its path are created."""
     if not place:
         return value
     step, rest = place[0], place[1:]
@@ -105,7 +105,7 @@ def _index(step: str, content: tuple[Any, ...], before: Location, shown: str) ->
 
 
 def _key(steps: list[str], content: Mapping[Any, Any]) -> str:
-    """The next key, taken off `steps`: names may hold points themselves."""
+    """The next key, removed from `steps`: names may contain points themselves."""
     for count in range(len(steps), 1, -1):
         if (name := ".".join(steps[:count])) in content:
             del steps[:count]

@@ -1,4 +1,4 @@
-"""What is wrong with a world, one line a problem."""
+"""Problems of a world, one line each."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _MAX_VALUE = 60
 
 
 class Problem(BaseModel):
-    """Something wrong in the user's input: where, what stands there, and what would be right."""
+    """A problem in the user's input: the location, the invalid value, and what would be valid."""
 
     model_config = ConfigDict(frozen=True)
 
     file: str = ""
-    """As short as it can be said; empty where it is not about a file."""
+    """As short as possible; empty if it is not about a file."""
     line: int = 0
-    """From 1; 0 where there is none."""
+    """From 1; 0 if there is none."""
     field: str = ""
-    """`walls[3].length_m`; empty where it is about the whole file."""
+    """`walls[3].length_m`; empty if it is about the whole file."""
     value: str = ""
-    """As the file has it, shortened; empty where there is none."""
+    """As in the file, shortened; empty if there is none."""
     must: str
     fatal: bool = True
-    """The world cannot run; else it runs without the thing, or as it is."""
+    """Whether the world cannot run; else it runs without the invalid part, or as it is."""
 
     def __str__(self) -> str:
         """`worlds/house.yaml:12: walls[3].length_m: -1: must be > 0`."""
@@ -43,7 +43,7 @@ class Problem(BaseModel):
 
 
 class WorldError(ConfigError):
-    """A world that cannot be loaded: one line with file, field, value, and what would be right."""
+    """A world that cannot be loaded: one line with file, field, value, and what would be valid."""
 
     def __init__(self, what: str | Sequence[Problem]) -> None:
         self.problems: tuple[Problem, ...] = () if isinstance(what, str) else tuple(what)
@@ -56,12 +56,12 @@ class WorldError(ConfigError):
 
 @dataclass(frozen=True)
 class Mistake:
-    """A problem by the place in a recipe, before the file and line of it are known."""
+    """A problem by its location in a recipe, before its file and line are known."""
 
     location: Location
     value: object
     must: str
-    """`{other}` in it stands for the other place."""
+    """`{other}` in it is replaced by the other location."""
     fatal: bool = True
     other: Location = ()
 
@@ -86,6 +86,6 @@ def shown_value(value: object) -> str:
 
 
 def words(text: object) -> str:
-    """One printable line of it."""
+    """A text as one printable line."""
     line = " ".join(str(text).split())
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)

@@ -1,4 +1,4 @@
-"""Which fields a place in a recipe may have, read off the models."""
+"""Which fields a location in a recipe may have, derived from the models."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def types_of(annotation: Any) -> list[Any]:
 
 
 def types_within(outer: Sequence[Any], part: str | int) -> list[Any]:
-    """The types of what lies one step further in."""
+    """The types of the values one step further in."""
     found = []
     for kind in outer:
         arguments = get_args(kind)
@@ -46,7 +46,7 @@ def fields_of(kinds: Sequence[Any]) -> list[str]:
 
 
 def tagged(kinds: Sequence[Any], tag: object) -> list[Any]:
-    """Those of the models whose `kind` is `tag`."""
+    """The models whose `kind` is `tag`."""
     return [
         kind
         for kind in kinds
@@ -58,9 +58,9 @@ def tagged(kinds: Sequence[Any], tag: object) -> list[Any]:
 
 
 def place_of(location: Location) -> tuple[Location, list[Any]]:
-    """A place as a file has it, and its types, by the place that pydantic names.
+    """The location in the file, and its types, from the location that pydantic reports.
 
-    pydantic puts the `kind` of what has one, and words of its own in brackets, among the steps.
+    pydantic adds the `kind` of tagged unions, and bracketed terms of its own, to the steps.
     """
     kinds: list[Any] = [Recipe]
     place: list[str | int] = []

@@ -1,4 +1,4 @@
-"""A recipe to a world: each default and material put in its place, and the hash over it all."""
+"""Converts a recipe to a world: sets all defaults and materials, and computes its hash."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from services.worldgen.maze.maze import Maze
 
 MeshKey = tuple[str, str | None, bool]
-"""File, submesh, and whether the submesh's middle is put at the origin."""
+"""File, submesh, and whether the submesh's middle is moved to the origin."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshAsset:
-    """The triangles of one material of a file, and how they look."""
+    """The triangles of one material of a file, and that material."""
 
     name: str
     """Of the material: `file.part`."""
@@ -55,12 +55,12 @@ Meshes = Mapping[MeshKey, Sequence[MeshAsset]]
 
 
 def mesh_key(part: MeshRecipe | MeshGeometry) -> MeshKey:
-    """Which triangles a part of a recipe means."""
+    """Identifies the triangles that a part of a recipe uses."""
     return part.file, part.submesh, isinstance(part, MeshGeometry) and part.center
 
 
 def mesh_keys(recipe: Recipe) -> Iterator[tuple[tuple[str | int, ...], MeshKey]]:
-    """Every use of a mesh, with its place in the recipe."""
+    """Every use of a mesh, with its location in the recipe."""
     for location, thing in placed(recipe):
         if isinstance(thing, MeshRecipe):
             yield (*location, "file"), mesh_key(thing)
@@ -78,9 +78,9 @@ def resolve(
     meshes: Meshes,
     use_aruco: bool,
 ) -> doc.World:
-    """The world of a recipe, but for textures, placed markers, ready map and hash.
+    """The world of a recipe, without textures, generated markers, ready map and hash.
 
-    Meshes that are not there are left out, and so are materials.
+    Missing meshes and materials are left out.
     """
     start: PoseRecipe | doc.Planar = PoseRecipe(x_m=0.0, y_m=0.0)
     locations: dict[str, PoseRecipe | doc.Planar] = dict(recipe.locations)
@@ -88,7 +88,7 @@ def resolve(
         start = maze.start
         locations.setdefault("goal", maze.goal)
     start = recipe.start or start
-    # A room looks as it says, but for walls that have a look of their own.
+    # Rooms set the looks, except for walls with their own material.
     own = {wall.name for wall in recipe.walls if wall.material}
     resolved = resolve_walls(recipe, maze)
     in_rooms = with_room_faces(resolved, recipe.rooms)
@@ -152,13 +152,13 @@ def with_textures(world: doc.World, sha256_of: Mapping[str, str]) -> doc.World:
 
 
 def finished(world: doc.World) -> doc.World:
-    """The world with the hash of what is in it."""
+    """The world with the hash of its content."""
     return world.model_copy(update={"hash": world.content_hash()})
 
 
 def resolve_walls(recipe: Recipe, maze: Maze | None) -> tuple[doc.Wall, ...]:
-    """The recipe's walls, then the maze's, with height, thickness and material given to those that
-    have none of their own.
+    """The recipe's walls, then the maze's, with default height, thickness and material where these
+    are not set.
     """
     turn = recipe.wall_materials
     walls = [
@@ -199,7 +199,7 @@ def maze_wall_names(maze: Maze | None) -> list[str]:
 
 
 def _body(thing: Placed, meshes: Meshes, first_material: str) -> doc.Body | None:
-    """None where none of its shapes is there."""
+    """None if all of its shapes are missing."""
     if isinstance(thing, BodyRecipe):
         shapes = tuple(part for shape in thing.shapes for part in _shapes(shape, meshes))
         return doc.Body(
@@ -229,7 +229,7 @@ def _body(thing: Placed, meshes: Meshes, first_material: str) -> doc.Body | None
         material = thing.material or first_material
         parts = (doc.Shape(name=geometry.kind, geometry=geometry, material=material),)
     rotation = rotation_from_rpy(thing.roll_rad, thing.pitch_rad, thing.yaw_rad)
-    # Walls and most things only turn about z: then half an angle is all it takes.
+    # Walls and most bodies only rotate about z: then half an angle is enough.
     upright = thing.roll_rad == thing.pitch_rad == 0.0
     return doc.Body(
         name=thing.name,
@@ -249,7 +249,7 @@ def _body(thing: Placed, meshes: Meshes, first_material: str) -> doc.Body | None
 def _height_over_lowest_m(
     thing: BoxRecipe | CylinderRecipe | MeshRecipe, rotation: Array, meshes: Meshes
 ) -> float:
-    """Of the origin above the lowest point, as the thing is turned."""
+    """Height of the origin above the lowest point, in the body's orientation."""
     up = rotation[2]
     if isinstance(thing, BoxRecipe):
         return float(portable.product(np.abs(up), thing.size_m)) / 2.0
@@ -295,7 +295,7 @@ def _own_material(asset: MeshAsset, first_material: str) -> str:
 
 
 def _unit(orientation_xyzw: doc.Quaternion) -> doc.Quaternion:
-    """Of unit length; as it is where it has that already, bit by bit."""
+    """Normalised; bit-identical if it has unit length already."""
     length = math.hypot(*orientation_xyzw)
     if abs(length - 1.0) < 1e-12:
         return orientation_xyzw

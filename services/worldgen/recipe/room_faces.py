@@ -1,4 +1,4 @@
-"""Rooms to the stretches of walls that look into them."""
+"""Assigns rooms' materials to the stretches of walls that face into them."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from services.common.node.documents import Covering, Wall
 from services.worldgen.recipe.recipe import RoomRecipe
 
 OFF_FACE_M = 0.01
-"""How far before a face a room must reach to be looked into."""
+"""Distance before a face at which a room must be for the face to be in it."""
 _MIN_SPAN_M = 1e-3
 
 _Span = tuple[float, float]
 
 
 def with_room_faces(walls: Sequence[Wall], rooms: Mapping[str, RoomRecipe]) -> tuple[Wall, ...]:
-    """The walls, their faces covered with the `wall_material` of the rooms they look into.
+    """The walls, their faces covered with the `wall_material` of the rooms they face into.
 
-    A face looks into a room where the line `OFF_FACE_M` before it lies in the room's polygon.
-    Coverings that a wall has already win. Polygons that cross themselves are passed over.
+    A face is in a room where the line `OFF_FACE_M` before it lies in the room's polygon.
+    A wall's existing coverings take precedence. Self-intersecting polygons are skipped.
     """
     dressed = [
         (shapely.Polygon(room.polygon_m), room.wall_material)
@@ -72,7 +72,7 @@ def _spans(
     along: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
     half_length_m: float,
 ) -> list[_Span]:
-    """The pieces of a line along the wall, from its middle; its ends are those of the wall."""
+    """The pieces of a line along the wall, from its middle; its ends are exactly the wall's."""
     spans = []
     for part in shapely.get_parts(inside):
         if part.geom_type != "LineString" or part.is_empty:
@@ -88,7 +88,7 @@ def _spans(
 
 
 def _without(spans: Iterable[_Span], taken: Iterable[_Span]) -> list[_Span]:
-    """What is left of spans."""
+    """The remaining parts of spans."""
     left = list(spans)
     for low, high in taken:
         left = [

@@ -1,4 +1,4 @@
-"""A texture's file, checked before anything else looks at it."""
+"""Reads a texture's file, and validates it before any other use."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from services.common import png
 
 
 def read_texture_file(path: Path) -> bytes:
-    """The bytes of a PNG file that is called one.
+    """The bytes of a valid PNG file with the suffix .png.
 
-    Raises ValueError, in a phrase that goes on from the file's name, where it is none.
+    Raises ValueError otherwise, with a phrase that continues after the file's name.
     """
     try:
         if path.exists() and not path.is_file():
-            # A pipe would wait for ever.
+            # Reading a pipe would block forever.
             raise ValueError("is no file, must be a PNG")
         if path.stat().st_size > png.MAX_BYTES:
             raise ValueError(f"must have at most {png.MAX_BYTES} bytes")
@@ -25,6 +25,6 @@ def read_texture_file(path: Path) -> bytes:
     if problem:
         raise ValueError(problem)
     if path.suffix.lower() != ".png":
-        # Others who read it, Gazebo among them, go by its name.
+        # Other readers, including Gazebo, go by the suffix.
         raise ValueError(f"is a PNG, must be called {path.with_suffix('.png').name}")
     return data

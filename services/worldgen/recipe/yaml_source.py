@@ -1,6 +1,6 @@
-"""YAML as people expect it, with the line of every value.
+"""Reads YAML strictly, with the line of every value.
 
-1e-3 is a number, a key given twice a mistake, nothing aliased; size and depth are bounded.
+1e-3 is a number, a duplicate key an error, aliases are refused; size and depth are limited.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ MAX_BYTES = 4 * 1024 * 1024
 MAX_NODES = 300_000
 MAX_DEPTH = 40
 MAX_SCALAR = 6000
-"""Characters of a value. YAML's numbers to base 60 take time that grows with the square of it."""
+"""Characters of a value: YAML's base-60 numbers take time that grows with the square of it."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a file holds, and where in it."""
+    """The content of a file, and the lines of its values."""
 
     file: str
-    """As it is shown to people."""
+    """As displayed."""
     content: Mapping[Any, Any]
     _root: yaml.Node | None = dataclasses.field(default=None, repr=False)
 
     def depth_of(self, location: Location) -> int:
-        """How many steps of the way to a place the file holds."""
+        """How many steps of a location exist in the file."""
         here: Any = self.content
         for depth, part in enumerate(location):
             try:
@@ -44,7 +44,7 @@ class Source:
         return len(location)
 
     def line_of(self, location: Location) -> int:
-        """From 1, of a place or of as much of the way to it as the file holds; 0: none is known."""
+        """From 1, of a location or of its longest prefix in the file; 0: unknown."""
         node, line = self._root, 0
         for part in location:
             if isinstance(node, yaml.MappingNode):
@@ -64,13 +64,13 @@ class Source:
 
 
 def read_source(path: Path, shown: str) -> Source:
-    """A YAML file that holds a mapping.
+    """Read a YAML file that contains a mapping.
 
-    Raises WorldError with the one problem of a file that is not one.
+    Raises WorldError with one problem if it is invalid.
     """
     try:
         if not path.is_file():
-            # Opening a pipe would wait for ever.
+            # Opening a pipe would block forever.
             path.stat()
             raise _problem(shown, "must be a file")
         with path.open("rb") as file:
@@ -87,12 +87,12 @@ def read_source(path: Path, shown: str) -> Source:
 
 
 def parse_value(text: str, shown: str) -> Any:
-    """A value as a recipe would have it. Raises WorldError."""
+    """A value, as parsed in a recipe. Raises WorldError."""
     return _load(text.encode(errors="replace"), shown)[1]
 
 
 class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
-    """libyaml's scanner under a composer that counts."""
+    """libyaml's scanner under a composer with limits."""
 
     def __init__(self, text: str) -> None:
         yaml.CSafeLoader.__init__(self, text)
@@ -136,12 +136,12 @@ _Loader.add_implicit_resolver(
     re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
     list("-+0123456789"),
 )
-# Strict validation takes tuples, and no lists, for tuples.
+# Strict validation accepts only tuples for tuples, not lists.
 _Loader.add_constructor("tag:yaml.org,2002:seq", _construct_tuple)
 
 
 def _load(data: bytes, shown: str) -> tuple[yaml.Node | None, Any]:
-    """The tree, and what it stands for. Raises WorldError."""
+    """The node tree, and its value. Raises WorldError."""
     try:
         loader = _Loader(data.decode("utf-8-sig"))
         root = loader.get_single_node()
@@ -149,7 +149,7 @@ def _load(data: bytes, shown: str) -> tuple[yaml.Node | None, Any]:
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
         raise _problem(shown, "must be UTF-8", line, "not YAML") from error
-    # PyYAML lets the errors of the types it converts to through.
+    # PyYAML does not catch errors of the types that it converts to.
     except (
         yaml.YAMLError, ValueError, LookupError, ArithmeticError, TypeError, AttributeError,
         RecursionError,

@@ -1,4 +1,4 @@
-"""A resolved SDF world as a recipe, with the pictures and meshes that it needs."""
+"""Converts a resolved SDF world to a recipe, with the images and meshes that it needs."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from services.worldgen.sdf.pictures import MAX_PIXELS, picture_as_png
 from services.worldgen.sdf.recipe_file import ImportedWorld
 
 FLOOR_M = 0.001
-"""What is no farther from z = 0 stands, or lies, on the floor."""
+"""Shapes no farther from z = 0 count as on the floor."""
 MAX_LIGHTS = 8
 
 _ALIGNED = 1e-6
-"""Sine of the angle by which a wall may lean."""
+"""Sine of the maximum tilt of a wall."""
 _LEANS = 1e-3
-"""Sine of the angle by which a marker may lean, or turn away from its wall."""
+"""Sine of the maximum tilt of a marker, or of its angle to its wall."""
 _DEFAULT_DIFFUSE = (0.7, 0.7, 0.7, 1.0)
 _WHITE = (1.0, 1.0, 1.0, 1.0)
-# What SDF says where a world has a scene, or lights, but nothing of these.
+# SDF's defaults for worlds whose scene or lights do not set these.
 _SDF_AMBIENT = (0.4, 0.4, 0.4, 1.0)
 
 _NUMBER: TypeAdapter[float] = TypeAdapter(FiniteFloat)
@@ -61,13 +61,13 @@ _LOCATIONS = TypeAdapter(list[doc.Location])
 
 
 def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
-    """The recipe called `name` of a world in SDF.
+    """The recipe, named `name`, of an SDF world.
 
     A static, solid, visible, upright box on the floor becomes a wall, a horizontal plane at z = 0
-    the floor, the first directional light the sun, a panel as marker_model writes it a marker on
-    the wall that it is on; everything else becomes a body, one for all links that fixed joints make
-    one. What is neither is added to the report's `ignored`, a picture or mesh that cannot be read
-    to its `errors`. Raises nothing.
+    the floor, the first directional light the sun, a panel as written by marker_model a marker on
+    its wall; everything else becomes a body, one for all links connected by fixed joints. Anything
+    that cannot be converted is added to the report's `ignored`, an unreadable image or mesh to its
+    `errors`. Raises nothing.
     """
     return _Conversion(sdf, name).run()
 
@@ -82,9 +82,9 @@ class _Conversion:
         self._materials: dict[str, dict[str, Any]] = {}
         self._material_names: set[str] = set()
         self._looks: dict[str, dict[str, str]] = {}
-        """Name of a material by the name that was wanted, and the look."""
+        """Names and appearances of materials, by the requested name."""
         self._textures: dict[Path, str] = {}
-        """File name in the folder of textures by picture; empty where it is none."""
+        """File name in the folder of textures, by image; empty if it is unreadable."""
         self._meshes: dict[tuple[Path, str | None, bool], tuple[str, str | None]] = {}
         """File name in the folder of meshes, and submesh."""
         self._walls: list[dict[str, Any]] = []
@@ -134,7 +134,7 @@ class _Conversion:
         )
         return ImportedWorld(recipe, self._files, report)
 
-    # Groups to walls, bodies, floor, rooms and ceiling
+    # Converts groups to walls, bodies, floor, rooms and ceiling
 
     def _convert(self, group: Group) -> None:
         for link in group.links:
@@ -143,7 +143,7 @@ class _Conversion:
         parts = [part for part in group.parts if not self._is_floor(group, part)]
         if not parts:
             return
-        # A wall's whole group is upright boxes on the floor; a table's is not.
+        # A wall's group contains only upright boxes on the floor; a table's does not.
         poses = [product(group.world_from_body, part.body_from_part) for part in parts]
         is_wall = (
             group.static
@@ -180,11 +180,11 @@ class _Conversion:
             }
 
     def _is_floor(self, group: Group, part: Part) -> bool:
-        """Whether a part is the floor, or a plane without end that cannot be simulated."""
+        """Whether a part is the floor, or an infinite plane that cannot be simulated."""
         pose = product(group.world_from_body, part.body_from_part)
         level = pose[2, 2] > 1.0 - _ALIGNED and abs(pose[2, 3]) <= FLOOR_M and group.static
         if part.has_end:
-            # What lies on a floor's collision shows how the floor looks.
+            # A visual on a floor's collision defines the floor's material.
             is_floor = (
                 level
                 and isinstance(part.geometry, doc.Plane)
@@ -276,7 +276,7 @@ class _Conversion:
         self._bodies.append(body)
 
     def _geometry(self, part: Part) -> dict[str, Any] | None:
-        """As a recipe has it; None where it is a mesh that cannot be read."""
+        """As in a recipe; None if it is an unreadable mesh."""
         geometry = part.geometry
         if not isinstance(geometry, MeshGeometry):
             return geometry.model_dump(mode="json")
@@ -295,8 +295,8 @@ class _Conversion:
         return {**named, **({"submesh": submesh} if submesh else {}), "scale": list(geometry.scale)}
 
     def _mesh(self, file: Path, submesh: str | None, center: bool) -> tuple[str, str | None]:
-        """Put a mesh among the files: the name of its file, and the submesh. Raises ConfigError."""
-        # What reads meshes takes long to import, and most worlds have none.
+        """Add a mesh to the files: the name of its file, and the submesh. Raises ConfigError."""
+        # Imports of mesh readers are slow, and most worlds have none.
         from services.worldgen.assets.glb import glb_of  # noqa: PLC0415
         from services.worldgen.assets.meshes import load_mesh  # noqa: PLC0415
 
@@ -310,12 +310,12 @@ class _Conversion:
         stem = f"{file.stem}-{submesh}" if submesh else file.stem
         return self._file("meshes", stem, ".glb", chosen), None
 
-    # Looks
+    # Materials
 
     def _material(self, visual: SdfShape, mesh: str | None = None) -> str | None:
-        """Name of a visual's material, put among them; None where it is not to be seen.
+        """Name of a visual's material, added to the materials; None if it is invisible.
 
-        `mesh` is the file of its mesh, which says how it looks where nothing else does.
+        `mesh` is the file of its mesh, whose own material is the fallback.
         """
         name = visual.attributes.get("material")
         if name == "":
@@ -329,7 +329,7 @@ class _Conversion:
         if visual.material is not None and visual.material.albedo_map is not None:
             texture = self._texture(visual.material.albedo_map, visual.name)
             if texture:
-                # Gazebo stretches a picture over each face once.
+                # Gazebo stretches an image over each face once.
                 look = {"texture": texture, "texture_side_m": 0.0, **look}
             if name is None:
                 name = visual.material.albedo_map.stem
@@ -338,7 +338,7 @@ class _Conversion:
         return self._named(name or "colour", look)
 
     def _named(self, wanted: str, look: dict[str, Any]) -> str:
-        """A name of this look: another look may have the wanted one."""
+        """A name for this material: the wanted one may be in use by another."""
         known = self._looks.setdefault(_legal(wanted), {})
         key = repr(sorted(look.items()))
         if key not in known:
@@ -348,7 +348,7 @@ class _Conversion:
         return known[key]
 
     def _texture(self, picture: Path, where: str) -> str:
-        """File name in the folder of textures; empty where the picture cannot be read."""
+        """File name in the folder of textures; empty if the image is unreadable."""
         if picture not in self._textures:
             try:
                 data = picture_as_png(picture)
@@ -360,7 +360,7 @@ class _Conversion:
         return self._textures[picture]
 
     def _file(self, folder: str, stem: str, suffix: str, data: bytes) -> str:
-        """Put a file among those of the recipe: its name in the folder."""
+        """Add a file to those of the recipe: its name in the folder."""
         stem = _legal(stem)[: 64 - len(suffix)]
         name, count = f"{stem}{suffix}", 1
         while self._files.setdefault(f"{folder}/{name}", data) != data:
@@ -368,10 +368,10 @@ class _Conversion:
             name = f"{stem[: 58 - len(suffix)]}_{count}{suffix}"
         return name
 
-    # Markers, lights, places
+    # Markers, lights, locations
 
     def _markers(self, models: Mapping[str, SdfModel]) -> list[dict[str, Any]]:
-        """As noted, then those whose models have been added since."""
+        """The noted markers in their order, then those whose models were added since the export."""
         left = dict(models)
         found = []
         for note in from_json(self._sdf.attributes.get("markers"), _NOTES) or []:
@@ -380,7 +380,7 @@ class _Conversion:
                 if marker is not None:
                     found.append(marker.model_dump(mode="json"))
             elif str(note["model"]) in left:
-                # One that is gone from the file has been taken away.
+                # A noted marker whose model is no longer in the file was removed.
                 model = left.pop(str(note["model"]))
                 found += self._marker(model, note)
         for model in left.values():
@@ -388,7 +388,7 @@ class _Conversion:
         return found
 
     def _marker(self, model: SdfModel, note: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """The marker of a model, on the wall that it is on: there may be none."""
+        """The marker of a model, on its wall; empty if it is on no wall."""
         preferred = self._wall_of_link.get(str(note.get("wall")))
         places = [
             (wall["name"] != preferred, gap_m, index, place)
@@ -451,7 +451,7 @@ class _Conversion:
         return found
 
     def _map_and_places(self) -> dict[str, Any]:
-        """What exports note of a world."""
+        """Map and locations from the notes of an export."""
         notes = self._sdf.attributes
         found: dict[str, Any] = {}
         resolution_m = from_json(notes.get("map_resolution_m"), _NUMBER)
@@ -473,7 +473,7 @@ class _Conversion:
         return found
 
     def _ready_map(self, path: str) -> str:
-        """Put a map beside the SDF file, and its picture, among the files: its name; or empty."""
+        """Add a map beside the SDF file, and its image, to the files: its name; or empty."""
         folder = self._sdf.file.resolve().parent
         file = (folder / path).resolve()
         try:
@@ -498,7 +498,7 @@ class _Conversion:
 
     @staticmethod
     def _free(wanted: Sequence[str], taken: set[str]) -> str:
-        """The first of the wanted names that is not taken, or one like the last; takes it."""
+        """The first wanted name that is free, or one derived from the last; marks it as taken."""
         for name in wanted:
             if name not in taken:
                 taken.add(name)
@@ -528,7 +528,7 @@ def _is_wall(part: Part, world_from_part: Array) -> bool:
 def _places(
     world_from_panel: Array, wall: Mapping[str, Any]
 ) -> Iterator[tuple[float, dict[str, Any]]]:
-    """Where on a wall a panel is, with its distance from the face; nothing where it is not."""
+    """Position of a panel on a wall, with its distance from the face; empty if not on the wall."""
     right, normal, centre = (world_from_panel[:3, column] for column in (0, 2, 3))
     if abs(right[2]) > _LEANS or abs(normal[2]) > _LEANS or world_from_panel[2, 1] < 0.0:
         return
@@ -549,8 +549,8 @@ def _places(
 
 
 def _look(material: SdfMaterial | None) -> dict[str, Any]:
-    """Colours as a recipe has them. One that is left out is the other's; none is light grey, or
-    white under a picture.
+    """Colours as in a recipe. A missing one is set to the other; without any it is light grey, or
+    white with a texture.
     """
     ambient = material.ambient if material else None
     diffuse = material.diffuse if material else None
@@ -562,7 +562,7 @@ def _look(material: SdfMaterial | None) -> dict[str, Any]:
 
 
 def _placed(a_from_b: Array, attributes: Mapping[str, str]) -> dict[str, Any]:
-    """Position and orientation, each where it is not that of a."""
+    """Position and orientation, each only if it differs from a's."""
     placed: dict[str, Any] = {}
     if np.any(a_from_b[:3, 3]):
         placed["position_m"] = a_from_b[:3, 3].tolist()
@@ -580,6 +580,6 @@ def _commonest(values: Sequence[float], default: float) -> float:
 
 
 def _legal(name: str) -> str:
-    """As a recipe's names are."""
+    """A valid name in a recipe."""
     letters = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in name)
     return letters.lstrip("_.-")[:64] or "unnamed"

@@ -1,4 +1,4 @@
-"""Xacro to XML, in a process of its own: its expressions are Python's, its loops may not end."""
+"""Expands xacro to XML in a separate process: it evaluates Python, and may loop forever."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from services.worldgen.sdf.xml_text import UnreadableError
 from services.worldgen.xml_comments import without_comments
 
 MAX_SECONDS = 30.0
-"""Of waiting; the process itself is given MAX_CPU_SECONDS of work."""
+"""Timeout for waiting; the process itself is limited to MAX_CPU_SECONDS of CPU time."""
 _MARK = re.compile(rb"xmlns:xacro\s*=")
 
 
 class StoppedError(UnreadableError):
-    """Xacro did not come to an end."""
+    """Xacro did not finish."""
 
 
 def needs_expansion(file: Path, data: bytes) -> bool:
@@ -29,9 +29,9 @@ def needs_expansion(file: Path, data: bytes) -> bool:
 
 
 def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[str, str]) -> bytes:
-    """The XML that a xacro file makes.
+    """The XML that a xacro file expands to.
 
-    `first` is the file that was asked for: files are included from its folder and from the roots.
+    `first` is the requested file: files are included from its folder and from the roots.
     Raises UnreadableError with a phrase.
     """
     import_root = str(Path(__file__).resolve().parents[3])

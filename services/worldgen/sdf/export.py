@@ -1,9 +1,9 @@
-"""A world as SDF 1.9 for Gazebo, with everything it needs in one folder.
+"""Exports a world as SDF 1.9 for Gazebo, with everything it needs in one folder.
 
-SDF's own elements hold all poses, sizes and looks. What SDF has no word for stands beside them in
-the namespace of model.MAZEBOT_NAMESPACE, which Gazebo passes over: see `_notes` and the calls of
-`say`. Where a pose loses its last digits in sines and cosines, the number is noted too: it is taken
-for the pose only where the two agree to 1e-9, so that what is moved in the file is moved.
+SDF's own elements contain all poses, sizes and materials. Data that SDF cannot express is added in
+the namespace of model.MAZEBOT_NAMESPACE, which Gazebo ignores: see `_notes` and the calls of
+`say`. Where a pose is rounded by sines and cosines, the exact number is noted too: on import it is
+used only if the two agree to 1e-9, so that edits of the file's poses take effect.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from services.worldgen.sdf.writing import (
 )
 
 MANIFEST = "mazebot-export.json"
-"""Names the files of an export, so that the next one may replace them."""
+"""Lists the files of an export, so that the next one may replace them."""
 
 COVERING_THICKNESS_M = 0.0005
-"""Nearer to the wall than any marker's panel."""
+"""Closer to the wall than any marker's panel."""
 _GROUND_SIDE_M = 100.0
 _STEP_S = 1.0 / 240.0
 _GREY = (0.5, 0.5, 0.5, 1.0)
@@ -52,8 +52,8 @@ def export_world(loaded: LoadedWorld, folder: Path) -> Path:
     """Write a world into a folder, and return its SDF file, `<name>.sdf`.
 
     The folder is a new or an empty one, or that of an earlier export, which is replaced. Markers
-    become models in it: Gazebo finds them with GZ_SIM_RESOURCE_PATH=<folder>. Raises ConfigError
-    where the folder holds anything else or cannot be written.
+    are exported as models in it: Gazebo finds them with GZ_SIM_RESOURCE_PATH=<folder>. Raises
+    ConfigError if the folder contains anything else or cannot be written.
     """
     files = export_files(loaded)
     manifest = json.dumps({"files": sorted(files)}, indent=1) + "\n"
@@ -77,13 +77,13 @@ def _former_files(folder: Path) -> list[str]:
 
 
 class _Names:
-    """Names for siblings: legal in SDF, and each given once."""
+    """Names for siblings: valid in SDF, and unique."""
 
     def __init__(self) -> None:
         self._given: set[str] = set()
 
     def give(self, wanted: str) -> str:
-        """The wanted name, or one like it."""
+        """The wanted name, or a similar one."""
         name = "".join(c if c.isprintable() else "_" for c in wanted).replace("::", "_").strip()
         if not name or name == "world" or re.fullmatch(r"__.*__", name):
             name = f"{name.strip('_')}_"
@@ -108,7 +108,7 @@ class _Export:
 
     def files(self) -> dict[str, bytes]:
         world = self._world
-        # SDF has cones since 1.11.
+        # SDF supports cones since 1.11.
         cones = any(
             isinstance(shape.geometry, doc.Cone) for body in world.bodies for shape in body.shapes
         )
@@ -135,11 +135,11 @@ class _Export:
         return self._files
 
     def _notes(self, notes: etree._Element, markers: list[dict[str, object]]) -> None:
-        """What SDF has no word for; each child's text is JSON.
+        """Data that SDF cannot express; each child's text is JSON.
 
         recipe: its file's name. start, locations. map_resolution_m, or
-        map: a file of map_server's, made beforehand. markers, in their order: of each that hangs
-        the name of its model and of its wall, of others all of it.
+        map: a ready file for map_server. markers, in their order: of each placed one the names of
+        its model and of its wall, of others all fields.
         """
         world = self._world
         told: dict[str, object] = {
@@ -156,7 +156,7 @@ class _Export:
             add(notes, notes.tag.replace("}world", f"}}{key}"), json.dumps(value))
 
     def _map(self) -> str:
-        # What writes maps is not needed for worlds without one.
+        # The map writer is not needed for worlds without a ready map.
         from services.worldgen.map.map_files import write_map  # noqa: PLC0415
 
         world, loaded = self._world, self._loaded
@@ -182,7 +182,7 @@ class _Export:
 
     def _lights(self, inside: etree._Element) -> None:
         world = self._world
-        # Lamps first: the reader knows them by their name alone.
+        # Lamps first: an import identifies them by their name alone.
         names = [self._names.give(lamp.name) for lamp in world.lights]
         sun = add(inside, "light", type="directional", name=self._names.give("sun"))
         add(sun, "pose", "0 0 10 0 0 0")
@@ -268,7 +268,7 @@ class _Export:
             _pose(collision, shape.position_m, shape.orientation_xyzw)
             self._geometry(collision, shape.geometry)
             return
-        # To Gazebo a plane that is solid has no end.
+        # In Gazebo a solid plane is infinite.
         say(collision, geometry="plane", position_m=json.dumps(shape.position_m))
         rotation = rotation_from_quaternion(*shape.orientation_xyzw)
         x, y, z = np.array(shape.position_m) - SHEET_THICKNESS_M / 2.0 * rotation[:, 2]
@@ -276,7 +276,7 @@ class _Export:
         add_box(collision, (*shape.geometry.size_m, SHEET_THICKNESS_M))
 
     def _inertial(self, link: etree._Element, body: doc.Body) -> None:
-        """That of a box around everything solid, its centre at the body's origin."""
+        """Inertia of a box around all collisions, its centre at the body's origin."""
         corners = [_corners_m(shape, self._mesh) for shape in body.shapes if shape.solid]
         extent_m = np.ptp(np.concatenate(corners), axis=0) if corners else np.full(3, 0.1)
         squares = np.maximum(extent_m, 0.01) ** 2
@@ -329,7 +329,7 @@ class _Export:
         self._look(visual, ceiling.material)
 
     def _markers(self, inside: etree._Element) -> list[dict[str, object]]:
-        """Include a model for every marker that hangs; what is to be noted of each marker."""
+        """Include a model for every placed marker; returns the note of each marker."""
         entities, _ = furnish(self._world, max_markers=len(self._world.markers))
         pose_of = {entity.name: entity.position_m for entity in entities.markers}
         walls = {wall.name: wall for wall in self._world.walls}
@@ -340,7 +340,7 @@ class _Export:
             if not identity_problem(marker) and marker.wall in walls:
                 wall = walls[marker.wall]
                 panel = hang(entity, marker, wall, panel_side_m(marker), PanelStyle().gap_m)
-            # Of several of one id, the one that hangs.
+            # Of several of one id, the placed one.
             if panel is None or pose_of.get(entity) != tuple(panel.centre_m.tolist()):
                 notes.append(marker.model_dump())
                 continue
@@ -360,7 +360,7 @@ class _Export:
     def _look(
         self, visual: etree._Element, name: str, none: doc.Rgba = _GREY, instead: str = ""
     ) -> None:
-        """The look of a material; where there is none, of `instead`, or plain."""
+        """Add the look of a material; if there is none, of `instead`, or plain."""
         say(visual, material=name)
         material = self._materials.get(name or instead)
         if material is None:
@@ -409,7 +409,7 @@ class _Export:
                 self._uri_of_texture[sha256] = uri
 
     def _place_meshes(self) -> None:
-        """One GLB for every file that meshes came from, with those of its parts that are used."""
+        """One GLB for every source file of meshes, with the parts that are used."""
         sources: dict[str, dict[str, tuple[str, str]]] = {}
         for body in self._world.bodies:
             for shape in body.shapes:
@@ -418,13 +418,13 @@ class _Export:
                     file = found["file"] if found else shape.geometry.name
                     part = (found["part"] if found else "") or ""
                     parts = sources.setdefault(file, {})
-                    # Two of one name: one of them gets a file of its own.
+                    # Of two with the same name, one gets a separate file.
                     if part in parts and parts[part][0] != shape.geometry.sha256:
                         parts = sources.setdefault(f"{file}-{shape.geometry.sha256[:8]}", {})
                     parts[part] = (shape.geometry.sha256, part)
         if not sources:
             return
-        # What writes meshes takes long to import, and most worlds have none.
+        # Imports of mesh writers are slow, and most worlds have none.
         from services.worldgen.assets.glb import glb_of  # noqa: PLC0415
         from services.worldgen.assets.meshes import MeshPart  # noqa: PLC0415
 
@@ -456,7 +456,7 @@ def _pose(
         add(element, "pose", f"{numbers(position_m)} 0 0 0")
     else:
         text = f"{numbers(position_m)} {numbers(orientation_xyzw)}"
-        # Angles would lose digits where a thing looks straight up or down.
+        # Euler angles would lose digits at a pitch near 90 degrees.
         add(element, "pose", text, rotation_format="quat_xyzw")
 
 
@@ -480,7 +480,7 @@ def _corners_m(shape: doc.Shape, mesh_of: Callable[[str], TriangleMesh]) -> Arra
 
 
 def _free_file(names: _Names, wanted: str, suffix: str) -> str:
-    """A file name that is not taken: the wanted one's letters, with the suffix."""
+    """An unused file name: the wanted one's letters, with the suffix."""
     stem = wanted.removesuffix(suffix)
     stem = "".join(c if c.isascii() and (c.isalnum() or c in "_-.") else "_" for c in stem)
     return names.give(f"{stem.lstrip('_-.') or 'unnamed'}{suffix}")

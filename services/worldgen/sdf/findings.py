@@ -1,4 +1,4 @@
-"""What an import found, collected while it reads."""
+"""Collects the findings of an import while it reads."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Source:
     file: Path
     """Resolved."""
     shown: str
-    """As people are told of it."""
+    """As displayed."""
     expanded: bool
-    """It went through xacro: lines are the expanded text's."""
+    """Whether it was expanded by xacro: lines are those of the expanded text."""
     root: etree._Element
     version: tuple[int, int]
-    """Of the specification."""
+    """Of the SDF specification."""
 
 
 class Place(NamedTuple):
@@ -62,7 +62,7 @@ def local_name(tag: object) -> str:
 
 
 class Findings:
-    """Errors, things left out or called otherwise, counts and files."""
+    """Errors, ignored and renamed elements, counts and files."""
 
     def __init__(self) -> None:
         self._errors: dict[tuple[str, str, str], SdfError] = {}
@@ -75,38 +75,38 @@ class Findings:
         self._counts: dict[str, dict[str, int]] = {"collision": {}, "visual": {}}
 
     def error(self, kind: str, where: Place | str, message: str) -> None:
-        """Something is wrong. Beyond MAX_ERRORS nothing more is written down."""
+        """Record an error. Beyond MAX_ERRORS further ones are dropped."""
         if len(self._errors) < MAX_ERRORS:
             found = SdfError(kind=kind, where=str(where), message=" ".join(message.split())[:500])
             self._errors[found.kind, found.where, found.message] = found
 
     def ignore(self, what: str, where: Place) -> None:
-        """Something is not simulated. The same thing in one file is told once, with its number."""
+        """Record something not simulated. The same in one file is reported once, with its count."""
         key = (" ".join(what.split())[:200], where.source.shown)
         first, count = self._ignored.get(key) or (str(where), 0)
         self._ignored[key] = first, count + 1
 
     def include(self, uri: str, name: str, file: str) -> None:
-        """A file was included."""
+        """Record an included file."""
         self._includes.append(Included(uri=uri, name=name, file=file))
 
     def rename(self, kind: str, name: str, new_name: str, where: Place) -> None:
-        """Something is called otherwise than in its file."""
+        """Record that an element was renamed."""
         self._renamed.append(
             Renamed(kind=kind, name=name[:200], new_name=new_name[:200], where=str(where))
         )
 
     def material(self, words: str) -> None:
-        """A visual has this material."""
+        """Record the material of a visual."""
         self._materials[words] = None
 
     def shape(self, role: str, kind: str) -> None:
-        """A collision or a visual was found, whether or not it can be simulated."""
+        """Record a collision or a visual, whether or not it can be simulated."""
         counts = self._counts[role]
         counts[kind] = counts.get(kind, 0) + 1
 
     def report(self, world: str) -> ImportReport:
-        """All of it."""
+        """The report of all findings."""
         return ImportReport(
             world=world,
             models=self.models,

@@ -1,7 +1,7 @@
-"""Where everything in a file is: SDFormat's frame semantics over named things in nested scopes.
+"""Resolves poses: SDFormat's frame semantics over named elements in nested scopes.
 
 Source of the rules: the specification's "Pose Frame Semantics" (SDFormat 1.7 and 1.8), which also
-covers what earlier versions mean.
+covers earlier versions.
 """
 
 from __future__ import annotations
@@ -20,41 +20,41 @@ Kind = Literal["world", "model", "link", "joint", "frame"]
 
 @dataclass(eq=False)
 class Pose:
-    """A pose as it is written."""
+    """A pose as written in the file."""
 
     matrix: Array
     """(4, 4) reference_from_self"""
     relative_to: str
-    """Name of the reference; empty: the default of what has the pose."""
+    """Name of the reference frame; empty: the default of the element."""
     place: Place
 
 
 @dataclass(eq=False)
 class Item:
-    """Something with a name and a frame."""
+    """A named element with a frame."""
 
     kind: Kind
     name: str
     pose: Pose
     place: Place
     scope: Item | None = None
-    """The model or world that directly holds it; None: it is the outermost itself."""
+    """The model or world that directly contains it; None: it is the outermost itself."""
     items: dict[str, Item] = field(default_factory=dict)
-    """Of a model or world: what it directly holds, in the order of the file."""
+    """Of a model or world: its direct children, in the order of the file."""
     element: Place | None = None
-    """Of a model: its own element; `place` is the <include> where there is one."""
+    """Of a model: its own element; `place` is the <include> if there is one."""
     static: bool = False
     """Of a model."""
     canonical_link: str = ""
     """Of a model."""
     placement_frame: str = ""
-    """Of a model: which of its frames its pose is for; empty: its own. Of the frame that a merged
-    include leaves in its model's place: the same, among the frames around it.
+    """Of a model: the frame in it that its pose refers to; empty: its own. Of the frame that
+    replaces a merged include's model: the same, among the frames around it.
     """
     model_frame: Item | None = None
-    """Of a link of a merged include: what `__model__` means in it; None: the model it is in."""
+    """Of a link of a merged include: the frame that `__model__` means in it; None: its model."""
     attached_to: str = ""
-    """Of a frame; empty: what holds it."""
+    """Of a frame; empty: its parent element."""
     joint_type: str = ""
     parent: str = ""
     """Of a joint."""
@@ -62,11 +62,11 @@ class Item:
     """Of a joint."""
 
     def of_kind(self, kind: Kind) -> Iterator[Item]:
-        """What it directly holds of one kind."""
+        """Its direct children of one kind."""
         return (item for item in self.items.values() if item.kind == kind)
 
     def full_name(self) -> str:
-        """With the models' that hold it: `outer::inner::self`."""
+        """With the names of the models that contain it: `outer::inner::self`."""
         names = [self.name]
         scope = self.scope
         while scope is not None and scope.kind != "world":
@@ -75,7 +75,7 @@ class Item:
         return "::".join(reversed(names))
 
     def outermost_model(self) -> Item | None:
-        """The model directly in the world that it is, or is in; None for what the world holds."""
+        """The top-level model that it is, or is in; None for other children of the world."""
         item: Item | None = self
         while item is not None and item.scope is not None and item.scope.kind != "world":
             item = item.scope
@@ -83,7 +83,7 @@ class Item:
 
 
 def lookup(scope: Item, name: str) -> Item | None:
-    """What a name means inside a model or the world; None where it means nothing."""
+    """The element of a name inside a model or the world; None if there is none."""
     if name in scope.items:
         return scope.items[name]
     if name == "world":
@@ -102,7 +102,7 @@ def lookup(scope: Item, name: str) -> Item | None:
 
 
 class FrameGraph:
-    """Resolves poses and attachments, and reports what cannot be resolved, each thing once."""
+    """Resolves poses and attachments, and reports each unresolved one once."""
 
     def __init__(self, findings: Findings) -> None:
         self._findings = findings
@@ -112,7 +112,7 @@ class FrameGraph:
         self._canonical: dict[Item, Item | None] = {}
 
     def world_from(self, item: Item) -> Array:
-        """(4, 4) pose in the world of anything's frame."""
+        """(4, 4) pose in the world of any element's frame."""
         while item not in self._world_from:
             path: dict[Item, Array] = {}
             at: Item | None = item
@@ -130,7 +130,7 @@ class FrameGraph:
         return self._world_from[item]
 
     def scope_from(self, item: Item) -> Array:
-        """(4, 4) pose in the model, or world, that directly holds it."""
+        """(4, 4) pose in the model, or world, that directly contains it."""
         if item.scope is None:
             return np.eye(4)
         world_from_item = self.world_from(item)
@@ -140,7 +140,7 @@ class FrameGraph:
         return _inverse(self.world_from(item.scope)) @ world_from_item
 
     def link_from(self, link: Item, pose: Pose) -> Array:
-        """(4, 4) of something in a link, whose pose is relative to the link by default."""
+        """(4, 4) of an element in a link, whose pose is relative to the link by default."""
         if not pose.relative_to or link.scope is None:
             return pose.matrix
         target = _lookup_from(link, pose.relative_to)
@@ -150,7 +150,7 @@ class FrameGraph:
         return _inverse(self.world_from(link)) @ self.world_from(target) @ pose.matrix
 
     def placed(self, holder: Item, pose: Pose) -> Array:
-        """(4, 4) pose in the world of something that a link, model or world holds."""
+        """(4, 4) pose in the world of an element in a link, model or world."""
         if pose.relative_to:
             target = _lookup_from(holder, pose.relative_to)
             if target is not None:
@@ -159,7 +159,7 @@ class FrameGraph:
         return self.world_from(holder) @ pose.matrix
 
     def attached(self, item: Item) -> Item | None:
-        """The link, or the world, that something moves with; None where there is none."""
+        """The link, or the world, that an element moves with; None if there is none."""
         path: dict[Item, None] = {}
         at: Item | None = item
         while at is not None and at not in self._attached and at not in path:
@@ -180,7 +180,7 @@ class FrameGraph:
         return end
 
     def canonical(self, model: Item) -> Item | None:
-        """A model's canonical link: the named one, else its first, else its first model's."""
+        """A model's canonical link: the named one, else its first, else that of its first model."""
         if model not in self._canonical:
             self._canonical[model] = None
             self._canonical[model] = self._find_canonical(model)
@@ -272,7 +272,7 @@ class FrameGraph:
         return model_from_frame
 
     def _break_cycle(self, item: Item) -> None:
-        """Let one of a cycle's poses be relative to what holds it."""
+        """Make one of a cycle's poses relative to its parent element."""
         cycle = [item]
         at = self._reference(item)[0]
         while at is not None and at is not item:
@@ -299,7 +299,7 @@ class FrameGraph:
 
 
 def _lookup_from(holder: Item, name: str) -> Item | None:
-    """What a name means to something in a link, model or world."""
+    """The element of a name, as seen from inside a link, model or world."""
     if name == "__model__" and holder.model_frame is not None:
         return holder.model_frame
     scope = holder.scope if holder.kind == "link" else holder

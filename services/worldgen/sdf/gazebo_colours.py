@@ -1,4 +1,4 @@
-"""The colours of the materials that Gazebo brings along, by the name a <script> gives them."""
+"""The colours of Gazebo's built-in materials, by their names in a <script>."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ GAZEBO_COLOURS: dict[str, tuple[Rgba, Rgba]] = {
     "Gazebo/Indigo": ((0.33, 0.0, 0.5, 1.0), (0.33, 0.0, 0.5, 1.0)),
     "Gazebo/Gold": ((0.4, 0.24869, 0.020759, 1.0), (0.8, 0.64869, 0.120759, 1.0)),
 }
-"""Ambient and diffuse, as in gazebo-classic's media/materials/scripts/gazebo.material; those whose
-look is a picture (Gazebo/Wood, Gazebo/Bricks, ...) have no colour there.
+"""Ambient and diffuse, as in gazebo-classic's media/materials/scripts/gazebo.material; those with
+a texture (Gazebo/Wood, Gazebo/Bricks, ...) have no colour there.
 """

@@ -1,4 +1,4 @@
-"""Which links fixed joints make one, and which models stand still for their other joints."""
+"""Finds the links merged by fixed joints, and the models made static by their other joints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from services.worldgen.sdf.frame_graph import FrameGraph, Item, lookup
 
 
 class Joined:
-    """What the joints of a file do to its links."""
+    """The effect of a file's joints on its links."""
 
     def __init__(self, links: Iterable[Item]) -> None:
         self._order = {link: index for index, link in enumerate(links)}
@@ -20,14 +20,14 @@ class Joined:
         """Outermost models with joints that are not simulated."""
 
     def representative(self, link: Item) -> Item:
-        """The first link, in the order of the file, that a link is one with."""
+        """The first link, in the order of the file, of a link's merged group."""
         while self._group[link] is not link:
             self._group[link] = self._group[self._group[link]]
             link = self._group[link]
         return link
 
     def join(self, a: Item, b: Item) -> None:
-        """Make two links one; the world is a link that never moves."""
+        """Merge two links; merging with the world makes a link static."""
         if "world" in (a.kind, b.kind):
             self._to_world[a if b.kind == "world" else b] = None
             return
@@ -37,14 +37,14 @@ class Joined:
         self._group[second] = first
 
     def static_groups(self, static: Iterable[Item]) -> set[Item]:
-        """Representatives of the links that stand still, given those that do by themselves."""
+        """Representatives of the static links, given those that are static by themselves."""
         return {self.representative(link) for link in (*static, *self._to_world)}
 
 
 def joined(
     joints: Iterable[Item], links: Iterable[Item], graph: FrameGraph, findings: Findings
 ) -> Joined:
-    """What the joints do; what is wrong with them, and those not simulated, go to the findings."""
+    """The effect of the joints; invalid ones, and those not simulated, go to the findings."""
     result = Joined(links)
     for joint in joints:
         ends = _ends(joint, graph, findings)
@@ -78,7 +78,7 @@ def _ends(joint: Item, graph: FrameGraph, findings: Findings) -> tuple[Item, Ite
         if name == "world":
             end = outermost if role == "parent" else None
         elif name != joint.name or role == "child":
-            # Of a joint that is its own child the graph reports a cycle.
+            # For a joint that is its own child the graph reports a cycle.
             target = lookup(scope, name)
             end = None if target is None else graph.attached(target)
         if end is None:
@@ -101,7 +101,7 @@ def _ends(joint: Item, graph: FrameGraph, findings: Findings) -> tuple[Item, Ite
 
 
 def _check_axes(joint: Item, findings: Findings) -> None:
-    """Report axes without a direction, or with one in a frame that is none."""
+    """Report axes without a direction, or with one in an unknown frame."""
     for element in joint.place.element:
         if str(element.tag) not in ("axis", "axis2"):
             continue

@@ -1,7 +1,7 @@
-"""Which file a URI means, and whether it may be read.
+"""Resolves URIs to files, and checks that these may be read.
 
-Files are read from the folder of the file that was asked for, from the roots, and from the
-`models` folders beside and above that file; nowhere else, and through no link that leads elsewhere.
+Files are read from the folder of the requested file, from the roots, and from the `models` folders
+beside and above that file; nowhere else, and not through links that lead elsewhere.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from services.common.root import ROOT
 
 SHIPPED = ROOT / "models"
 _GAZEBOS_OWN = ("ground_plane", "sun")
-"""Models of Gazebo that are shipped."""
+"""Gazebo's own models that are shipped."""
 _GAZEBOS_OWNER = "openrobotics"
-"""Of these on Fuel"""
+"""Owner of these on Fuel"""
 MAX_PARENTS = 4
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _HINT = "put its folder on the path (`--path DIR` or GZ_SIM_RESOURCE_PATH)"
@@ -29,7 +29,7 @@ _PACKAGE_NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 
 
 class LocateError(Exception):
-    """No file can be had: the kind of error of the specification, and a sentence."""
+    """No file is found: the specification's kind of error, and a sentence."""
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)
@@ -48,7 +48,7 @@ class Locator:
         if (folder / "model.config").is_file():
             implied.append(folder.parent)
         self._given = [*roots, *implied]
-        # Gazebo brings a sun and a ground plane; a model of a person's own comes first.
+        # Gazebo provides a sun and a ground plane; a user's own model takes precedence.
         self._roots = [*self._given, SHIPPED]
         self._areas = [_resolved(p) for p in (*self._roots, *self._packages)]
 
@@ -68,7 +68,7 @@ class Locator:
         return next((p for p in found if self.may_read(p)), None)
 
     def may_read(self, path: Path) -> bool:
-        """Whether a path lies, behind all links, where files may be read."""
+        """Whether a path, with all links resolved, is where files may be read."""
         try:
             resolved = path.resolve()
         except (OSError, RuntimeError, ValueError):
@@ -127,7 +127,7 @@ class Locator:
         if not rest:
             raise LocateError("URI_INVALID", f"`{uri[:100]}` must name a file")
         if name == "file":
-            # Some worlds write `file://model://...`, which Gazebo takes.
+            # Some worlds contain `file://model://...`, which Gazebo accepts.
             inner_scheme = _SCHEME.match(rest)
             if inner_scheme is not None and inner_scheme.group(1).lower() in ("model", "package"):
                 yield from self._candidates(rest, folder)
@@ -142,15 +142,15 @@ class Locator:
         for root in self._roots:
             yield root / first / inner if inner else root / first
         yield from _shipped(unquote(first), inner)
-        # A root may be the model's own folder, and a model may name itself.
+        # A root may be the model's own folder, and a model may refer to itself by name.
         for root in (folder, *folder.parents[:MAX_PARENTS], *self._roots):
             if root.name == first:
                 yield root / inner if inner else root
 
     def _fetched(self, uri: str) -> Iterator[Path]:
-        """Where a model of Fuel is on the path: in a folder of its name, as it is written on Fuel
-        or in the manner of files (`ground_plane`), or where Gazebo keeps what it has fetched
-        (`HOST/OWNER/models/NAME/VERSION`, in small letters).
+        """Locations of a Fuel model in the roots: in a folder of its name, as written on Fuel or as
+        a file name (`ground_plane`), or in the layout of Gazebo's cache
+        (`HOST/OWNER/models/NAME/VERSION`, in lower case).
         """
         model = _FUEL_MODEL.search(unquote(uri))
         if model is None or ".." in model.groups():
@@ -184,14 +184,14 @@ class Locator:
 
 
 def _shipped(name: str, inner: str) -> Iterator[Path]:
-    """What is shipped of Gazebo's own models, however the name is written (`Ground Plane`)."""
+    """Shipped copies of Gazebo's own models, for any spelling of the name (`Ground Plane`)."""
     folder = name.strip().lower().replace(" ", "_")
     if folder in _GAZEBOS_OWN:
         yield SHIPPED / folder / inner
 
 
 def _versions(folder: Path, wanted: str | None) -> list[Path]:
-    """Folders of a fetched model's versions: the wanted one, else all, the newest first."""
+    """Folders of a cached model's versions: the wanted one, else all, the newest first."""
     try:
         numbered = [one for one in folder.iterdir() if re.fullmatch(r"\d{1,9}", one.name, re.ASCII)]
     except (OSError, ValueError):
@@ -202,7 +202,7 @@ def _versions(folder: Path, wanted: str | None) -> list[Path]:
 
 
 def _package_name(folder: Path) -> str:
-    """The name in a folder's package.xml; empty where there is none."""
+    """The name in a folder's package.xml; empty if there is none."""
     try:
         with (folder / "package.xml").open("rb") as file:
             match = _PACKAGE_NAME.search(file.read(65536))

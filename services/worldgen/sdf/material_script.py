@@ -1,4 +1,4 @@
-"""A material of a script in OGRE's format: the colours and the picture of its first pass."""
+"""Reads a material from an OGRE script: the colours and the texture of its first pass."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 
 @dataclass(frozen=True)
 class ScriptMaterial:
-    """What a material's script says, as far as it is simulated."""
+    """The properties of a material that are simulated."""
 
     ambient: Rgba | None
     diffuse: Rgba | None
     picture: str
-    """File name of its first texture; empty: it has none."""
+    """File name of its first texture; empty: none."""
 
 
 def material_in(script: str, name: str) -> ScriptMaterial | None:
-    """The material of that name; None where the script has none.
+    """The material of that name; None if the script has none.
 
     Format: OGRE manual, "Material Scripts". A material's parent (`material a : b`) is not followed.
     """

@@ -13,11 +13,11 @@ from services.common.node.documents import Rgba
 from services.worldgen.recipe.recipe import GeometryRecipe
 
 MAZEBOT_NAMESPACE = "https://mazebot.example/sdf"
-"""Of what exports write into SDF that SDF has no word for; prefix `mazebot`."""
+"""Namespace of data in exports that SDF cannot express; prefix `mazebot`."""
 
 
 class Ignored(BaseModel):
-    """Something in a file that is not simulated."""
+    """An element of a file that is not simulated."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -28,7 +28,7 @@ class Ignored(BaseModel):
 
 
 class Renamed(BaseModel):
-    """Something that cannot have its name beside what has it already."""
+    """An element that was renamed because its name is taken."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -42,12 +42,12 @@ class Renamed(BaseModel):
 
 
 class SdfError(BaseModel):
-    """Something wrong in a file."""
+    """An error in a file."""
 
     model_config = ConfigDict(frozen=True)
 
     kind: str
-    """The specification's name of it where it has one: DUPLICATE_NAME, RESERVED_NAME,
+    """The specification's name of it, if it has one: DUPLICATE_NAME, RESERVED_NAME,
     ATTRIBUTE_MISSING, ELEMENT_MISSING, MODEL_WITHOUT_LINK, POSE_RELATIVE_TO_INVALID,
     POSE_RELATIVE_TO_CYCLE, URI_LOOKUP, ...
     """
@@ -56,7 +56,7 @@ class SdfError(BaseModel):
 
 
 class Included(BaseModel):
-    """A file that an <include> brought in."""
+    """A file that was included by an <include>."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -66,14 +66,14 @@ class Included(BaseModel):
 
 
 class ImportReport(BaseModel):
-    """What an import found, brought in, called otherwise, left out and refused."""
+    """What an import found, included, renamed, ignored and refused."""
 
     model_config = ConfigDict(frozen=True)
 
     world: str
-    """Name of the world; a model file makes a world of its own name."""
+    """Name of the world; a model file yields a world of its name."""
     models: int
-    """All, nested and included ones among them."""
+    """All, including nested and included ones."""
     links: int
     collisions: dict[str, int]
     """Number by type of geometry: box, cylinder, mesh, ..."""
@@ -88,14 +88,14 @@ class ImportReport(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class SdfMaterial:
-    """How a visual looks."""
+    """The material of a visual."""
 
     ambient: Rgba | None = None
     diffuse: Rgba | None = None
     script: str = ""
-    """Name of a material of Gazebo's; its colour is in ambient and diffuse where it is known."""
+    """Name of a Gazebo material; if known, its colour is in ambient and diffuse."""
     albedo_map: Path | None = None
-    """Of an existing picture."""
+    """Path of an existing image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class SdfShape:
     mesh_file: Path | None = None
     material: SdfMaterial | None = None
     attributes: dict[str, str] = field(default_factory=dict)
-    """Of the namespace that exports write into."""
+    """Those in the namespace of exports."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +118,15 @@ class SdfLink:
     """A link of a model."""
 
     name: str
-    """With its models': `outer::inner::link`"""
+    """With its models' names: `outer::inner::link`"""
     model: str
     """`outer::inner`"""
     world_from_link: Array
     static: bool
-    """Its outermost model is, or it has joints that are not simulated: then it stands still."""
+    """Whether its outermost model is static, or has joints that are not simulated."""
     mass_kg: float
     fixed_to: str
-    """Name of the link that fixed joints make it one with; its own name where it stands alone."""
+    """Name of the link that fixed joints merge it into; its own name if there are none."""
     shapes: tuple[SdfShape, ...]
     attributes: dict[str, str] = field(default_factory=dict)
 
@@ -160,19 +160,19 @@ class SdfLight:
 
 @dataclass(frozen=True)
 class FramePose:
-    """Where something is: for `mazebot world show --frames`."""
+    """The pose of a frame: for `mazebot world show --frames`."""
 
     kind: Literal["model", "link", "joint", "frame"]
     name: str
     """`outer::inner::frame`"""
     model_from_frame: Array
-    """(4, 4) in the model that directly holds it; in the world for what the world holds."""
+    """(4, 4) in the model that directly contains it; in the world for the world's children."""
     world_from_frame: Array
 
 
 @dataclass(frozen=True, eq=False)
 class SdfWorld:
-    """A whole file."""
+    """The resolved content of a file."""
 
     file: Path
     name: str
@@ -184,5 +184,5 @@ class SdfWorld:
     """<scene><ambient>"""
     background: Rgba | None
     attributes: dict[str, str]
-    """Of the world's own element of the exports' namespace, text by name."""
+    """Texts by name in the world's element of the exports' namespace."""
     report: ImportReport

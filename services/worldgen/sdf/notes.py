@@ -1,4 +1,4 @@
-"""What exports write where SDF has no word for it, read again, and numbers as recipes have them."""
+"""Reads the notes that exports add to SDF, and rounds numbers for recipes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TEXT = TypeAdapter(str)
 VECTOR: TypeAdapter[list[float]] = TypeAdapter(list[FiniteFloat])
 SAME_DIGITS = 9
 SAME = 10.0**-SAME_DIGITS
-"""Numbers that differ by less are one."""
+"""Numbers that differ by less count as equal."""
 
 _T = TypeVar("_T")
 _NOISE = 1e-14
@@ -20,7 +20,7 @@ _NOISE = 1e-14
 def noted(
     found: list[float], note: str | None, otherwise: list[float] | None = None
 ) -> list[float]:
-    """The numbers that an export has noted, where they are those found but for rounding."""
+    """The numbers noted by an export, if they equal those found up to rounding."""
     said = from_json(note, VECTOR)
     if said is not None and len(said) == len(found):
         if all(abs(one - other) <= SAME for one, other in zip(said, found, strict=True)):
@@ -29,28 +29,28 @@ def noted(
 
 
 def number(value: float) -> float:
-    """Without what sines and products have added behind the last digits."""
+    """The number without the rounding errors of sines and products."""
     short = round(float(value), 12) + 0.0
     return short if abs(short - value) <= _NOISE * max(1.0, abs(value)) else float(value)
 
 
 def numbers(values: Iterable[float]) -> list[float]:
-    """The same of several."""
+    """The same for several."""
     return [number(value) for value in values]
 
 
 def colour(rgba: Sequence[float]) -> list[float]:
-    """Each part from 0 to 1."""
+    """Each component clipped to 0..1."""
     return [min(max(float(value), 0.0), 1.0) for value in rgba]
 
 
 def strength(rgba: Sequence[float]) -> float:
-    """Of a light of some colour, as one number."""
+    """Strength of a coloured light, as one number."""
     return number(sum(colour(rgba)[:3]) / 3.0)
 
 
 def from_json(text: str | None, kind: TypeAdapter[_T]) -> _T | None:
-    """What exports note as JSON; None where it is something else, by a hand's doing."""
+    """A note of an export, from JSON; None if it is invalid, e.g. edited by hand."""
     if text is None:
         return None
     try:
@@ -60,7 +60,7 @@ def from_json(text: str | None, kind: TypeAdapter[_T]) -> _T | None:
 
 
 def validated(kind: TypeAdapter[_T], values: Mapping[str, Any]) -> _T | None:
-    """The same of what is JSON no more."""
+    """The same for values that are parsed already."""
     try:
         return kind.validate_python(values)
     except ValidationError:

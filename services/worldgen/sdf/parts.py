@@ -1,4 +1,4 @@
-"""Links to groups, each of which is one body, and their shapes to parts."""
+"""Combines links to groups, each of which is one body, and their shapes to parts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from services.worldgen.sdf.writing import SHEET_THICKNESS_M
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A shape of a group of links, collision and visual made one."""
+    """A shape of a group of links, with collision and visual combined."""
 
     name: str
     where: str
@@ -28,7 +28,7 @@ class Part:
     geometry: GeometryRecipe
     solid: bool
     has_end: bool
-    """False for a collision that is a plane, which in SDF has no end."""
+    """False for a collision that is a plane, which in SDF is infinite."""
     visual: SdfShape | None
     mesh_file: Path | None
     attributes: Mapping[str, str]
@@ -36,11 +36,11 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Links that are one body."""
+    """Links that form one body."""
 
     name: str
     full_name: str
-    """With its model's, where another has the name."""
+    """With its model's name, if another group has the name."""
     world_from_body: Array
     static: bool
     mass_kg: float
@@ -51,7 +51,7 @@ class Group:
 
 
 def groups_of(all_links: Sequence[SdfLink], markers: Collection[str]) -> Iterator[Group]:
-    """Links by what fixed joints make one, in the order of their first links."""
+    """Groups of links connected by fixed joints, in the order of their first links."""
     members: dict[str, list[SdfLink]] = {}
     for link in all_links:
         if link.model not in markers:
@@ -89,7 +89,7 @@ def groups_of(all_links: Sequence[SdfLink], markers: Collection[str]) -> Iterato
 
 
 def _parts(link: SdfLink, body_from_link: Array) -> Iterator[Part]:
-    """Collisions, each with the visual that is the same thing, and the visuals left over."""
+    """Collisions, each with its equal visual, and the remaining visuals."""
     visuals = [
         shape
         for shape in link.shapes
@@ -111,7 +111,7 @@ def _parts(link: SdfLink, body_from_link: Array) -> Iterator[Part]:
             candidates.remove(match)
             matched.add(id(match))
         prepared.append((shape, pose, geometry, match))
-    # In the order of the exports: a body's shapes come back as they were.
+    # In the order of the export, so that a body's shapes keep their order.
     order = {id(shape): index for index, shape in enumerate(link.shapes)}
     alone = [
         (visual, visual.link_from_shape, visual.geometry, visual)
@@ -136,14 +136,14 @@ def _parts(link: SdfLink, body_from_link: Array) -> Iterator[Part]:
 
 
 def product(a_from_b: Array, b_from_c: Array) -> Array:
-    """The product, without rounding where one of the two does nothing."""
+    """The product, without rounding if one of the two is the identity."""
     if np.array_equal(a_from_b, np.eye(4)):
         return b_from_c
     return a_from_b if np.array_equal(b_from_c, np.eye(4)) else a_from_b @ b_from_c
 
 
 def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
-    """Pose and geometry of a collision: of a plane's, which exports give an end, the plane's."""
+    """Pose and geometry of a collision; a plane that was exported as a box is restored."""
     geometry = shape.geometry
     if shape.attributes.get("geometry") == "plane" and isinstance(geometry, doc.Box):
         pose = shape.link_from_shape.copy()
@@ -154,8 +154,8 @@ def _solid(shape: SdfShape) -> tuple[Array, GeometryRecipe]:
 
 
 def _key(pose: Array, geometry: GeometryRecipe, mesh_file: Path | None) -> tuple[object, ...]:
-    """The same for a collision and a visual that are one thing."""
-    # Adding nothing turns -0.0 into 0.0.
+    """Equal for a collision and a visual of the same shape."""
+    # Adding 0.0 turns -0.0 into 0.0.
     place = (np.round(pose, SAME_DIGITS) + 0.0).tobytes()
     return place, repr(_rounded(geometry.model_dump())), mesh_file
 

@@ -1,4 +1,4 @@
-"""Pictures of any format as the PNG that a recipe takes."""
+"""Converts images of any format to PNG for a recipe."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from services.common import png
 from services.common.config import ConfigError
 
 MAX_PIXELS = 64_000_000
-"""Of a picture before it is made smaller; of its file as many bytes."""
+"""Of an image before it is scaled down; also the maximum bytes of its file."""
 
 
 def picture_as_png(picture: Path) -> bytes:
-    """A picture of any format as PNG that renderers take; a PNG's own bytes where they will do.
+    """An image of any format as PNG for renderers; a PNG's own bytes if they are suitable.
 
     Raises ConfigError.
     """
@@ -38,7 +38,7 @@ def picture_as_png(picture: Path) -> bytes:
     except ConfigError:
         raise
     except Exception as error:
-        # Pillow's readers raise whatever they trip over.
+        # Pillow's readers may raise anything.
         words = " ".join(str(error).split())
         raise ConfigError(f"{picture}: is not a picture: {words:.80}") from error
     picture_rgb.thumbnail((png.MAX_SIDE_PX, png.MAX_SIDE_PX), Image.Resampling.LANCZOS)

@@ -1,4 +1,4 @@
-"""An SDF or xacro file, with everything it includes, as resolved plain data."""
+"""Reads an SDF or xacro file, with everything it includes, as resolved plain data."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from services.worldgen.sdf.sources import SourceError, Sources
 from services.worldgen.sdf.vocabulary import list_unread, own_attributes, own_texts
 
 DEFAULT_DENSITY_KG_M3 = 1000.0
-"""Of the specification: water's."""
+"""Default of the specification: water's."""
 DEFAULT_MASS_KG = 1.0
-"""Of the specification."""
+"""Default of the specification."""
 
 _LIGHT_KINDS = ("directional", "point", "spot")
 _WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
@@ -39,10 +39,10 @@ def read_sdf(
     roots: Sequence[Path] = (),
     arguments: Mapping[str, str] = MappingProxyType({}),
 ) -> SdfWorld:
-    """Everything in a world or model file, or in the folder of a model, and in what it includes.
+    """Read a world or model file, or a model's folder, with everything that it includes.
 
-    Raises nothing for what is wrong in files: `report.errors` has it all, and a file that cannot
-    be read at all gives an empty world with that one error. `roots` are folders of models, as in
+    Raises nothing for errors in files: all are in `report.errors`, and a file that cannot be read
+    at all gives an empty world with that one error. `roots` are folders of models, as in
     GZ_SIM_RESOURCE_PATH. `arguments` are xacro's.
     """
     findings = Findings()
@@ -52,7 +52,7 @@ def read_sdf(
         source = sources.first()
     except SourceError as error:
         where = file.name or str(file)
-        # The place says already which file it is.
+        # The location already names the file.
         message = str(error).removeprefix(where).lstrip(": ")
         findings.error(error.kind, f"{where}:{error.line}" if error.line else where, message)
         return _empty(file, name, findings)
@@ -79,7 +79,7 @@ def _empty(file: Path, name: str, findings: Findings) -> SdfWorld:
 
 
 class _Resolver:
-    """Makes a file's tree of named things into plain data."""
+    """Converts a file's tree of named elements to plain data."""
 
     def __init__(self, sources: Sources, findings: Findings, tree: ScopeTree, world: Item) -> None:
         self._findings = findings
@@ -89,7 +89,7 @@ class _Resolver:
         self._shapes = ShapeReader(findings, sources.locator)
 
     def world(self, file: Path) -> SdfWorld:
-        """All of it."""
+        """The resolved content."""
         tree, graph, world = self._tree, self._graph, self._world
         models = tuple(
             SdfModel(
@@ -208,7 +208,7 @@ class _Resolver:
         )
 
     def _mass(self, place: Place, collisions: list[tuple[SdfShape, float]], static: bool) -> float:
-        """Mass of a link: as given, or of its collisions' volumes where it says `auto`."""
+        """Mass of a link: as given, or from its collisions' volumes if it is `auto`."""
         element = place.element.find("inertial")
         if element is None:
             return DEFAULT_MASS_KG
@@ -306,7 +306,7 @@ class _Resolver:
 
 
 def _held(scope: Item, kind: str) -> list[Item]:
-    """Everything of a kind (empty: all) in a scope and the models in it, in the file's order."""
+    """All elements of a kind (empty: all) in a scope and the models in it, in the file's order."""
     found: list[Item] = []
     waiting = [iter(scope.items.values())]
     while waiting:
@@ -322,7 +322,7 @@ def _held(scope: Item, kind: str) -> list[Item]:
 
 
 def _is_static(item: Item) -> bool:
-    """Whether a model that it is, or is in, is static."""
+    """Whether the element, or a model that contains it, is static."""
     at: Item | None = item
     while at is not None:
         if at.static:

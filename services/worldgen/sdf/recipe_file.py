@@ -1,4 +1,4 @@
-"""A recipe that an import makes as files: YAML, and the pictures, meshes and maps that it needs."""
+"""Writes an imported recipe to files: YAML, and the images, meshes and maps that it needs."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _HEADER = "# Made from "
 
 @dataclass(frozen=True)
 class ImportedWorld:
-    """What an SDF world becomes."""
+    """The result of converting an SDF world."""
 
     recipe: dict[str, Any]
-    """As recipe.Recipe takes it."""
+    """Input for recipe.Recipe."""
     files: dict[str, bytes]
     """By their path from the recipe's folder: `textures/x.png`, `meshes/y.glb`, `maps/z.yaml`."""
     report: ImportReport
-    """The reader's, with what could not be converted either."""
+    """The reader's, with elements that could not be converted added."""
 
 
 def recipe_yaml(recipe: Mapping[str, Any]) -> str:
-    """A recipe as YAML that brings the same numbers back."""
+    """A recipe as YAML that preserves the numbers exactly."""
     text = yaml.dump(
         _plain(recipe), Dumper=_Dumper, sort_keys=False, default_flow_style=None,
         allow_unicode=True, width=100,
@@ -40,10 +40,10 @@ def recipe_yaml(recipe: Mapping[str, Any]) -> str:
 
 
 def write_recipe(imported: ImportedWorld, file: Path) -> None:
-    """Write a recipe, and what it needs in the folders beside it.
+    """Write a recipe, and the files it needs in the folders beside it.
 
-    A picture or mesh gets another name where one that differs has its name already. The recipe is
-    written last, and replaces none but an earlier import's. Raises ConfigError.
+    An image or mesh is renamed if a different file has its name already. The recipe is written
+    last, and replaces only one of an earlier import. Raises ConfigError.
     """
     try:
         if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
@@ -68,7 +68,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-# The reader of recipes takes these for numbers: as names they need quotes.
+# The recipe reader parses these as numbers: as names they need quotes.
 _Dumper.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
@@ -77,7 +77,7 @@ _Dumper.add_implicit_resolver(
 
 
 def _plain(value: Any) -> Any:
-    """Lists for tuples."""
+    """Converts tuples to lists."""
     if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -86,7 +86,7 @@ def _plain(value: Any) -> Any:
 
 
 def _write(file: Path, data: bytes) -> None:
-    """Whole or not at all; a file that holds the same is left alone."""
+    """Write atomically; a file with the same content is left alone."""
     if file.is_file() and file.read_bytes() == data:
         return
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def _free_path(folder: Path, path: str, data: bytes) -> str:
 
 
 def _renamed(recipe: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
-    """The recipe with the files' other names."""
+    """The recipe with the files' new names."""
 
     def name(kind: str, old: str) -> str:
         return paths.get(f"{kind}/{old}", old).rpartition("/")[2]

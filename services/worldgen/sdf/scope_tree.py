@@ -1,4 +1,4 @@
-"""The named things of a file and of all it includes: models in models, links, joints, frames."""
+"""Builds the tree of named elements of a file and its includes: models, links, joints, frames."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from services.worldgen.sdf.sources import SourceError, Sources
 from services.worldgen.sdf.vocabulary import described, list_unread
 
 MAX_DEPTH = 24
-"""Of models in models."""
+"""Maximum nesting of models."""
 MAX_NAME = 256
 
 _TOPS = ("world", "model", "include", "light")
-"""What a file may hold, by rank where it holds several."""
+"""Top-level elements of a file, in order of precedence."""
 _JOINT_TYPES = (
     *("ball", "continuous", "fixed", "gearbox", "prismatic", "revolute", "revolute2"),
     *("screw", "universal"),
@@ -29,7 +29,7 @@ _JOINT_TYPES = (
 class ScopeTree:
     """Builds the tree.
 
-    `lights` stand beside it: what holds each, its element, and the <include> that brought it.
+    `lights` are kept separately: the parent of each, its element, and its <include>, if any.
     """
 
     def __init__(self, sources: Sources, findings: Findings) -> None:
@@ -40,7 +40,7 @@ class ScopeTree:
         self._light_names: dict[Item, dict[str, Place]] = {}
 
     def world(self, source: Source) -> Item | None:
-        """The world of a file, or one made for its model; None where there is neither."""
+        """The world of a file, or one created for its model; None if there is neither."""
         root = Place(source, source.root)
         list_unread(root, self._findings)
         self._stack.append(source)
@@ -77,7 +77,7 @@ class ScopeTree:
         return world
 
     def _contents(self, place: Place, scope: Item, depth: int) -> None:
-        """Put what stands in a <world> or <model> into its scope."""
+        """Add the children of a <world> or <model> to its scope."""
         list_unread(place, self._findings)
         readers: dict[str, Callable[[Place, Item], None]] = {
             "link": self._link,
@@ -154,7 +154,7 @@ class ScopeTree:
         name = None if include is None else (include.element.findtext("name") or "").strip() or None
         item = self._named("model", place, scope, include, name)
         if item is None:
-            # Its contents still count, and what is wrong in it is still told.
+            # Its contents are still counted, and their errors reported.
             item = Item("model", name or "", _still(place), place, scope)
         item.element = place
         self._fill_model(item, place, include, depth)
@@ -244,7 +244,7 @@ class ScopeTree:
             return False
 
     def _merge(self, top: Place, include: Place, scope: Item, depth: int) -> None:
-        """Put a model's contents into the model that includes it, around a frame in its place."""
+        """Add a model's contents to the model that includes it, around a frame at its pose."""
         if scope.kind == "world" and top.element.find("link") is not None:
             self._findings.error(
                 "MERGE_INCLUDE_UNSUPPORTED", include, "a <world> cannot merge a model with links"
@@ -259,7 +259,7 @@ class ScopeTree:
         first_link = next(inner.of_kind("link"), None)
         proxy.attached_to = inner.canonical_link or (first_link.name if first_link else "")
         if not pose.relative_to:
-            # Else it would be relative to what it is attached to.
+            # Otherwise it would be relative to what it is attached to.
             holder = "__model__" if scope.kind == "model" else "world"
             proxy.pose = Pose(pose.matrix, holder, pose.place)
         if inner.placement_frame != "__model__":
@@ -289,7 +289,7 @@ class ScopeTree:
         include: Place | None = None,
         name: str | None = None,
     ) -> Item | None:
-        """A new thing in a scope; None where it cannot have its name."""
+        """A new element in a scope; None if its name is invalid or taken."""
         if name is None:
             name = self._name(place, kind)
         elif not self._allowed(name, kind, include or place):
@@ -303,7 +303,7 @@ class ScopeTree:
         if kind != "link" and place.source.version < (1, 7):
             taken = scope.items.get(name)
             if taken is not None and taken.kind != kind:
-                # Before 1.7 only things of one kind had to differ in name.
+                # Before 1.7 names only had to be unique within one kind.
                 item.name = _another_name(name, kind, place.element, scope)
                 self._findings.rename(kind, name, item.name, item.place)
         return item if self._add(item) else None
@@ -359,7 +359,7 @@ class ScopeTree:
 
 
 def _another_name(name: str, kind: str, element: etree._Element, scope: Item) -> str:
-    """`name_kind`, or that with a number, which nothing else in the scope has."""
+    """`name_kind`, or that with a number, unused in the scope."""
     parent = element.getparent()
     taken = {*scope.items, *(one.get("name") for one in (() if parent is None else parent))}
     tries = (f"{name}_{kind}{number or ''}" for number in itertools.count())
@@ -367,14 +367,14 @@ def _another_name(name: str, kind: str, element: etree._Element, scope: Item) ->
 
 
 def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool:
-    """Whether a name may be given; what is wrong with it goes to the findings."""
+    """Whether a name is allowed; if not, the error is added to the findings."""
     if len(name) > MAX_NAME:
         findings.error(
             "ATTRIBUTE_INVALID", place, f"name of <{kind}> must have at most {MAX_NAME} letters"
         )
         return False
     reserved = name == "world" or (len(name) >= 4 and name.startswith("__") and name.endswith("__"))
-    # Up to 1.7 a model that was included stood flattened: its links are named `model::link`.
+    # Up to 1.7 included models were flattened: their links are named `model::link`.
     flattened = place.source.version < (1, 8)
     if reserved or ("::" in name and not flattened):
         findings.error(
@@ -388,13 +388,13 @@ def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool
 
 
 def light_name(place: Place, include: Place | None) -> str:
-    """The name of a light: the <include>'s, where one that has a name brought it."""
+    """The name of a light: that of its <include>, if this has one."""
     name = "" if include is None else (include.element.findtext("name") or "").strip()
     return name or place.element.get("name") or ""
 
 
 def reference_in(place: Place, attribute: str, findings: Findings) -> str:
-    """The name of a frame in an attribute; empty where there is none, or where none may be."""
+    """The name of a frame in an attribute; empty if there is none, or none is allowed."""
     name = place.element.get(attribute) or ""
     if name != "__root__":
         return name
@@ -405,7 +405,7 @@ def reference_in(place: Place, attribute: str, findings: Findings) -> str:
 
 
 def pose_of(place: Place, findings: Findings) -> Pose:
-    """The <pose> of an element; the identity where there is none, or where it is wrong."""
+    """The <pose> of an element; the identity if there is none, or it is invalid."""
     element: etree._Element | None = place.element.find("pose")
     if element is None:
         return _still(place)

@@ -1,4 +1,4 @@
-"""Geometry and material of collisions and visuals, checked."""
+"""Reads and checks geometry and material of collisions and visuals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 MESH_SUFFIXES = (".dae", ".obj", ".stl", ".glb")
 INFINITE_PLANE_M = 100.0
-"""Side of a solid plane that has no size: Gazebo's solid planes have no end."""
+"""Side of a solid plane without a size: Gazebo's solid planes are infinite."""
 
 MAX_SCRIPT_URIS, MAX_SCRIPTS = 8, 32
 
@@ -44,11 +44,11 @@ _FILE_NAME = re.compile(r"[^A-Za-z0-9_.-]")
 
 @dataclass(frozen=True, eq=False)
 class ReadGeometry:
-    """What a <geometry> says."""
+    """The content of a <geometry>."""
 
     geometry: GeometryRecipe
     shape_from_geometry: Array
-    """(4, 4): a plane's normal turns it."""
+    """(4, 4): rotated by a plane's normal."""
     mesh_file: Path | None = None
 
 
@@ -64,7 +64,7 @@ class ShapeReader:
         ] = {}
 
     def geometry(self, place: Place, role: str) -> ReadGeometry | None:
-        """Of a <collision> or <visual>; None where there is nothing to see or to touch."""
+        """Of a <collision> or <visual>; None if it is empty."""
         element = place.element.find("geometry")
         if element is None:
             self._findings.error("ELEMENT_MISSING", place, f"<{role}> must have a <geometry>")
@@ -191,7 +191,7 @@ class ShapeReader:
         return ReadGeometry(geometry, np.eye(4), file)
 
     def material(self, place: Place) -> SdfMaterial | None:
-        """Of a <visual>; None where it has none."""
+        """Of a <visual>; None if it has none."""
         element = place.element.find("material")
         if element is None:
             return None
@@ -226,7 +226,7 @@ class ShapeReader:
         return name[:200]
 
     def _scripted(self, at: Place, name: str) -> tuple[ScriptMaterial | None, Path | None]:
-        """A material of the scripts that a <script>'s URIs lead to, and its picture's file."""
+        """A material from the scripts of a <script>'s URIs, and the file of its texture."""
         script = at.element.find("script")
         uris = [] if script is None else [(uri.text or "").strip() for uri in script.findall("uri")]
         folder = at.source.file.parent
@@ -294,7 +294,7 @@ class ShapeReader:
         return self.optional(at, tag, values.colour, None)
 
     def optional(self, at: Place, tag: str, parse: Callable[[str | None], T], default: T) -> T:
-        """The value of a child; the default where it is not there, is empty, or is wrong."""
+        """The value of a child; the default if it is missing, empty, or invalid."""
         element = at.element.find(tag)
         if element is None or not (element.text or "").strip():
             return default
@@ -321,11 +321,11 @@ class ShapeReader:
 
 
 class _FoundError(Exception):
-    """Something is wrong, and has been reported."""
+    """An error that has been reported already."""
 
 
 def volume_m3(geometry: GeometryRecipe) -> float | None:
-    """Volume of a shape; None of a mesh or a plane."""
+    """Volume of a shape; None for a mesh or a plane."""
     if isinstance(geometry, doc.Box):
         return math.prod(geometry.size_m)
     if isinstance(geometry, doc.Cylinder):
@@ -371,7 +371,7 @@ def _scale(text: str | None) -> tuple[float, float, float]:
 
 
 def _rotation_to(normal: Array) -> Array:
-    """(3, 3) shortest rotation that takes +z to a unit vector, by Rodrigues' formula."""
+    """(3, 3) shortest rotation from +z to a unit vector, by Rodrigues' formula."""
     x, y, z = (float(value) for value in normal)
     if z < -1.0 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
@@ -381,7 +381,7 @@ def _rotation_to(normal: Array) -> Array:
 
 
 def _told(material: SdfMaterial) -> str:
-    """A material in a few words."""
+    """A material in short text form."""
     if material.albedo_map is not None:
         return f"albedo {material.albedo_map.name}"
     if material.script:

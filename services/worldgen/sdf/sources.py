@@ -1,4 +1,4 @@
-"""The files of an import: found, expanded, checked and bounded, each read once."""
+"""The files of an import: located, expanded, checked and limited, each read once."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from services.worldgen.sdf.xml_text import MAX_FILE_BYTES, UnreadableError, byte
 
 FIRST_VERSION, LAST_VERSION = (1, 4), (1, 12)
 MAX_ELEMENTS = 150_000
-"""Elements and attributes in all files together, each as often as it is included."""
+"""Elements and attributes in all files together, counted for each inclusion."""
 MAX_ATTRIBUTES = 256
-"""Of one element: each is looked up among all of them."""
+"""Of one element: each lookup searches all of them."""
 MAX_INCLUDES = 3000
 MAX_EXPANSIONS = 16
-"""Of xacro files: each has a process of its own."""
+"""Of xacro files: each starts a process."""
 
 _VERSION = re.compile(r"(\d{1,3})\.(\d{1,3})(\.\d{1,3})?", re.ASCII)
 
 
 class SourceError(Exception):
-    """A file cannot be used: the kind of error of the specification, and a sentence."""
+    """A file cannot be used: the specification's kind of error, and a sentence."""
 
     def __init__(self, kind: str, message: str, line: int = 0) -> None:
         super().__init__(message)
@@ -56,7 +56,7 @@ class Sources:
         self._expansions = 0
 
     def first(self) -> Source:
-        """The file that was asked for, or the newest of the folder's. Raises SourceError."""
+        """The requested file, or the newest one of the folder. Raises SourceError."""
         if _is_folder(self._asked):
             return self._open(self._newest(self._asked))
         return self._open(self._asked)
@@ -84,7 +84,7 @@ class Sources:
             return error
 
     def shown(self, path: Path) -> str:
-        """A path as people are told of it: from the file's folder, or from a root."""
+        """A path as displayed: relative to the file's folder, or to a root."""
         if path.is_relative_to(self._file.parent):
             return str(path.relative_to(self._file.parent))
         for root in self._roots:

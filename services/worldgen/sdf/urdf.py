@@ -1,4 +1,4 @@
-"""A URDF robot as the SDF model that means the same, element by element, each with its line."""
+"""Converts a URDF robot to an equivalent SDF model, element by element, keeping line numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from services.worldgen.sdf.findings import local_name
 
 VERSION = "1.9"
 _WEIGHTLESS_KG = "1e-6"
-"""Of a link without an inertial beside others that have one: it adds nothing."""
+"""Of a link without an inertial, if others have one: negligible."""
 _ATTRIBUTES = {
     "box": ("size",),
     "cylinder": ("radius", "length"),
@@ -20,9 +20,9 @@ _ATTRIBUTES = {
 def sdf_of(robot: etree._Element) -> etree._Element:
     """The root <sdf> with one model.
 
-    A child link's pose is relative to its parent's, as its joint says. A robot in which nothing has
-    a mass stands still, and so does one whose root is the link `world`. What has no meaning here
-    (transmissions, extensions) is left as it is, for the reader to list.
+    A child link's pose is relative to its parent's, by its joint. A robot without any mass is
+    static, and so is one whose root is the link `world`. Elements without a meaning here
+    (transmissions, extensions) are kept as they are, to be listed by the reader.
     """
     root = _like(robot, "sdf", version=VERSION)
     model = _add(root, robot, "model", name=robot.get("name") or "")
@@ -45,7 +45,7 @@ def sdf_of(robot: etree._Element) -> etree._Element:
                 pose.set("relative_to", parent)
         _inertial(converted, link, has_mass)
         for role in ("visual", "collision"):
-            # Names of shapes need not be there in URDF; in SDF they must be, and differ.
+            # Names of shapes are optional in URDF; in SDF they are required and unique.
             taken: set[str] = set()
             for number, shape in enumerate(link.findall(role)):
                 name = shape.get("name") or role
@@ -125,7 +125,7 @@ def _material(visual: etree._Element, urdf: etree._Element) -> None:
 
 
 def _pose(element: etree._Element, urdf: etree._Element) -> etree._Element:
-    """Add the <origin> of something as the <pose> of its element."""
+    """Add the <origin> of an element as its <pose>."""
     origin = urdf.find("origin")
     at = urdf if origin is None else origin
     pose = _add(element, at, "pose")
@@ -134,7 +134,7 @@ def _pose(element: etree._Element, urdf: etree._Element) -> etree._Element:
 
 
 def _keep(converted: etree._Element, urdf: etree._Element, read: tuple[str, ...]) -> None:
-    """Add what is not read."""
+    """Add the elements that are not read."""
     for one in urdf:
         if _tag(one) not in read:
             _add(converted, one, _tag(one), name=one.get("name"))

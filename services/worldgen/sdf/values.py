@@ -1,4 +1,4 @@
-"""Numbers, vectors, colours and poses from the text of XML elements, checked."""
+"""Parses and checks numbers, vectors, colours and poses in the text of XML elements."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from services.common.frames import (
 from services.common.node.documents import Rgba
 
 MAX_MAGNITUDE = 1e6
-"""Farther away, or larger, is a mistake: and products of such poses stay finite."""
+"""Larger values are errors, so that products of such poses stay finite."""
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
@@ -25,7 +25,7 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 def number(text: str | None) -> float:
     """A finite number.
 
-    Raises ValueError with a phrase where the text is not one.
+    Raises ValueError with a phrase if the text is not one.
     """
     word = (text or "").strip()
     if not _NUMBER.fullmatch(word):
@@ -37,9 +37,9 @@ def number(text: str | None) -> float:
 
 
 def numbers(text: str | None, *counts: int) -> tuple[float, ...]:
-    """Finite numbers with spaces between them, as many as one of `counts`.
+    """Finite numbers separated by spaces, as many as one of `counts`.
 
-    Raises ValueError with a phrase where the text is not that.
+    Raises ValueError with a phrase otherwise.
     """
     words = (text or "").split()
     if len(words) not in counts:
@@ -87,7 +87,7 @@ def truth(text: str | None) -> bool:
 
 
 def colour(text: str | None) -> Rgba:
-    """Red, green, blue and alpha, each in 0..1; alpha is 1 where it is left out.
+    """Red, green, blue and alpha, each in 0..1; alpha defaults to 1.
 
     Raises ValueError with a phrase.
     """
@@ -99,7 +99,7 @@ def colour(text: str | None) -> Rgba:
 
 
 def pose(text: str | None, degrees: bool = False, quaternion: bool = False) -> Array:
-    """(4, 4) matrix of `x y z roll pitch yaw` or `x y z qx qy qz qw`; of no text the identity.
+    """(4, 4) matrix of `x y z roll pitch yaw` or `x y z qx qy qz qw`; identity for an empty text.
 
     Raises ValueError with a phrase.
     """
@@ -119,6 +119,6 @@ def pose(text: str | None, degrees: bool = False, quaternion: bool = False) -> A
 
 
 def _shown(text: str) -> str:
-    """A text within quotes, on one line and not too long."""
+    """A text in quotes, on one line and shortened."""
     line = " ".join(text.split())
     return f"`{line if len(line) <= 60 else line[:57] + '...'}`"

@@ -1,4 +1,4 @@
-"""What may stand in each element of SDFormat: what the reader reads, and what is not simulated."""
+"""The allowed children of each SDFormat element: those that are read, and those not simulated."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _ONCE: dict[str, frozenset[str]] = {
     "attenuation": _words("range constant linear quadratic"),
     "scene": _words("ambient background"),
 }
-"""What the reader takes the first of."""
+"""Elements of which only the first is read."""
 
 _REPEATED: dict[str, frozenset[str]] = {
     "world": _words("model include light frame joint"),
@@ -104,11 +104,11 @@ _ATTRIBUTES: dict[str, frozenset[str]] = {
 }
 
 NAMESPACES = (f"{{{MAZEBOT_NAMESPACE}}}", "mazebot:")
-"""What names of our own begin with, where their prefix is declared, and where it is not."""
+"""Prefixes of our own names, with a declared XML prefix and without."""
 
 
 def own_attributes(place: Place) -> dict[str, str]:
-    """An element's attributes of our own namespace, by their names in it."""
+    """An element's attributes in our own namespace, by local name."""
     found = {}
     for name, value in place.element.attrib.items():
         text = str(name)
@@ -131,7 +131,7 @@ def own_texts(place: Place) -> dict[str, str]:
 
 
 def list_unread(place: Place, findings: Findings) -> None:
-    """Tell of everything in an element that the reader does not read, its children's not."""
+    """Report everything in an element that the reader does not read, except its children's."""
     element = place.element
     tag = local_name(element.tag)
     attributes = _ATTRIBUTES.get(tag, frozenset())
@@ -168,7 +168,7 @@ def list_unread(place: Place, findings: Findings) -> None:
 
 
 def described(place: Place) -> str:
-    """What an element is, in a few words: `plugin gz-sim-physics-system`."""
+    """A short description of an element: `plugin gz-sim-physics-system`."""
     element = place.element
     tag = local_name(element.tag)
     if tag == "plugin":

@@ -1,4 +1,4 @@
-"""XML elements as SDF has them, and how numbers, looks and files are written in them."""
+"""Writes XML elements of SDF, with numbers, materials and files in them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from services.common.node.documents import Rgba
 from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
 
 SHEET_THICKNESS_M = 0.001
-"""Of what exports write for things without any: rooms' floors, the ceiling, a plane that is solid.
+"""Thickness in exports of surfaces without any: rooms' floors, the ceiling, a solid plane.
 """
 
 
@@ -35,13 +35,13 @@ def say(element: etree._Element, **attributes: str) -> None:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """As many digits as bring the same numbers back."""
-    # Adding nothing turns -0.0 into 0.0.
+    """Numbers with as many digits as needed to read the same values back."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0).removesuffix(".0") for value in values)
 
 
 def add_look(visual: etree._Element, ambient: Rgba, diffuse: Rgba, texture: str = "") -> None:
-    """Append a dull material; `texture` is the URI of a picture."""
+    """Append a matte material; `texture` is the URI of an image."""
     material = add(visual, "material")
     add(material, "ambient", numbers(ambient))
     add(material, "diffuse", numbers(diffuse))
@@ -54,5 +54,5 @@ def add_look(visual: etree._Element, ambient: Rgba, diffuse: Rgba, texture: str 
 
 
 def xml_bytes(root: etree._Element) -> bytes:
-    """As a file, the same bytes for the same elements."""
+    """The XML file, with identical bytes for identical elements."""
     return bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True))

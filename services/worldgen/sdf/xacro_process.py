@@ -1,4 +1,4 @@
-"""The process that runs xacro: little time and memory, no file but those that may be read."""
+"""The process that runs xacro: with limited time, memory and file access."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MAX_MEMORY_BYTES = 1024 * 1024 * 1024
 MAX_FILES = 1000
 
 _INSIDES = ("_", "gi_", "cr_", "ag_", "f_", "tb_", "co_", "func_", "mro")
-"""What the attributes begin with that lead from a value to the interpreter."""
+"""Prefixes of attributes that give access to the interpreter."""
 
 
 def main() -> None:
-    """Expand the file named on stdin, and answer on stdout."""
+    """Expand the file named on stdin, and reply on stdout."""
     work = json.loads(sys.stdin.buffer.read())
     answer = sys.stdout
     sys.stdout = sys.stderr = io.StringIO()
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _restrict(locator: Locator) -> None:
-    """Put checks in the place of xacro's ways to files, environment and interpreter."""
+    """Replace xacro's access to files, environment and interpreter by checked versions."""
     read = 0
 
     def checked_open(name: str) -> io.BytesIO:
@@ -77,7 +77,7 @@ def _restrict(locator: Locator) -> None:
         except UnreadableError as error:
             raise xacro.XacroException(f"{path.name} {error}") from None
         if data.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
-            # Else it is YAML.
+            # Otherwise it is YAML.
             data = without_comments(data)
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise xacro.XacroException(f"{path.name} has a document type, which is refused")
@@ -125,7 +125,7 @@ def _restrict(locator: Locator) -> None:
 
 
 def compiled(expression: str) -> Any:
-    """The compiled expression. Raises XacroException where it reaches for the interpreter."""
+    """The compiled expression. Raises XacroException if it accesses the interpreter."""
     tree = ast.parse(expression.strip(), "<expression>", "eval")
     for node in ast.walk(tree):
         name = ""

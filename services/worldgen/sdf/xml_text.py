@@ -1,4 +1,4 @@
-"""XML of unknown origin as a tree: nothing is fetched, nothing is expanded, all is bounded."""
+"""Parses untrusted XML to a tree: nothing is fetched or expanded, all sizes are limited."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
 
 
 class UnreadableError(Exception):
-    """A file is not what it should be: a short phrase."""
+    """An invalid file: a short phrase."""
 
 
 def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """The bytes of a regular file of at most so many. Raises UnreadableError."""
+    """The bytes of a regular file of limited size. Raises UnreadableError."""
     try:
         facts = file.stat()
         if not stat.S_ISREG(facts.st_mode):
@@ -37,16 +37,16 @@ def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 def tree_of(data: bytes) -> etree._Element:
     """The root element, without comments and processing instructions.
 
-    As in SDFormat's own parser a prefix that no one declared stays a part of the name, a namespace
-    without a prefix means nothing, a comment may hold `--`, and there may be space before the
-    declaration. Raises UnreadableError.
+    As in SDFormat's own parser an undeclared prefix stays a part of the name, a namespace without a
+    prefix is ignored, a comment may contain `--`, and there may be space before the declaration.
+    Raises UnreadableError.
     """
     data = without_comments(data)
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
     if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
         raise UnreadableError("has a document type or entities of its own, which are refused")
-    # Space goes behind the declaration, so that lines keep their numbers.
+    # Space is moved behind the declaration, so that line numbers are kept.
     data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
     root, problem = _parsed(data, recover=False)
     if root is None and _only_prefixes(data):
@@ -83,7 +83,7 @@ def _parsed(data: bytes, recover: bool) -> tuple[etree._Element | None, str]:
 
 
 def _only_prefixes(data: bytes) -> bool:
-    """Whether undeclared prefixes are all that is wrong."""
+    """Whether undeclared prefixes are the only errors."""
     parser = _parser(recover=True)
     try:
         if etree.fromstring(data, parser) is None:

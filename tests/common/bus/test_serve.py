@@ -24,8 +24,8 @@ from services.common.bus.bus import (
     put_once,
     subscribe,
     wait_until_alive,
-    watch_sources,
     watch_seats,
+    watch_sources,
 )
 from services.common.bus.lockstep import HeldInbox, Turn
 from services.common.bus.serve import _Service
