@@ -68,6 +68,6 @@ def test_a_full_disk_costs_the_tour_nothing_and_the_recording_only_that_time(sta
     recorder = stack.logs("recorder")
     assert stack.down() <= 10.0
     assert "Traceback" not in recorder
-    assert recorder.count("recording stopped") == 1
+    assert recorder.count("recording stopped") == 1, recorder
     (summary,) = check_recordings(stack)
     assert [goal["reached"] for goal in summary["goals"]] == [True] * 5

@@ -182,8 +182,9 @@ class Recording:
         """
         self._send_all()
         self._flush_file(_FLUSH_TIMEOUT_S)
-        if self._writer is not None and self._writer.problem is not None:
-            raise RecordingError(self._writer.problem)
+        writer = self._writer if self._file is not None else None
+        if writer is not None and writer.problem is not None:
+            raise RecordingError(writer.problem)
 
     def end_file(self) -> None:
         """Write the file's end, if possible, and close it; further data goes to the live view only.
