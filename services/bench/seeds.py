@@ -82,7 +82,7 @@ def _row(summaries: list[Summary]) -> list[str]:
         str(sum(goal["recoveries"] for goal in goals)),
         f"{worst(lambda summary: summary['localisation_error_m']['p95']):.3f}",
         f"{math.degrees(worst(lambda summary: summary['localisation_error_rad']['p95'])):.2f}",
-        f"{max(goal['goal_error_m'] for goal in goals):.3f}",
+        f"{max(filter(None, (goal['goal_error_m'] for goal in goals)), default=math.nan):.3f}",
         f"{median('distance_m'):.1f}",
         f"{median('sim_time_s'):.1f}",
         str(len({summary["state_hash"] for summary in summaries})),

@@ -31,8 +31,8 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
             f"{goal.path_length_m:.2f}",
             measured(goal.shortest_path_m, 2),
             measured(goal.localisation_error_m, 3),
-            f"{goal.goal_error_m:.3f}",
-            f"{math.degrees(goal.goal_error_rad):.1f}",
+            measured(goal.goal_error_m, 3),
+            measured(_degrees(goal.goal_error_rad), 1),
             str(goal.contacts),
         )
         for goal in goals
@@ -42,7 +42,7 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
 def error_lines(evaluation: Evaluation) -> list[str]:
     """The figures of the whole run: errors, contacts and the markers seen."""
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
-    p95_deg = None if error_rad.p95 is None else math.degrees(error_rad.p95)
+    p95_deg = _degrees(error_rad.p95)
     lines = [
         "localisation error: no estimate"
         if error_m.mean is None
@@ -60,3 +60,7 @@ def error_lines(evaluation: Evaluation) -> list[str]:
 def measured(value: float | None, digits: int) -> str:
     """A number, or a dash where nothing was measured."""
     return NOT_MEASURED if value is None else f"{value:.{digits}f}"
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else math.degrees(angle_rad)

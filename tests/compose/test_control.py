@@ -34,7 +34,8 @@ TOUR_S = 300.0
 PAUSE_S = 60.0
 AFTER = 20
 """Commands after the pause that are looked at: a second of them."""
-LATE_S = 0.15
+LATE_S = 0.2
+"""When the watchdog stops the robot: a busy machine delays a command, but not until then."""
 ACCELERATION_M_S2 = 1.0
 ALARM = re.compile(r"WARN|ERROR|error:|Traceback|waiting for")
 

@@ -577,18 +577,19 @@ class GoalReport(Document):
         description="name of the location at this pose; `home`: the start pose; `goal`: any other"
     )
     reached: bool = Field(
-        description="navigation reports success, and the robot's true pose is within 0.25 m and "
-        "0.25 rad of the goal"
+        description="navigation reports success, and the robot's true pose, where it is known, is "
+        "within 0.25 m and 0.25 rad of the goal"
     )
     time_s: Finite = Field(description="simulation time from start to end, s")
     path_length_m: Finite = Field(description="length of the true path, m")
     shortest_path_m: Finite | None = Field(
         description="length of the shortest path for the robot's footprint, m; null: there is none"
     )
-    goal_error_m: Finite = Field(
-        description="distance from the true pose at the end to the goal, m"
+    goal_error_m: Finite | None = Field(
+        description="distance from the true pose at the end to the goal, m; null: the recorder was "
+        "restarted at that time"
     )
-    goal_error_rad: Finite = Field(description="angle between them, rad")
+    goal_error_rad: Finite | None = Field(description="angle between them, rad; null: likewise")
     recoveries: int = Field(description="number of recovery behaviors")
     error_code: int = Field(description="Nav2's error code; 0: success")
     error_msg: str = Field("", description="the error in words; empty: success")

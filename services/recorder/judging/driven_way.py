@@ -21,6 +21,8 @@ _RECENT = 1800
 _OLD_PERIOD_NS = 500_000_000
 """one per this period is kept: a robot that can reach 0.5 m/s within a second is off the line
 between two of them by less than 2 cm;"""
+_LONGEST_GAP_NS = 2 * _OLD_PERIOD_NS
+"""Upper bound of the interval between two poses of which one per that period is kept."""
 _OLD_AGE_NS = 3_600_000_000_000
 """of those older than this, the interval between two is at most"""
 _OLD_SHARE = 1 / 900
@@ -82,20 +84,24 @@ class DrivenWay:
         """Interpolated pose and driven length (m) at a time; outside the recorded range, the first
         or last one. None if there are no poses.
         """
-        recent = self._recent_piece()
-        if not len(recent.stamps_ns):
+        around = self._around(stamp_ns)
+        if around is None:
             return None
-        pieces = [*self._pieces, recent]
-        after = bisect_right(pieces, stamp_ns, key=lambda piece: piece.start_ns)
-        piece, *others = pieces[max(after - 1, 0) : after + 1]
-        row = max(int(np.searchsorted(piece.stamps_ns, stamp_ns)) - 1, 0)
-        around = _joined(
-            [piece.rows(slice(row, row + 2)), *(other.rows(slice(1)) for other in others)]
-        )
         x_m, y_m, yaw_rad, length_m = (
             float(np.interp(stamp_ns, around.stamps_ns, column)) for column in around.poses.T
         )
         return SE2(x_m, y_m, wrap_angle(yaw_rad)), length_m
+
+    def is_known(self, stamp_ns: int) -> bool:
+        """Whether the pose at a time is known, as far as the recorded range goes: it is not inside
+        a gap of over a second, such as a recorder leaves that died and was restarted.
+        """
+        around = self._around(stamp_ns)
+        if around is None:
+            return False
+        before, after = around.stamps_ns[around.stamps_ns <= stamp_ns], around.stamps_ns
+        gap_ns = int(after[len(before)] - before[-1]) if 0 < len(before) < len(after) else 0
+        return stamp_ns in before or gap_ns <= _LONGEST_GAP_NS
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The path so far, for `restore()`."""
@@ -112,6 +118,21 @@ class DrivenWay:
         x_m, y_m, yaw_rad, self.total_m = (float(value) for value in piece.poses[-1])
         self._counted_xy = x_m, y_m
         self._recent.add(int(piece.stamps_ns[-1]), (x_m, y_m, yaw_rad, self.total_m))
+
+    def _around(self, stamp_ns: int) -> _Piece | None:
+        """The poses next to a time, two or three of them, or fewer at an end of the range; None if
+        there are no poses.
+        """
+        recent = self._recent_piece()
+        if not len(recent.stamps_ns):
+            return None
+        pieces = [*self._pieces, recent]
+        after = bisect_right(pieces, stamp_ns, key=lambda piece: piece.start_ns)
+        piece, *others = pieces[max(after - 1, 0) : after + 1]
+        row = max(int(np.searchsorted(piece.stamps_ns, stamp_ns)) - 1, 0)
+        return _joined(
+            [piece.rows(slice(row, row + 2)), *(other.rows(slice(1)) for other in others)]
+        )
 
     def _recent_piece(self) -> _Piece:
         return _Piece(self._recent.stamps_ns, self._recent.rows)

@@ -152,7 +152,7 @@ class Run:
         """Message counts of the previous recorder of this run."""
         if progress is not None:
             self._go_on_from(progress)
-        self._kept_s = now_s
+        self._kept_s, self._kept_goals = now_s, self._evaluation.goals_judged
         self._sent_s = self._flushed_s = self._summarised_s = self._looked_s = now_s
         for topic, message in setting.fixed.items():
             self._judge_one(topic, message)
@@ -207,8 +207,10 @@ class Run:
         if now_s - self._summarised_s >= SUMMARY_PERIOD_S:
             self._summarised_s = now_s
             self._write_summary()
-        if now_s - self._kept_s >= PROGRESS_PERIOD_S:
-            self._kept_s = now_s
+        judged = self._evaluation.goals_judged
+        if now_s - self._kept_s >= PROGRESS_PERIOD_S or judged != self._kept_goals:
+            # The true pose at a goal's end is not sent again.
+            self._kept_s, self._kept_goals = now_s, judged
             self.keep_progress()
 
     def keep_progress(self) -> None:

@@ -22,6 +22,7 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
+from services.common.goal_table import goal_rows
 from services.common.node import messages as msg
 from services.common.node.documents import (
     BodyEntity,
@@ -393,6 +394,28 @@ def test_a_goal_that_ends_after_the_newest_truth_is_judged_by_it_for_the_time_be
     drive(evaluation, 12.0)
     (late,) = evaluation.evaluation().goals
     assert late.reached
+
+
+@pytest.mark.parametrize("after_s", [8.3, 11.0, 20.0])
+def test_where_the_true_pose_at_the_end_is_not_known_navigation_s_word_alone_counts(
+    after_s: float,
+) -> None:
+    evaluation = RunEvaluation(make_world())
+    drive(evaluation, 8.0)
+    evaluation.add_result(result(SE2(START.x_m + 2.0, START.y_m, 0.0), end_s=8.2))
+    evaluation.add_result(result(SE2(START.x_m + 2.0, START.y_m, 0.0), 1.0, 8.2, error_code=105))
+    # As of a recorder that was restarted in the meantime.
+    stamp_ns = round(after_s * 1e9)
+    evaluation.add_ground_truth(odometry(stamp_ns, true_pose(stamp_ns), MAP_FRAME))
+    reached, failed = evaluation.evaluation().goals
+    assert not failed.reached
+    if after_s < 9.0:
+        assert reached.goal_error_m == pytest.approx(0.46, abs=0.01)
+        assert not reached.reached
+    else:
+        assert (reached.goal_error_m, reached.goal_error_rad) == (None, None)
+        assert reached.reached
+        assert goal_rows([reached])[0][6:8] == ("-", "-")
 
 
 def test_a_goal_without_an_estimate_on_the_way_has_no_localisation_error() -> None:

@@ -17,6 +17,7 @@ from services.common.node.topics import Delivery
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping.digests import read_digests
+from services.recorder.keeping.progress import read_progress
 from services.recorder.keeping.repair import Repair, leftovers
 from services.recorder.keeping.run_folder import LOCK, RunFolder
 from services.recorder.node import RecorderNode
@@ -95,17 +96,22 @@ def killed_run(folder: Path, goes_on: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    "end",
-    ["bench.node._run._flush()", ""],
+    ("end", "kept_goals"),
+    [("pass", 2), ("run.keep_progress(); run.keep_progress = lambda: None", 1)],
     ids=["kept", "died with"],
 )
-def test_a_recorder_that_comes_back_goes_on_with_the_run(tmp_path: Path, end: str) -> None:
-    # Its second goal ends after the progress was kept, or just before.
+def test_a_recorder_that_comes_back_goes_on_with_the_run(
+    tmp_path: Path, end: str, kept_goals: int
+) -> None:
+    # Progress is kept as soon as a goal has ended, if the recorder lives so long.
     goes_on = (
         "said = list(driving(world, 1.0, 2_000_000_000)); bench.say(said[:-1]);"
-        f"bench.node._run._flush(); bench.say(said[-1:]); {end}"
+        f"run = bench.node._run; run._flush(); {end}; bench.say(said[-1:])"
     )
     run = killed_run(tmp_path, goes_on)
+    progress = read_progress(run)
+    assert progress is not None
+    assert len(progress.verdict["goals"]) == kept_goals
     digests = read_digests(run / "digests.bin").rows
     world = room()
     node = recorder(tmp_path)
