@@ -181,8 +181,6 @@ class RecorderNode(Node):
             return
         self._run.tick(now_ns, inbox.counts)
         last_ns = self._evaluated_ns
-        if ended:
-            self._run.keep_progress()
         if ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
             self._evaluated_ns = now_ns
             evaluation = self._run.evaluation()

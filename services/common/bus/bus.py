@@ -549,23 +549,31 @@ def watch_seats(
     only store.
     """
 
-    def on_token(sample: zenoh.Sample) -> None:
-        on_seat(*service_and_source(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
-
     def on_call(sample: zenoh.Sample) -> None:
         on_wake(*service_and_source(sample.key_expr))
 
-    callback = zenoh.handlers.Callback
     return [
-        session.liveliness().declare_subscriber(
-            f"{prefix}{SEAT_PREFIX}*/*",
-            cast("Any", callback(on_token, indirect=False)),
-            history=True,
-        ),
+        _watch_tokens(session, f"{prefix}{SEAT_PREFIX}*/*", on_seat),
         session.declare_subscriber(
-            f"{prefix}{WAKE_PREFIX}*/*", cast("Any", callback(on_call, indirect=False))
+            f"{prefix}{WAKE_PREFIX}*/*",
+            cast("Any", zenoh.handlers.Callback(on_call, indirect=False)),
         ),
     ]
+
+
+def _watch_tokens(
+    session: zenoh.Session, keys: str, on_change: Callable[[str, str, bool], None]
+) -> Any:
+    """Call `on_change` with the service and source of each liveliness token, and whether it is
+    present: now, and on every change.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        on_change(*service_and_source(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    return session.liveliness().declare_subscriber(
+        keys, cast("Any", zenoh.handlers.Callback(on_token, indirect=False)), history=True
+    )
 
 
 def give_turn(
@@ -666,15 +674,10 @@ def watch_sources(
     """Call `on_change` with the source of each service and whether it is present: now, and on every
     change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only store.
     """
-
-    def on_token(sample: zenoh.Sample) -> None:
-        source = service_and_source(sample.key_expr)[1]
-        on_change(source, sample.kind == zenoh.SampleKind.PUT)
-
-    return session.liveliness().declare_subscriber(
+    return _watch_tokens(
+        session,
         alive_key("*", "*", prefix),
-        cast("Any", zenoh.handlers.Callback(on_token, indirect=False)),
-        history=True,
+        lambda _, source, is_there: on_change(source, is_there),
     )
 
 

@@ -211,9 +211,9 @@ class RunEvaluation:
         self._results.append((_ns(result.end_time_s), result))
 
     @property
-    def goals_judged(self) -> int:
-        """Number of goals that have ended and were judged."""
-        return len(self._goals)
+    def goals_ended(self) -> tuple[int, int]:
+        """Number of ended goals that still wait for a true pose, and of those that are judged."""
+        return len(self._results), len(self._goals)
 
     def evaluation(self, recording: str = "") -> Evaluation:
         """The evaluation of the run so far.

@@ -152,7 +152,7 @@ class Run:
         """Message counts of the previous recorder of this run."""
         if progress is not None:
             self._go_on_from(progress)
-        self._kept_s, self._kept_goals = now_s, self._evaluation.goals_judged
+        self._kept_s, self._kept_goals = now_s, self._evaluation.goals_ended
         self._sent_s = self._flushed_s = self._summarised_s = self._looked_s = now_s
         for topic, message in setting.fixed.items():
             self._judge_one(topic, message)
@@ -207,11 +207,12 @@ class Run:
         if now_s - self._summarised_s >= SUMMARY_PERIOD_S:
             self._summarised_s = now_s
             self._write_summary()
-        judged = self._evaluation.goals_judged
-        if now_s - self._kept_s >= PROGRESS_PERIOD_S or judged != self._kept_goals:
-            # The true pose at a goal's end is not sent again.
-            self._kept_s, self._kept_goals = now_s, judged
+        # The true pose at a goal's end is not sent again.
+        has_news = self._evaluation.goals_ended != self._kept_goals
+        if now_s - self._kept_s >= PROGRESS_PERIOD_S or has_news:
+            self._kept_s = now_s
             self.keep_progress()
+            self._kept_goals = self._evaluation.goals_ended
 
     def keep_progress(self) -> None:
         """Write the state that a new recorder needs to resume this run."""
