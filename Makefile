@@ -10,6 +10,13 @@ JSON ?= bench.json
 HOURS ?= 1
 # Any value: with the camera.
 CAMERA ?=
+# Of bench-nav: names of scenarios separated by spaces, seeds of each, any value for all of its seeds,
+# figures to compare with, a settings file.
+SCENARIO ?=
+SEEDS ?=
+FULL ?=
+BASELINE ?=
+SETTINGS ?=
 # A local uv if the machine has none; `python3` must then be version 3.11.
 UV := $(shell command -v uv || echo .tools/bin/uv)
 export UV_PYTHON_DOWNLOADS ?= automatic
@@ -21,7 +28,7 @@ space := $(subst ,, )
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench soak seeds image clean
+.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench bench-nav soak seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -115,6 +122,12 @@ soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
 	@.venv/bin/python -m services.bench.seeds
+
+bench-nav: $(STAMP) ## drive many scenarios, judged by the ground truth (SCENARIO=tours SEED=0 SEEDS=5 FULL= BASELINE=old.json)
+	@.venv/bin/python -m services.bench.navigation $(SCENARIO:%=--scenario %) \
+		$(if $(filter file,$(origin SEED)),,--seed $(SEED)) $(SEEDS:%=--seeds %) $(if $(FULL),--full) \
+		$(BASELINE:%=--baseline %) $(SETTINGS:%=--settings %) --plots bench-nav \
+		--json $(if $(filter file,$(origin JSON)),bench-nav.json,$(JSON))
 
 image: ## build the container image
 	@docker compose --profile original --profile enhanced build

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, known, markers, sim, world
+from services.cli import entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
 from services.cli.completion import run_names, topic_names, world_names, written_topic_names
 from services.cli.options import ROUTER as _ROUTER
@@ -96,6 +96,16 @@ def demo(
         Path | None,
         typer.Option(help="a YAML file of settings; a run's own config.yaml repeats that run"),
     ] = None,
+    params: Annotated[
+        Path | None,
+        typer.Option(help="a nav2_params.yaml of Nav2; --config and the environment win over it"),
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="mppi, regulated_pure_pursuit, or your own: FILE.py:Class or package.module:Class"
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="the run's folder [default: recordings/<time>_<world>]"),
@@ -155,13 +165,31 @@ def demo(
             goal=goal,
             overrides=tuple(overrides or ()),
             worlds_dir=worlds_dir,
+            controller=controller,
             settings=config,
+            params=params,
             as_json=as_json,
             arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
         )
         code = embedded.run(options)
     raise typer.Exit(code)
+
+
+@app.command()
+def params(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="a nav2_params.yaml of Nav2")],
+    as_json: Json = False,
+    as_settings: Annotated[
+        bool, typer.Option("--settings", help="print the settings that come of it, for --config")
+    ] = False,
+) -> None:
+    """Say of each parameter of a Nav2 file whether it is used, mapped, unsupported or unknown."""
+    from services.cli.params import tell_params  # noqa: PLC0415
+
+    if as_json and as_settings:
+        raise ConfigError("--settings: prints YAML: must be given without --json")
+    tell_params(file, as_json, as_settings)
 
 
 @app.command()
@@ -312,6 +340,8 @@ def recordings_view(
 
 
 entities.register(app)
+app.command()(plan.plan)
+app.command()(localize.localize)
 
 
 def parse_bool(option: str, text: str) -> bool:

@@ -1,4 +1,4 @@
-"""`mazebot markers make`."""
+"""`mazebot markers make` and `mazebot markers detect`."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated
 import typer
 
 from services.cli.command import App
+from services.cli.options import DICTIONARY_FILES, Json
 from services.common.config import ConfigError
 
 KINDS = ("panel", "cube")
-DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
 
-app = App(help="Make models of ArUco markers.")
+app = App(help="Make models of ArUco markers, and detect markers in pictures.")
 
 
 @app.command()
@@ -46,3 +46,34 @@ def make(
         dictionary_file=file,
     )
     sys.stdout.write(f"{folder}\n")
+
+
+@app.command()
+def detect(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="pictures")],
+    dictionary: Annotated[
+        str, typer.Option(help="OpenCV's dictionary name, or a file as OpenCV writes it")
+    ] = "DICT_4X4_100",
+    camera: Annotated[
+        Path | None,
+        typer.Option(help="calibration for poses: ROS' camera_info or OpenCV's YAML"),
+    ] = None,
+    size_m: Annotated[
+        float | None, typer.Option("--size", help="side of the black square, metres")
+    ] = None,
+    corner_sigma_px: Annotated[
+        float,
+        typer.Option(
+            "--corner-sigma", help="least standard deviation of a corner, pixels, for covariances"
+        ),
+    ] = 0.3,
+    draw: Annotated[
+        Path | None,
+        typer.Option(help="draw outlines, ids and axes in this picture; a folder for several"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the markers in pictures: ids, corners and, with a camera, poses in its optical frame."""
+    from services.cli.markers_detect import detect_markers  # noqa: PLC0415 - loads OpenCV
+
+    detect_markers(images, dictionary, camera, size_m, corner_sigma_px, as_json, draw)

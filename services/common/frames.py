@@ -270,6 +270,15 @@ def position_and_quaternion(
     return (x, y, z), quaternion_from_rotation(a_from_b[:3, :3])
 
 
+def se2_from_matrix(a_from_b: Array) -> SE2:
+    """Planar part of a rigid (4, 4) pose."""
+    return SE2(
+        float(a_from_b[0, 3]),
+        float(a_from_b[1, 3]),
+        portable.atan2(float(a_from_b[1, 0]), float(a_from_b[0, 0])),
+    )
+
+
 def inverse_matrix(a_from_b: Array) -> Array:
     """`b_from_a` of a rigid (4, 4) matrix."""
     b_from_a = np.eye(4)

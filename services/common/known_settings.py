@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 
 PREFIX = "MAZEBOT_"
 ALONE = (
-    "MAZEBOT_CONFIG", "MAZEBOT_SEED", "MAZEBOT_RESOURCE_PATH",
+    "MAZEBOT_CONFIG", "MAZEBOT_PARAMS", "MAZEBOT_SEED", "MAZEBOT_RESOURCE_PATH",
     "MAZEBOT_ROUTER_PORT", "MAZEBOT_VIEWER_PORT", "MAZEBOT_VIEWER_DATA_PORT",
 )  # fmt: skip
 """Variables that are not a field of a service. The ports are used by Docker Compose."""

@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -15,6 +15,9 @@ from services.common.config import ConfigError, ServiceConfig, one_line
 from services.common.known_settings import PREFIX, unknown_name, unknown_variable, variable
 from services.common.node.topics import SERVICES
 from services.common.yaml_words import line_and_words
+
+if TYPE_CHECKING:
+    from services.common.nav2_params.loader import Nav2Params
 
 C = TypeVar("C", bound=ServiceConfig)
 
@@ -29,12 +32,14 @@ def load(
     """Read a service's configuration.
 
     Flags (`--scan-rate-hz 5`) win over the environment (`MAZEBOT_PHYSICS_SCAN_RATE_HZ`), over the
-    service's section of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over the defaults;
-    and the values `given` by name win over all.
+    service's section of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over Nav2's
+    parameter file that `--params` or `MAZEBOT_PARAMS` names, over the defaults; and the values
+    `given` by name win over all.
 
     Raises ConfigError with one line that names the source, the field and the value.
     """
-    rest, path = _take_config_flag(arguments)
+    rest, path = _take_file_flag(arguments, "config")
+    rest, params_path = _take_file_flag(rest, "params")
     fields = model.model_fields
     if any(name.upper().startswith(PREFIX) for name in os.environ):
         others: dict[str, Collection[str] | None] = dict.fromkeys(sections())
@@ -42,7 +47,8 @@ def load(
         if problem:
             raise ConfigError(problem)
     filed = read_settings(path, {service: fields}).get(service, {}) if path else {}
-    values = filed
+    from_nav2 = nav2_settings(model, service, params_path) if params_path else {}
+    values = _over(from_nav2, filed)
     if os.environ.get("MAZEBOT_SEED"):
         # One variable for the seed of all services.
         values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
@@ -55,7 +61,10 @@ def load(
             values = settings(model, service, rest, prefix, values)
         return model.model_validate({**values, **given})
     except ValidationError as error:
-        source = functools.partial(_source, service, rest, given, {*filed}, path)
+        source = functools.partial(
+            _source, service, rest, given, {**dict.fromkeys(from_nav2, params_path),
+                                            **dict.fromkeys(filed, path)}
+        )  # fmt: skip
         raise ConfigError(f"{service}: {one_line(error, source)}") from error
 
 
@@ -139,14 +148,15 @@ def _to_repeat(name: str, section: Mapping[str, Any], seed: object) -> dict[str,
     return kept if seed is None else {**kept, "seed": seed}
 
 
-def config_flag(path: Path | None) -> tuple[str, ...]:
-    """The arguments for `load` that name a settings file."""
-    return () if path is None else ("--config", str(path))
+def config_flag(path: Path | None, params: Path | None = None) -> tuple[str, ...]:
+    """The arguments for `load` that name a settings file and a parameter file of Nav2."""
+    named = (("--config", path), ("--params", params))
+    return tuple(word for flag, file in named if file is not None for word in (flag, str(file)))
 
 
 def _source(
-    service: str, flags: Sequence[str], given: Collection[str], filed: Collection[str],
-    path: Path | None, field: str,
+    service: str, flags: Sequence[str], given: Collection[str],
+    filed: Mapping[str, Path | None], field: str,
 ) -> str:  # fmt: skip
     """The flag, variable or file from which a field has its value."""
     if field in given:
@@ -161,37 +171,79 @@ def _source(
     for name in os.environ:
         if name.upper() in variables:
             return name
-    return str(path) if field in filed else ""
+    return str(filed.get(field) or "")
 
 
-def _take_config_flag(arguments: Sequence[str]) -> tuple[list[str], Path | None]:
+def _take_file_flag(arguments: Sequence[str], name: str) -> tuple[list[str], Path | None]:
+    """The other arguments, and the file that `--<name>` or `MAZEBOT_<NAME>` names."""
     rest: list[str] = []
-    path = os.environ.get("MAZEBOT_CONFIG") or None
+    flag = f"--{name}"
+    path = os.environ.get(f"{PREFIX}{name.upper()}") or None
     words = iter(arguments)
     for word in words:
-        if word == "--config":
+        if word == flag:
             path = next(words, None)
             if path is None:
-                raise ConfigError("--config: names no file")
-        elif word.startswith("--config="):
+                raise ConfigError(f"{flag}: names no file")
+        elif word.startswith(f"{flag}="):
             path = word.partition("=")[2]
         else:
             rest.append(word)
     return rest, Path(path) if path else None
 
 
-def _yaml_mapping(path: Path) -> dict[Any, Any]:
-    """The content of a settings file. Raises ConfigError."""
+def read_nav2_params(path: Path) -> Nav2Params:
+    """A parameter file of Nav2. Raises ConfigError where it cannot be read or is not valid."""
+    return _nav2_params(_text(path, "Nav2's parameters"), str(path))
+
+
+@functools.lru_cache(maxsize=1)
+def _nav2_params(text: str, name: str) -> Nav2Params:
+    """In one process every service reads the same file."""
+    # Only those that name such a file need the tables.
+    from services.common.nav2_params.loader import load_nav2_params  # noqa: PLC0415
+
+    return load_nav2_params(text, name)
+
+
+def nav2_settings(model: type[ServiceConfig], service: str, path: Path) -> dict[str, Any]:
+    """The settings of a service that come of a parameter file of Nav2.
+
+    Raises ConfigError where it cannot be read or is not valid.
+    """
+    from services.common.nav2_params.report import report  # noqa: PLC0415
+
+    return dict(report(read_nav2_params(path), {service: model}).settings.get(service, {}))
+
+
+def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of both, those of `above` where both have one; mappings are joined likewise."""
+    both = {**below, **above}
+    for name in {*below} & {*above}:
+        if isinstance(below[name], dict) and isinstance(above[name], dict):
+            both[name] = _over(below[name], above[name])
+    return both
+
+
+def _text(path: Path, kind: str) -> str:
+    """The text of a file. Raises ConfigError."""
     try:
         if not path.is_file():
             # Opening a pipe would block forever.
             path.stat()
-            raise ConfigError(f"{path}: must be a file of settings")
-        content = yaml.load(path.read_text(encoding="utf-8"), _LOADER)
+            raise ConfigError(f"{path}: must be a file of {kind}")
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not YAML: must be UTF-8") from error
+
+
+def _yaml_mapping(path: Path) -> dict[Any, Any]:
+    """The content of a settings file. Raises ConfigError."""
+    text = _text(path, "settings")
+    try:
+        content = yaml.load(text, _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         line, said = line_and_words(error)
         raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {said}") from error

@@ -26,6 +26,8 @@ from services.common.load import config_flag, load, world_hash_of_run
 from services.common.node import log
 from services.common.node.executive import Executive, MemoryTransport, StalledError
 from services.common.node.node import Node
+from services.localization.config import LocalizationConfig
+from services.localization.node import LocalizationNode
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig
@@ -69,8 +71,12 @@ class DemoOptions:
     overrides: tuple[str, ...] = ()
     """`field=value`, overrides the world's recipe."""
     worlds_dir: Path | None = None
+    controller: str | None = None
+    """Name of navigation's controller, or FILE.py:Class."""
     settings: Path | None = None
     """A settings file, or a run's own config.yaml to repeat that run."""
+    params: Path | None = None
+    """A parameter file of Nav2, under the settings file."""
     as_json: bool = False
     """Print the run's summary as JSON on standard output, and the log on standard error."""
     arguments: Mapping[str, str] = field(default_factory=dict)
@@ -112,12 +118,14 @@ def robot_nodes(
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     told = {**seed, **camera, **physics}
+    navigation = {**seed, "controller": options.controller}
     return [
         WorldgenNode(_worldgen_config(options), load_world),
         PhysicsNode(_configured(options, PhysicsConfig, "physics", told)),
         SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
         PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
-        NavigationNode(_configured(options, NavigationConfig, "navigation", seed)),
+        LocalizationNode(_configured(options, LocalizationConfig, "localization", seed)),
+        NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
     ]
 
 
@@ -145,7 +153,7 @@ def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
 def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping[str, object]) -> C:
     """A service's configuration: the options over environment, file and defaults."""
     given = {name: value for name, value in told.items() if value is not None}
-    return load(kind, service, config_flag(options.settings), given)
+    return load(kind, service, config_flag(options.settings, options.params), given)
 
 
 def check_world(options: DemoOptions) -> LoadedWorld:

@@ -26,6 +26,7 @@ from services.common.node.documents import (
     EntityReply,
     GetEntities,
     NavigationResult,
+    Planar,
     Quaternion,
     SetEntityState,
     SimulationControl,
@@ -129,6 +130,8 @@ class Session:
         overrides: tuple[str, ...] = (),
         worlds_dir: Path | None = None,
         out_dir: Path | None = None,
+        settings: Path | None = None,
+        controller: str | None = None,
         **physics: object,
     ) -> None:
         """Load a world.
@@ -141,12 +144,19 @@ class Session:
             overrides: `field=value`, overrides the world's recipe.
             worlds_dir: folder of the worlds; None: the one of Mazebot.
             out_dir: folder for the recording; None: no recording.
+            settings: a settings file, as for `mazebot demo --config`.
+            controller: its name or your own, as for `mazebot demo --controller`.
             physics: fields of PhysicsConfig by name, e.g. `scan_noise_m=0.0`.
 
         Raises ConfigError, in one line, for an invalid option or a world that cannot be loaded.
         """
         options = DemoOptions(
-            seed=seed, camera=camera, worlds_dir=worlds_dir, renderer="auto" if camera else "none"
+            seed=seed,
+            camera=camera,
+            worlds_dir=worlds_dir,
+            renderer="auto" if camera else "none",
+            settings=settings,
+            controller=controller,
         )
         bringup = BringupConfig(
             world_name=world, use_aruco=use_aruco, world_overrides=overrides, only_ask=True
@@ -207,11 +217,11 @@ class Session:
 
     def pause(self) -> None:
         """Pause the simulation, as after every call that advances time."""
-        self._ask(SIMULATION_CONTROL, SimulationControl(pause=True))
+        self.ask(SIMULATION_CONTROL, SimulationControl(pause=True))
 
     def resume(self) -> None:
         """Resume: calls of `turn` then advance time."""
-        self._ask(SIMULATION_CONTROL, SimulationControl(pause=False))
+        self.ask(SIMULATION_CONTROL, SimulationControl(pause=False))
 
     def turn(self) -> bool:
         """Advance the simulation by one step unless it is paused, then step every node that is due;
@@ -238,7 +248,7 @@ class Session:
     ) -> EntityReply:
         """Spawn an entity; return its pose and name."""
         request = SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=assets or {})
-        return self._done(self._ask(SPAWN_ENTITY, request))
+        return self._done(self.ask(SPAWN_ENTITY, request))
 
     def move(
         self,
@@ -250,15 +260,23 @@ class Session:
         state = _built(
             SetEntityState, name=name, position_m=position_m, orientation_xyzw=orientation_xyzw
         )
-        return self._done(self._ask(SET_ENTITY_STATE, state))
+        return self._done(self.ask(SET_ENTITY_STATE, state))
+
+    def move_robot(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
+        """Put the robot down at another pose in the map, at rest, as if it had been carried there:
+        neither odometry nor navigation is told.
+
+        Raises RefusedError where it would reach into something.
+        """
+        self._control(robot_pose=_built(Planar, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))
 
     def remove(self, name: str) -> EntityReply:
         """Delete an entity."""
-        return self._done(self._ask(DELETE_ENTITY, DeleteEntity(name=name)))
+        return self._done(self.ask(DELETE_ENTITY, DeleteEntity(name=name)))
 
     def entities(self) -> Entities:
         """The entities in the world."""
-        return self._ask(GET_ENTITIES, GetEntities())
+        return self.ask(GET_ENTITIES, GetEntities())
 
     def goal(
         self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: float = 600.0
@@ -292,7 +310,7 @@ class Session:
 
         Raises RefusedError where no goal is active.
         """
-        reply = self._ask(CANCEL_GOAL, CancelGoal())
+        reply = self.ask(CANCEL_GOAL, CancelGoal())
         if reply.error:
             raise RefusedError(reply.error)
         return reply
@@ -381,7 +399,7 @@ class Session:
         return True
 
     def _control(self, **fields: object) -> SimulationStats:
-        reply = self._ask(SIMULATION_CONTROL, _built(SimulationControl, **fields))
+        reply = self.ask(SIMULATION_CONTROL, _built(SimulationControl, **fields))
         if reply.error:
             raise RefusedError(reply.error)
         assert reply.stats is not None
@@ -392,7 +410,8 @@ class Session:
             raise RefusedError(reply.error)
         return reply
 
-    def _ask(self, query: Query[Q, A], message: Q) -> A:
+    def ask(self, query: Query[Q, A], message: Q) -> A:
+        """The reply to a query. Time advances only where the query takes time."""
         answers: list[A] = []
         if not self._wire.ask(query, message, answers.append):
             raise RefusedError(f"{query.name}: too many requests wait")

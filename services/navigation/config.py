@@ -1,4 +1,4 @@
-"""Configuration of navigation. Names are those of Nav2 and AMCL; every length is in metres, every
+"""Configuration of navigation. Names are those of Nav2; every length is in metres, every
 angle in radians.
 """
 
@@ -7,50 +7,33 @@ from __future__ import annotations
 from pydantic import Field
 
 from services.common.config import ServiceConfig
-from services.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
-from services.navigation.behaviors import BehaviorParams
-from services.navigation.controller import ControllerParams
-from services.navigation.costmap import InflationParams, ObstacleParams
-from services.navigation.localization import LocalizationParams
-from services.navigation.navigator import NavigatorParams
-from services.navigation.planner import PlannerParams
-from services.navigation.progress_checker import ProgressParams
+from services.common.world.costmap import START_TOLERANCE_M
+from services.navigation.control.controller import Robot
+from services.navigation.control.critic_params import MPPIParams
+from services.navigation.control.goal_checker import GoalCheckerParams
+from services.navigation.control.progress_checker import ProgressParams
+from services.navigation.control.regulated_pure_pursuit import RegulatedPurePursuitParams
+from services.navigation.control.tracking import TrackerParams
+from services.navigation.costmap.footprint import WAFFLE, Footprint
+from services.navigation.costmap.layered_costmap import InflationParams, ObstacleParams
+from services.navigation.planning.planner import PlannerParams
+from services.navigation.robot import RobotParams
 
 CONTROL_PERIOD_NS = 50_000_000
 """20 Hz, Nav2's controller_frequency: the node's period."""
 
 
 class NavigationConfig(ServiceConfig):
-    """Localisation, planning, control and recovery."""
+    """Costmap, planning, control and recovery."""
 
-    localization: LocalizationParams = Field(
-        default_factory=LocalizationParams, description="AMCL's parameters"
-    )
-    min_scan_match: float = Field(
-        0.6, ge=0, le=1, description="below this share of fitting beams the pose is not trusted"
-    )
-    initial_pose_std_m: float = Field(
-        0.05, gt=0, description="standard deviation of the initial pose along x and along y"
-    )
-    initial_pose_std_rad: float = Field(
-        0.05, gt=0, description="standard deviation of the initial pose's yaw"
-    )
-    odometry_drift_ratio: float = Field(
-        0.03,
-        ge=0,
-        description="standard deviation of odometry's error for each metre driven, in m and in rad",
-    )
-
-    robot_radius: float = Field(
-        ROBOT_RADIUS_M,
-        gt=0,
-        description="m; radius of the circle around base_footprint that contains the whole robot",
+    footprint_padding: float = Field(
+        0.01, ge=0, description="m; the footprint is larger than the robot by this on every side"
     )
     inflation_radius: float = Field(
         0.7, gt=0, description="m; cells nearer than this to an obstacle have a cost"
     )
     cost_scaling_factor: float = Field(
-        10.0, gt=0, description="1/m; how fast the cost decays with the distance from an obstacle"
+        7.0, gt=0, description="1/m; how fast the cost decays with the distance from an obstacle"
     )
     obstacle_max_range: float = Field(
         2.5, gt=0, description="m; returns nearer than this mark obstacles"
@@ -62,8 +45,12 @@ class NavigationConfig(ServiceConfig):
         0.2, ge=0, description="m; a return this near to a wall of the map marks no obstacle"
     )
 
+    planner: str = Field(
+        "any_angle",
+        description="any_angle, a_star, my_package.my_module:MyPlanner or FILE.py:MyPlanner",
+    )
     cost_travel_multiplier: float = Field(
-        1.0,
+        1.5,
         ge=0,
         description="extra path length that one metre through the costliest free cells "
         "counts for, in metres",
@@ -79,6 +66,15 @@ class NavigationConfig(ServiceConfig):
     )
     smoothing_iterations: int = Field(100, ge=0, description="most passes of the path smoother")
 
+    controller: str = Field(
+        "mppi",
+        description="mppi, regulated_pure_pursuit, my_package.my_module:MyController or "
+        "FILE.py:MyController",
+    )
+    mppi: MPPIParams = Field(default_factory=MPPIParams, description="parameters of mppi")
+    controller_params: dict[str, object] = Field(
+        default_factory=dict, description="parameters of a controller of your own"
+    )
     desired_linear_vel: float = Field(
         0.46, gt=0, description="m/s; speed on a straight path; the robot's own limit is 0.46"
     )
@@ -130,12 +126,6 @@ class NavigationConfig(ServiceConfig):
     max_allowed_time_to_collision_up_to_carrot: float = Field(
         1.0, gt=0, description="s; a motion must be free of collisions for this long ahead"
     )
-    echo_margin: float = Field(
-        0.01,
-        ge=0,
-        description="m; the circle that no lidar return may enter is smaller than "
-        "robot_radius by this, to allow for lidar noise",
-    )
     failure_tolerance: float = Field(
         0.3,
         ge=0,
@@ -152,108 +142,106 @@ class NavigationConfig(ServiceConfig):
         2.5, gt=0, description="s; without progress for this long a recovery begins"
     )
 
-    replanning_period: float = Field(
-        1.0, gt=0, description="s; time between two plans while driving to a goal"
-    )
     path_improvement: float = Field(
         0.05,
         ge=0,
         lt=1,
         description="a new path replaces a valid one only if it is shorter by this share",
     )
-    number_of_retries: int = Field(6, ge=0, description="recoveries before a goal is aborted")
-    localization_tolerance: float = Field(
-        1.0,
+    tolerance: float = Field(
+        0.0,
         ge=0,
-        description="s; how long the robot waits, stopped, for a lost localisation before a "
-        "recovery begins",
+        description="m; a goal that is occupied is replaced by the nearest free pose within this",
     )
-    spin_dist: float = Field(1.57, gt=0, description="rad; angle of the spin recovery")
-    max_rotational_vel: float = Field(
-        1.0, gt=0, description="rad/s; highest speed of the spin recovery"
+    localization_tolerance: float = Field(
+        90.0,
+        ge=0,
+        description="s; how long a goal is held, and the robot searches itself, while it is lost",
     )
-    spin_time_allowance: float = Field(
-        3.0, gt=0, description="s; the spin recovery fails after this long"
-    )
-    backup_dist: float = Field(0.3, gt=0, description="m; distance of the back-up recovery")
-    backup_speed: float = Field(0.15, gt=0, description="m/s; speed of the back-up recovery")
-    backup_time_allowance: float = Field(
-        3.0, gt=0, description="s; the back-up recovery fails after this long"
-    )
-    wait_duration: float = Field(2.0, ge=0, description="s; length of the wait recovery")
-    simulate_ahead_time: float = Field(
-        1.0, gt=0, description="s; recoveries must be free of collisions for this long ahead"
+    local_costmap_size: float = Field(3.0, gt=0, le=20, description="m; side of the local costmap")
+    tracker: TrackerParams = Field(
+        default_factory=TrackerParams, description="tracking of obstacles that move"
     )
     sensor_timeout: float = Field(
         0.5, gt=0, description="s; the robot stops if odometry or the scan is older than this"
     )
 
     def inflation(self) -> InflationParams:
-        """Parameters of the inflation layer."""
-        return InflationParams(self.robot_radius, self.inflation_radius, self.cost_scaling_factor)
+        """Parameters of the inflation layers."""
+        return InflationParams(WAFFLE.half_width_m, self.inflation_radius, self.cost_scaling_factor)
 
     def obstacle(self) -> ObstacleParams:
-        """Parameters of the obstacle layer."""
+        """Parameters of the obstacle layers."""
         return ObstacleParams(
             self.obstacle_max_range, self.raytrace_max_range, self.obstacle_static_margin
         )
 
-    def navigator(self, map_resolution_m: float) -> NavigatorParams:
-        """Parameters of the navigator on a map; paths are as fine as its cells."""
-        period_s = CONTROL_PERIOD_NS * 1e-9
-        echo_radius_m = self.robot_radius - self.echo_margin
-        return NavigatorParams(
-            replanning_period_s=self.replanning_period,
-            number_of_retries=self.number_of_retries,
+    def planner_params(self, map_resolution_m: float, footprint: Footprint) -> PlannerParams:
+        """Parameters of the planners on a map; paths are as fine as its cells."""
+        return PlannerParams(
+            cost_travel_multiplier=self.cost_travel_multiplier,
+            max_iterations=self.max_planning_iterations,
+            start_tolerance_m=self.start_tolerance,
+            path_spacing_m=map_resolution_m,
+            smoothing_iterations=self.smoothing_iterations,
+            footprint=footprint,
+        )
+
+    def robot(self) -> Robot:
+        """What controllers must know of the robot."""
+        return Robot(
+            max_linear_vel_m_s=self.desired_linear_vel,
+            max_angular_vel_rad_s=self.max_angular_vel,
+            max_linear_accel_m_s2=self.max_linear_accel,
+            max_angular_accel_rad_s2=self.max_angular_accel,
+            control_period_s=CONTROL_PERIOD_NS * 1e-9,
+            goal_checker=GoalCheckerParams(
+                xy_goal_tolerance=self.xy_goal_tolerance,
+                xy_goal_tolerance_buffer=self.xy_goal_tolerance,
+                yaw_goal_tolerance=self.yaw_goal_tolerance,
+            ),
+        )
+
+    def robot_params(self, footprint: Footprint) -> RobotParams:
+        """Limits of the robot's control."""
+        return RobotParams(
+            control_period_s=CONTROL_PERIOD_NS * 1e-9,
             failure_tolerance_s=self.failure_tolerance,
-            localization_tolerance_s=self.localization_tolerance,
             path_improvement=self.path_improvement,
-            planner=PlannerParams(
-                cost_travel_multiplier=self.cost_travel_multiplier,
-                max_iterations=self.max_planning_iterations,
-                start_tolerance_m=self.start_tolerance,
-                path_spacing_m=map_resolution_m,
-                smoothing_iterations=self.smoothing_iterations,
-            ),
-            controller=ControllerParams(
-                control_period_s=period_s,
-                desired_linear_vel_m_s=self.desired_linear_vel,
-                max_angular_vel_rad_s=self.max_angular_vel,
-                max_linear_accel_m_s2=self.max_linear_accel,
-                max_angular_accel_rad_s2=self.max_angular_accel,
-                lookahead_time_s=self.lookahead_time,
-                min_lookahead_dist_m=self.min_lookahead_dist,
-                max_lookahead_dist_m=self.max_lookahead_dist,
-                regulated_linear_scaling_min_radius_m=self.regulated_linear_scaling_min_radius,
-                regulated_linear_scaling_min_speed_m_s=self.regulated_linear_scaling_min_speed,
-                cost_scaling_dist_m=self.cost_scaling_dist,
-                min_approach_linear_velocity_m_s=self.min_approach_linear_velocity,
-                approach_decel_m_s2=self.approach_decel,
-                rotate_to_heading_angular_vel_rad_s=self.rotate_to_heading_angular_vel,
-                rotate_to_heading_min_angle_rad=self.rotate_to_heading_min_angle,
-                rotate_to_heading_decel_rad_s2=self.rotate_to_heading_decel,
-                xy_goal_tolerance_m=self.xy_goal_tolerance,
-                yaw_goal_tolerance_rad=self.yaw_goal_tolerance,
-                max_allowed_time_to_collision_up_to_carrot_s=(
-                    self.max_allowed_time_to_collision_up_to_carrot
-                ),
-                echo_radius_m=echo_radius_m,
-            ),
-            behaviors=BehaviorParams(
-                spin_dist_rad=self.spin_dist,
-                max_rotational_vel_rad_s=self.max_rotational_vel,
-                rotational_acc_lim_rad_s2=self.max_angular_accel,
-                spin_time_allowance_s=self.spin_time_allowance,
-                backup_dist_m=self.backup_dist,
-                backup_speed_m_s=self.backup_speed,
-                backup_time_allowance_s=self.backup_time_allowance,
-                wait_duration_s=self.wait_duration,
-                simulate_ahead_time_s=self.simulate_ahead_time,
-                echo_radius_m=echo_radius_m,
-            ),
+            tolerance_m=self.tolerance,
+            footprint=footprint,
+            default_planner=self.planner,
+            default_controller=self.controller,
             progress=ProgressParams(
                 required_movement_radius_m=self.required_movement_radius,
                 required_movement_angle_rad=self.required_movement_angle,
                 movement_time_allowance_s=self.movement_time_allowance,
+            ),
+        )
+
+    def controller_params_of(
+        self, name: str
+    ) -> MPPIParams | RegulatedPurePursuitParams | dict[str, object]:
+        """Parameters of the controller of a name."""
+        if name == "mppi":
+            return self.mppi
+        if name != "regulated_pure_pursuit":
+            return dict(self.controller_params)
+        return RegulatedPurePursuitParams(
+            max_linear_vel=self.desired_linear_vel,
+            max_angular_vel=self.max_angular_vel,
+            lookahead_time=self.lookahead_time,
+            min_lookahead_dist=self.min_lookahead_dist,
+            max_lookahead_dist=self.max_lookahead_dist,
+            regulated_linear_scaling_min_radius=self.regulated_linear_scaling_min_radius,
+            regulated_linear_scaling_min_speed=self.regulated_linear_scaling_min_speed,
+            cost_scaling_dist=self.cost_scaling_dist,
+            min_approach_linear_velocity=self.min_approach_linear_velocity,
+            max_linear_decel=-self.approach_decel,
+            rotate_to_heading_angular_vel=self.rotate_to_heading_angular_vel,
+            rotate_to_heading_min_angle=self.rotate_to_heading_min_angle,
+            rotate_to_heading_decel=self.rotate_to_heading_decel,
+            max_allowed_time_to_collision_up_to_carrot=(
+                self.max_allowed_time_to_collision_up_to_carrot
             ),
         )

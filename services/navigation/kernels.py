@@ -7,52 +7,86 @@ import math
 
 import numpy as np
 
-from services.common import portable
 from services.common.frames import SE2
-from services.common.node import messages as msg
 from services.common.node.node import random_generator
-from services.navigation.collision import Surroundings
-from services.navigation.config import NavigationConfig
-from services.navigation.costmap import LayeredCostmap, frame_of, scan_points
+from services.navigation.behavior.actions import NavigateToPose
+from services.navigation.behavior.context import PathCheck
+from services.navigation.behavior.search_motion import SearchMotion
+from services.navigation.build import Drive, made_drive
+from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from services.navigation.control.collision import STOP, Velocity
+from services.navigation.control.collision_kernels import compile_collision_kernels
+from services.navigation.control.collision_monitor import SourcePoints
+from services.navigation.control.mppi_kernels import compile_mppi_kernels
+from services.navigation.costmap.layered_costmap import frame_of, scan_points
 from services.navigation.errors import NavigationError
-from services.navigation.localization import Localization
-from services.navigation.navigator import Goal, Navigator
+from services.navigation.planning.warm_up import run_planning_kernels
+from services.navigation.robot import View
 
 _LOG = logging.getLogger("navigation")
+_NOWHERE = SE2(0.0, 0.0, 0.0)
 
 
 def compile_kernels(config: NavigationConfig) -> None:
-    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves.
+
+    Raises ConfigError where a controller or a tree that is named cannot be used.
+    """
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
-    costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle())
-    localization = Localization(
-        config.localization, cells, 0.05, SE2(0.0, 0.0, 0.0), random_generator(0, "navigation/warm")
+    cells[30, 20:40] = 100
+    compile_collision_kernels()
+    run_planning_kernels()
+    drive = made_drive(
+        config, frame_of(0.05, _NOWHERE, cells), cells, random_generator(0, "navigation/warm")
     )
-    start = SE2(1.0, 1.5, 0.0)
-    ranges = np.full(360, 1.0, np.float32)
-    step = math.tau / 360
-    localization.odometry(0, start)
-    localization.initialize(start, np.eye(3) * 0.01)
-    marker = msg.matrix_from_pose(msg.pose_from_se2(SE2(2.0, 1.5, math.pi), 0.3))
-    for i in range(4):
-        stamp_ns = (i + 1) * 100_000_000
-        localization.odometry(stamp_ns, SE2(1.0 + 0.1 * i, 1.5, 0.0))
-        localization.scan(stamp_ns, ranges, 0.0, step, 0.1, 3.5, SE2(0.0, 0.0, 0.0))
-        camera_from_marker = portable.product(portable.inverse(start.matrix(0.2)), marker)
-        localization.marker(stamp_ns, marker, [(camera_from_marker, np.eye(6), 1.0)], np.eye(4))
-        costmap.update(start, ranges, 0.0, step, 0.1)
-    costmap.clear()
-    planner_and_controller = Navigator(config.navigator(0.05), costmap)
-    points_m = scan_points(SE2(0.0, 0.0, 0.0), ranges, 0.0, step, 0.1, 3.5)
     level = _LOG.level
     _LOG.setLevel(logging.CRITICAL)
     try:
-        planner_and_controller.accept(0, Goal(SE2(2.0, 1.5, 0.0), 0), start)
-        planner_and_controller.step(0, Surroundings(start, costmap.master, points_m), True)
+        compile_mppi_kernels(drive.robot.costmap.static, SE2(1.0, 1.0, 0.0), config.robot())
+        _drive(drive)
     except NavigationError:
         # The robot is too large for the room; everything else is compiled.
         pass
     finally:
         _LOG.setLevel(level)
+
+
+def _drive(drive: Drive) -> None:
+    robot, start = drive.robot, SE2(1.0, 1.0, 0.0)
+    ranges = np.full(360, 1.2, np.float32)
+    ranges[40:60] = 0.6
+    step = math.tau / 360
+    points_m = scan_points(_NOWHERE, ranges, 0.0, step, 0.1, 3.5)
+    for i in range(3):
+        now_ns = i * CONTROL_PERIOD_NS
+        robot.local_costmap.move(SE2(0.1 * i, 0.0, 0.0))
+        for costmap in (robot.local_costmap, robot.costmap):
+            costmap.update(
+                start, ranges, 0.0, step, 0.1, now_ns=now_ns, map_from_base=start,
+                moving_m=np.array([[2.0, 2.0, 0.2]]),
+            )  # fmt: skip
+        drive.tracker.update(
+            now_ns * 1e-9, points_m + np.array([1.0 + 0.02 * i, 1.0]),
+            robot.costmap.static.distance_m, robot.costmap.frame,
+        )  # fmt: skip
+    moving = drive.tracker.tracks(0.1)
+    robot.costmap.clear_around(start, 1.0)
+    robot.costmap.clear()
+    for name, controller in robot.controllers.items():
+        robot.begin(View(0, start, start, STOP, points_m, moving))
+        path = robot.compute_path(None, [SE2(2.0, 2.3, 0.0)], "any_angle")
+        robot.compute_path(start, [SE2(2.0, 2.3, 0.0)], "a_star")
+        robot.collisions(path, PathCheck())
+        controller.set_path(path, same_goal=False)
+        for velocity in (STOP, Velocity(0.2, 0.1)):
+            controller.step(0.05, robot.around())
+            robot.time_to_collision(velocity)
+        controller.stop()
+        _LOG.debug("compiled %s", name)
+    sources = {"scan": SourcePoints(0, points_m)}
+    drive.monitor.step(0, Velocity(0.4, 0.2), Velocity(0.3, 0.1), sources)
+    SearchMotion(drive.search, look_around=False).step(start, points_m, robot.time_to_collision)
+    drive.navigator.start(0, NavigateToPose(SE2(2.0, 2.3, 0.0)))
+    drive.navigator.step(0)
+    drive.navigator.cancel(0)

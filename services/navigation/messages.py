@@ -1,17 +1,38 @@
-"""Navigation's results as messages."""
+"""Navigation's requests and results as messages."""
 
 from __future__ import annotations
 
-from services.common import portable_kernels
+import numpy as np
+
+from services.common import portable, portable_kernels
+from services.common.error_codes import ErrorCode
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2, Array
+from services.common.node import action_documents as act
 from services.common.node import messages as msg
 from services.common.node.documents import NavigationResult, Planar
-from services.navigation.collision import Velocity
-from services.navigation.costmap import LayeredCostmap
-from services.navigation.navigator import GoalResult
-from services.navigation.path import PlannedPath
+from services.navigation.behavior import actions
+from services.navigation.behavior.actions import Request, TaskFeedback, TaskResult, TaskStatus
+from services.navigation.behavior.context import ClearRequest
+from services.navigation.control.collision import Velocity
+from services.navigation.control.collision_monitor import MonitorState
+from services.navigation.costmap.layered_costmap import LayeredCostmap
+from services.navigation.errors import NavigationError
+from services.navigation.planning.path import PlannedPath, path_through
 
-_MAX_PARTICLES_SHOWN = 500
+_ACTIONS = {
+    "NavigateToPose": "navigate_to_pose",
+    "NavigateThroughPoses": "navigate_through_poses",
+    "FollowWaypoints": "follow_waypoints",
+    "FollowPath": "follow_path",
+    "Spin": "spin",
+    "BackUp": "backup",
+    "DriveOnHeading": "drive_on_heading",
+    "Wait": "wait",
+    "AssistedTeleop": "assisted_teleop",
+    "DockRobot": "dock_robot",
+    "UndockRobot": "undock_robot",
+}
+_STATUS = {TaskStatus.SUCCEEDED: "succeeded", TaskStatus.CANCELED: "canceled"}
 
 
 def planar_document(pose: SE2) -> Planar:
@@ -40,19 +61,15 @@ def path_message(now_ns: int, path: PlannedPath) -> msg.Path:
     return msg.Path(header=header, poses=poses)
 
 
-def cloud_message(now_ns: int, particles: Array) -> msg.PoseArray:
-    """At most 500 of the (n, 3) particles: x, y in metres and yaw in radians."""
-    shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
-    cos, sin = portable_kernels.cos_sin_each(shown[:, 2] / 2.0)
-    zeros = [0.0] * len(shown)
-    points = map(msg.Point, shown[:, 0].tolist(), shown[:, 1].tolist(), zeros)
-    turns = map(msg.Quaternion, zeros, zeros, sin.tolist(), cos.tolist())
-    return msg.PoseArray(
-        header=msg.header(now_ns, MAP_FRAME), poses=list(map(msg.Pose, points, turns))
+def path_poses(path: PlannedPath) -> tuple[Planar, ...]:
+    """A path in the form of the documents."""
+    return tuple(
+        Planar(x_m=float(x), y_m=float(y), yaw_rad=float(yaw))
+        for (x, y), yaw in zip(path.points_m, path.yaws_rad, strict=True)
     )
 
 
-def costmap_message(now_ns: int, costmap: LayeredCostmap) -> msg.OccupancyGrid:
+def costmap_message(now_ns: int, costmap: LayeredCostmap, frame_id: str) -> msg.OccupancyGrid:
     """The costmap with all its layers."""
     frame = costmap.frame
     return msg.occupancy_grid(
@@ -60,17 +77,162 @@ def costmap_message(now_ns: int, costmap: LayeredCostmap) -> msg.OccupancyGrid:
         frame.resolution_m,
         SE2(frame.origin_x_m, frame.origin_y_m, 0.0),
         costmap.master.occupancy(),
+        frame_id,
     )
 
 
-def result_message(result: GoalResult) -> NavigationResult:
-    """How a goal ended."""
+def marker_pose(a_from_marker: Array) -> SE2:
+    """Pose of a wall marker's foot: its x axis points out of the marker's face.
+
+    `a_from_marker`: rigid (4, 4), the marker's z axis out of its face.
+    """
+    return SE2(
+        float(a_from_marker[0, 3]),
+        float(a_from_marker[1, 3]),
+        portable_kernels.atan2(float(a_from_marker[1, 2]), float(a_from_marker[0, 2])),
+    )
+
+
+def marker_pose_in_base(base_from_camera: Array, camera_from_marker: Array) -> SE2:
+    """A sighting of a marker in the robot's frame; both rigid (4, 4)."""
+    return marker_pose(portable.product(base_from_camera, camera_from_marker))
+
+
+def request_of(goal: act.ActionGoal) -> Request:
+    """The request of a document. Raises NavigationError for a path without two points."""
+    if isinstance(goal, act.NavigateToPose):
+        return actions.NavigateToPose(goal.pose.se2(), goal.behavior_tree)
+    if isinstance(goal, act.NavigateThroughPoses):
+        poses = tuple(pose.se2() for pose in goal.poses)
+        return actions.NavigateThroughPoses(poses, goal.behavior_tree)
+    if isinstance(goal, act.FollowWaypoints):
+        poses = tuple(pose.se2() for pose in goal.poses)
+        return actions.FollowWaypoints(poses, goal.number_of_loops, goal.goal_index)
+    if isinstance(goal, act.FollowPath):
+        return _follow_path(goal)
+    if isinstance(goal, act.Spin):
+        return actions.spin(
+            goal.target_yaw_rad, goal.time_allowance_s, goal.disable_collision_checks
+        )
+    if isinstance(goal, act.BackUp):
+        return actions.back_up(
+            goal.distance_m, goal.speed_m_s, goal.time_allowance_s, goal.disable_collision_checks
+        )
+    if isinstance(goal, act.DriveOnHeading):
+        return actions.drive_on_heading(
+            goal.distance_m, goal.speed_m_s, goal.time_allowance_s, goal.disable_collision_checks
+        )
+    if isinstance(goal, act.Wait):
+        return actions.wait(goal.duration_s)
+    if isinstance(goal, act.AssistedTeleop):
+        return actions.assisted_teleop(goal.time_allowance_s)
+    if isinstance(goal, act.DockRobot):
+        pose = None if goal.dock_pose is None else goal.dock_pose.se2()
+        return actions.dock_robot(pose, goal.dock_id, goal.navigate_to_staging_pose)
+    return actions.undock_robot(goal.max_undocking_time_s)
+
+
+def _follow_path(goal: act.FollowPath) -> actions.FollowPath:
+    if len(goal.path) < 2:
+        raise NavigationError(
+            ErrorCode.INVALID_PATH, f"path of {len(goal.path)} poses: must be at least 2"
+        )
+    points = np.array([[pose.x_m, pose.y_m] for pose in goal.path])
+    path = path_through(points, goal.path[-1].yaw_rad)
+    return actions.FollowPath(
+        path,
+        goal.controller_id,
+        goal.goal_checker_id,
+        goal.progress_checker_id,
+        goal.path_handler_id,
+    )
+
+
+def clear_requests(ask: act.ClearCostmap) -> list[ClearRequest]:
+    """What to clear, one for each costmap."""
+    pose = None if ask.pose is None else ask.pose.se2()
+    return [
+        ClearRequest(name, ask.area, ask.reset_distance_m, pose, ask.plugins)
+        for name in ("local", "global")
+        if ask.costmap in ("all", name)
+    ]
+
+
+def goal_result(request: Request, now_ns: int, code: int, message: str) -> TaskResult:
+    """The result of a request that was never started."""
+    return TaskResult(request, TaskStatus.FAILED, int(code), message, now_ns, now_ns)
+
+
+def result_document(goal_stamp_ns: int, result: TaskResult) -> NavigationResult:
+    """How a goal of /goal_pose ended."""
+    assert isinstance(result.request, actions.NavigateToPose)
     return NavigationResult(
-        goal=planar_document(result.goal.pose),
-        goal_stamp_ns=result.goal.stamp_ns,
+        goal=planar_document(result.request.pose),
+        goal_stamp_ns=goal_stamp_ns,
         error_code=int(result.error_code),
         error_msg=result.error_msg,
         start_time_s=result.start_ns * 1e-9,
         end_time_s=result.end_ns * 1e-9,
         number_of_recoveries=result.number_of_recoveries,
+    )
+
+
+def result_action(goal_id: str, result: TaskResult) -> act.ActionResult:
+    """How an action ended."""
+    return act.ActionResult(
+        goal_id=goal_id,
+        action=_ACTIONS[result.request.action],
+        status=_STATUS.get(result.status, "aborted"),
+        error_code=int(result.error_code),
+        error_msg=result.error_msg,
+        start_time_s=result.start_ns * 1e-9,
+        end_time_s=result.end_ns * 1e-9,
+        number_of_recoveries=result.number_of_recoveries,
+        waypoints=tuple(
+            act.WaypointStatus(
+                status=one.waypoint_status.name.lower(),
+                index=one.waypoint_index,
+                error_code=one.error_code,
+                error_msg=one.error_msg,
+            )
+            for one in result.waypoint_statuses
+        ),
+    )
+
+
+def feedback_document(goal_id: str, feedback: TaskFeedback, paused: bool) -> act.ActionFeedback:
+    """Progress of an action."""
+    action = feedback.action
+    drives = action in ("NavigateToPose", "NavigateThroughPoses", "FollowWaypoints", "FollowPath")
+    through = action in ("NavigateThroughPoses", "FollowWaypoints")
+    docks = action == "DockRobot"
+    pose = feedback.current_pose
+    return act.ActionFeedback(
+        goal_id=goal_id,
+        action=_ACTIONS[action],
+        navigation_time_s=feedback.navigation_time_s,
+        current_pose=None if pose is None else planar_document(pose),
+        distance_remaining_m=feedback.distance_remaining_m if drives else None,
+        estimated_time_remaining_s=feedback.estimated_time_remaining_s if drives else None,
+        number_of_recoveries=feedback.number_of_recoveries if drives else None,
+        number_of_poses_remaining=feedback.number_of_poses_remaining if through else None,
+        current_waypoint=feedback.current_waypoint if action == "FollowWaypoints" else None,
+        angular_distance_traveled_rad=feedback.motion if action == "Spin" else None,
+        distance_traveled_m=feedback.motion if action in ("BackUp", "DriveOnHeading") else None,
+        time_left_s=feedback.motion if action == "Wait" else None,
+        docking_state=feedback.docking_state.name.lower() if docks else None,
+        num_retries=feedback.num_retries if docks else None,
+        paused=paused,
+    )
+
+
+def monitor_document(state: MonitorState) -> act.CollisionMonitorState:
+    """What the collision monitor does."""
+    return act.CollisionMonitorState(
+        action=state.action.name.lower(),
+        polygon_name=state.polygon_name,
+        source=state.source,
+        points=state.points,
+        nearest_m=state.place_m,
+        reason=state.reason,
     )

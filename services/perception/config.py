@@ -16,10 +16,13 @@ def _odd(value: int) -> int:
     return value
 
 
+Window = Annotated[int, AfterValidator(_odd)]
+
+
 class PerceptionConfig(ServiceConfig):
     """Marker detection in images, and the accuracy of marker poses."""
 
-    threshold_window_px: Annotated[int, AfterValidator(_odd)] = Field(
+    threshold_window_px: Window = Field(
         13,
         ge=3,
         le=255,
@@ -31,6 +34,30 @@ class PerceptionConfig(ServiceConfig):
         lt=255.0,
         description="grey levels by which black is darker than its surroundings; markers whose "
         "black and white are less than three times this apart may be missed",
+    )
+    second_pass: bool = Field(
+        True,
+        description="look again, with the second window and contrast, where no marker of the world "
+        "is found",
+    )
+    second_pass_every: int = Field(
+        3,
+        ge=1,
+        le=100,
+        description="images from a second pass that found nothing to the next one",
+    )
+    second_window_px: Window = Field(
+        23, ge=3, le=255, description="side of the second pass's window; odd"
+    )
+    second_contrast: float = Field(
+        7.0, gt=0.0, lt=255.0, description="grey levels of the second pass"
+    )
+    min_clarity: float = Field(
+        6.0,
+        ge=0.0,
+        le=100.0,
+        description="least ratio of the difference between a marker's white and black modules to "
+        "the scatter about them; what is below is taken for texture; 0: not checked",
     )
     max_range_m: float = Field(
         6.0, gt=0.0, le=100.0, description="distance up to which a marker must be found"

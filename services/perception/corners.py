@@ -16,9 +16,12 @@ MODULES = 6
 _SAMPLES = 16
 _STEP_PX = 0.25
 _PASSES = 2
-_MAX_HALF_WIDTH_PX = 3.0
+_STEPS = 12
+"""Steps on each side of an edge, at the least: wide profiles have longer steps than _STEP_PX."""
 _MIN_HALF_WIDTH_PX = 1.25
-_MAX_MOVE_PX = 3.0
+
+HALF_WIDTH_PX = 3.0
+"""How far from a side an edge may lie and reach, in a sharp picture."""
 _ALONG = np.linspace(0.12, 0.88, _SAMPLES)
 
 
@@ -31,7 +34,12 @@ def _least_squares(design: Corners) -> Corners:
 _LINE_FROM_OFFSETS = _least_squares(np.stack([np.ones(_SAMPLES), _ALONG], axis=1))
 
 
-def refine_corners(grey: NDArray[np.uint8], corners: Corners, modules: int = MODULES) -> Corners:
+def refine_corners(
+    grey: NDArray[np.uint8],
+    corners: Corners,
+    modules: int = MODULES,
+    half_width_px: float = HALF_WIDTH_PX,
+) -> Corners:
     """Corners of a marker to about a twentieth of a pixel.
 
     A straight line is fitted through the black-to-white transitions across each side, and the
@@ -44,23 +52,25 @@ def refine_corners(grey: NDArray[np.uint8], corners: Corners, modules: int = MOD
         corners: (4, 2) corners (x, y) in pixels, within 2 px of the true ones, clockwise in the
             picture.
         modules: modules along a side, border included.
+        half_width_px: how far an edge may lie from the given side, and be blurred; the corners move
+            no farther than this.
 
     Returns:
         (4, 2) corners in the same order; the given ones if the edges are not clear.
     """
     refined = corners
     for _ in range(_PASSES):
-        lines = _edge_lines(grey, refined, modules)
+        lines = _edge_lines(grey, refined, modules, half_width_px)
         if lines is None:
             return corners
         refined = np.array([_meet(lines[side - 1], lines[side]) for side in range(4)])
-        if not np.abs(refined - corners).max() <= _MAX_MOVE_PX:
+        if not np.abs(refined - corners).max() <= half_width_px:
             return corners
     return refined
 
 
 def _edge_lines(
-    grey: NDArray[np.uint8], corners: Corners, modules: int
+    grey: NDArray[np.uint8], corners: Corners, modules: int, max_half_width_px: float
 ) -> NDArray[np.float64] | None:
     """(4, 2, 2) two points on the edge of each side; None if an edge has no contrast."""
     starts, ends = corners, np.roll(corners, -1, axis=0)
@@ -71,8 +81,9 @@ def _edge_lines(
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / lengths_px[:, None]
     # Black and white extend one module inside and outside the edge, and no farther.
     depth_px = np.abs(((np.roll(corners, -2, axis=0) - starts) * outward).sum(axis=1)) / modules
-    half_width_px = float(np.clip(0.6 * depth_px.min(), _MIN_HALF_WIDTH_PX, _MAX_HALF_WIDTH_PX))
-    across = np.arange(-half_width_px, half_width_px + _STEP_PX / 2, _STEP_PX)
+    half_width_px = float(np.clip(0.6 * depth_px.min(), _MIN_HALF_WIDTH_PX, max_half_width_px))
+    step_px = max(_STEP_PX, half_width_px / _STEPS)
+    across = np.arange(-half_width_px, half_width_px + step_px / 2, step_px)
     base = starts[:, None] + _ALONG[None, :, None] * along[:, None]
     places = (base[:, :, None] + across[None, None, :, None] * outward[:, None, None]).astype(
         np.float32

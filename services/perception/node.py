@@ -7,7 +7,13 @@ import logging
 import numpy as np
 
 from services.common import portable
-from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, ODOM_FRAME, Array
+from services.common.frames import (
+    BASE_FOOTPRINT_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    Array,
+    pose_matrix,
+)
 from services.common.node import messages as msg
 from services.common.node.documents import Entities, MarkerEntity
 from services.common.node.frame_tree import FrameTree
@@ -25,19 +31,18 @@ from services.common.node.topics import (
 )
 from services.common.pose_history import PoseHistory
 from services.perception.config import PerceptionConfig
-from services.perception.detect import (
-    Detector,
-    dictionary_exists,
-    grey_from_rgb,
-    smallest_perimeter_px,
-)
-from services.perception.pose import Camera, Solution, solve
+from services.perception.detect import dictionary_exists, grey_from_rgb
+from services.perception.find import Found, MarkerFinder, Name
+from services.perception.pose import Camera
 
 _INFOS_KEPT = 10
 _ODOMETRY_KEPT = 100
 _CLOCK_LAG_NS = 100_000_000
 """Transforms may be newer than the clock by this much."""
 _DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
+
+UNKNOWN_KEY, MISPLACED_KEY = "unknown marker ", "misplaced marker "
+"""Starts of keys in /diagnostics, before dictionary and id."""
 
 _log = logging.getLogger("perception")
 
@@ -57,9 +62,9 @@ class PerceptionNode(Node):
     def __init__(self, config: PerceptionConfig) -> None:
         self._config = config
         self._entities: Entities | None = None
-        self._side_m: dict[str, dict[int, float]] = {}
-        self._detectors: dict[str, Detector] = {}
-        self._strangers: set[tuple[str, int]] = set()
+        self._finder = MarkerFinder(config)
+        self._ignored: dict[str, int] = {}
+        """How often, by key in /diagnostics"""
         self._infos: dict[int, msg.CameraInfo] = {}
         self._image: msg.Image | None = None
         self._published = False
@@ -95,6 +100,10 @@ class PerceptionNode(Node):
             else:
                 inbox.reject(CAMERA_IMAGE, "no camera_info of its stamp")
 
+    def facts(self) -> dict[str, str]:
+        """How often each marker was ignored that is not of the world, or not in its place."""
+        return {key: str(count) for key, count in sorted(self._ignored.items())}
+
     def waiting_for(self) -> str | None:
         """The first missing input for detections."""
         if not self.world_hash:
@@ -116,7 +125,7 @@ class PerceptionNode(Node):
             self._entities = entities
         elif world is None:
             return
-        self._side_m = {}
+        self._finder.clear()
         if self._entities is not None and self._entities.world_hash == self.world_hash:
             for entity in self._entities.markers:
                 self._register(entity, inbox)
@@ -127,7 +136,8 @@ class PerceptionNode(Node):
         self._infos.clear()
         self._odom_from_base.clear()
         self._map_from_odom = None
-        self._strangers.clear()
+        self._ignored.clear()
+        self._finder.forget_picture()
 
     def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
         name = entity.dictionary
@@ -135,11 +145,8 @@ class PerceptionNode(Node):
             inbox.reject(ENTITIES, "unknown dictionary")
             _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
             return
-        if name not in self._detectors:
-            self._detectors[name] = Detector(
-                name, self._config.threshold_window_px, self._config.threshold_contrast
-            )
-        self._side_m.setdefault(name, {})[entity.marker_id] = entity.marker_size_m
+        map_from_marker = pose_matrix(entity)
+        self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker)
 
     def _take_transforms(self, inbox: Inbox) -> None:
         for transforms in inbox.new(TF_STATIC):
@@ -183,7 +190,7 @@ class PerceptionNode(Node):
         if image.step < 3 * image.width or image.width * image.height == 0:
             inbox.reject(CAMERA_IMAGE, "rows shorter than the width")
             return
-        found = self._detect(image, info)
+        found = self._find(image, info)
         stamp_ns, frame = msg.ns_from_time(image.header.stamp), image.header.frame_id
         outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
         map_from_camera = self._map_from_camera(stamp_ns, frame)
@@ -191,43 +198,27 @@ class PerceptionNode(Node):
             outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
         self._published = True
 
-    def _detect(self, image: msg.Image, info: msg.CameraInfo) -> list[_Found]:
-        if not self._side_m:
+    def _find(self, image: msg.Image, info: msg.CameraInfo) -> list[Found]:
+        if not self._finder.registered:
             return []
-        config = self._config
         camera = Camera(
             np.asarray(info.k, np.float64).reshape(3, 3),
             np.asarray(info.d if len(info.d) else np.zeros(5), np.float64),
         )
         grey = grey_from_rgb(image.data, image.height, image.width, image.step)
-        found: list[_Found] = []
-        for dictionary, side_m_by_id in self._side_m.items():
-            min_perimeter_px = smallest_perimeter_px(
-                min(side_m_by_id.values()),
-                float(min(camera.matrix[0, 0], camera.matrix[1, 1])),
-                config.max_range_m,
-                config.max_view_angle_rad,
-            )
-            for sighting in self._detectors[dictionary].detect(grey, min_perimeter_px):
-                side_m = side_m_by_id.get(sighting.marker_id)
-                if side_m is None:
-                    self._meet_stranger(dictionary, sighting.marker_id)
-                    continue
-                solutions = solve(
-                    sighting.corners,
-                    side_m,
-                    camera,
-                    config.corner_sigma_px,
-                    config.min_ambiguous_score,
-                )
-                if solutions:
-                    found.append(_Found(dictionary, sighting.marker_id, side_m, solutions))
-        return found
+        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, image.header.frame_id)
+        findings = self._finder.find(grey, camera, base_from_camera)
+        for name in findings.unknown:
+            self._ignore(UNKNOWN_KEY, name, "which is not registered")
+        for name in findings.misplaced:
+            self._ignore(MISPLACED_KEY, name, "which is not at its registered height and tilt")
+        return findings.found
 
-    def _meet_stranger(self, dictionary: str, marker_id: int) -> None:
-        if (dictionary, marker_id) not in self._strangers:
-            self._strangers.add((dictionary, marker_id))
-            _log.warning("Ignoring marker %s:%d, which is not registered", dictionary, marker_id)
+    def _ignore(self, key: str, name: Name, reason: str) -> None:
+        one = f"{name[0]}:{name[1]}"
+        if f"{key}{one}" not in self._ignored:
+            _log.warning("Ignoring marker %s, %s", one, reason)
+        self._ignored[f"{key}{one}"] = self._ignored.get(f"{key}{one}", 0) + 1
 
     def _map_from_camera(self, stamp_ns: int, camera_frame: str) -> Array | None:
         tolerance_ns = round(self._config.transform_tolerance_s * 1e9)
@@ -240,20 +231,8 @@ class PerceptionNode(Node):
         )
 
 
-class _Found:
-    """A registered marker in a picture, with its poses, best first."""
-
-    def __init__(
-        self, dictionary: str, marker_id: int, side_m: float, solutions: list[Solution]
-    ) -> None:
-        self.dictionary = dictionary
-        self.marker_id = marker_id
-        self.side_m = side_m
-        self.solutions = solutions
-
-
 def _detections(
-    stamp_ns: int, frame: str, frame_from_camera: Array, found: list[_Found]
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: list[Found]
 ) -> msg.Detection3DArray:
     """The message of the markers found, transformed to a frame."""
     return msg.Detection3DArray(
@@ -263,7 +242,7 @@ def _detections(
 
 
 def _detection(
-    stamp_ns: int, frame: str, frame_from_camera: Array, found: _Found
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: Found
 ) -> msg.Detection3D:
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = frame_from_camera[:3, :3]

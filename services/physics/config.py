@@ -117,6 +117,13 @@ class PhysicsConfig(ServiceConfig):
         le=0.2,
         description="standard deviation of a range as a share of it, where that is more",
     )
+    scan_dropout: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="share of the rays that are lost at random: published as inf, as if nothing "
+        "were in range",
+    )
     scan_resolution_m: float = Field(
         _LDS01.scan_resolution_m,
         ge=0.0,

@@ -13,6 +13,7 @@ from services.common.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
 from services.common.node import messages as msg
 from services.common.node.documents import (
     Entities,
+    Planar,
     SimulationControl,
     SimulationControlReply,
     SimulationStats,
@@ -51,6 +52,7 @@ from services.common.world.surfaces import Surface, surfaces
 from services.physics.assets import Assets, meshes_of
 from services.physics.bodies.entities import establish, told_changes
 from services.physics.bodies.robot_model import ModelError, robot_model_from_urdf
+from services.physics.bodies.world_limits import MAX_LENGTH_M
 from services.physics.camera.camera import Intrinsics
 from services.physics.camera.camera_messages import (
     camera_info,
@@ -253,6 +255,8 @@ class PhysicsNode(ClockNode):
         error = self._control.problem(asked, self._steps)
         if not error and asked.reset is not None:
             error = self._reset(asked, inbox, outbox)
+        if not error and asked.robot_pose is not None:
+            error = self._move_robot(asked.robot_pose)
         if error:
             self._answer(request, error)
             return
@@ -296,6 +300,18 @@ class PhysicsNode(ClockNode):
             if frames:
                 outbox.put(TF, msg.TFMessage(transforms=frames))
         return ""
+
+    def _move_robot(self, pose: Planar) -> str:
+        """Put the robot down at another pose; returns an error in one line, or empty."""
+        said = f"robot_pose: ({pose.x_m:g}, {pose.y_m:g}, {pose.yaw_rad:g}): "
+        if self._simulation is None:
+            return said + "there is no world yet"
+        if max(abs(pose.x_m), abs(pose.y_m)) > MAX_LENGTH_M:
+            return said + f"must be within {MAX_LENGTH_M:g} m"
+        reason = self._simulation.bodies.move_robot(pose.se2())
+        if not reason:
+            _log.info("robot moved to (%g, %g, %g)", pose.x_m, pose.y_m, pose.yaw_rad)
+        return said + reason if reason else ""
 
     def _read_out(self, simulation: Simulation) -> None:
         """Update the sensors that measure changes with the change since their last message."""

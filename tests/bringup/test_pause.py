@@ -30,6 +30,7 @@ SERVICES = {
     "physics": ("--camera-enabled", "false"),
     "worldgen": (),
     "spawner": (),
+    "localization": (),
     "navigation": (),
     "bringup": ("--world-name", "sim_house", "--goal", "[-1.678, -1.178, -2.25]"),
 }

@@ -106,11 +106,22 @@ demo --config other_field.yaml : other_field.yaml|router.lsiten|listen
 demo --config value.yaml : value.yaml|renderer|vulkan
 demo --config type.yaml : type.yaml|scan_rate_hz|fast
 demo --config nan.yaml : nan.yaml|scan_noise_m|nan
+plan --map nowhere.yaml --start 0,0 --goal 1,1 : nowhere.yaml|No such file
+localize --map nowhere.yaml --log log.csv : nowhere.yaml|No such file
+demo --params nowhere.yaml : nowhere.yaml|No such file
+demo --params nav2.yaml : nav2.yaml:1|amcl.sigma_hit|0.0|greater than 0
+params : FILE
+params nowhere.yaml : nowhere.yaml|No such file
+params . : must be a file
+params tag.yaml : tag.yaml:1|physics|ros__parameters
+params list.yaml : list.yaml:1|mapping
+params nav2.yaml : nav2.yaml:1|amcl.sigma_hit|0.0|greater than 0
+params nav2.yaml --jsn : --jsn|--json
 demo --config rate.yaml : rate.yaml|scan_rate_hz|7
 demo --config seed.yaml : seed.yaml|seed|-3
 demo --config scalar.yaml : scalar.yaml|physics|5|mapping
 demo --config goal.yaml : goal.yaml|goal|[1.0, 2.0]
-demo --config run_field.yaml : run_field.yaml|navigation.spn_dist|1|spin_dist
+demo --config run_field.yaml : run_field.yaml|navigation.tolrance|1|tolerance
 demo --config run_top.yaml : run_top.yaml|sed|seed
 demo --config led.yaml : led.yaml|only_ask|Session
 demo --config hash.yaml : hash.yaml|world_hash|0123456789abcdef
@@ -281,6 +292,11 @@ markers make 5 --dictionary nowhere.yml : nowhere.yml
 markers make 5 --quiet-zone 0 : --quiet-zone|0
 markers make 5000 : 5000
 markers make 5 --out file.txt : file.txt
+markers detect : IMAGE
+markers detect nowhere.png : nowhere.png
+markers detect file.txt : file.txt|picture
+markers detect file.txt --size x : --size|x
+markers detect file.txt --dictionary NOPE : --dictionary|NOPE
 """
 
 # An environment, and what its line must hold, of `mazebot world list`.
@@ -289,13 +305,14 @@ MAZEBOT_SEEED=3 : MAZEBOT_SEEED|MAZEBOT_SEED
 MAZEBOT_PHYSICS_RENDRER=cpu : MAZEBOT_PHYSICS_RENDRER|MAZEBOT_PHYSICS_RENDERER
 MAZEBOT_PHYSCIS_RENDERER=cpu : MAZEBOT_PHYSCIS_RENDERER|MAZEBOT_PHYSICS_RENDERER
 MAZEBOT_RENDERER=cpu : MAZEBOT_RENDERER|MAZEBOT_PHYSICS_RENDERER
-MAZEBOT_NAVIGATION_ROBOT_RADUIS=1 : ROBOT_RADUIS|MAZEBOT_NAVIGATION_ROBOT_RADIUS
+MAZEBOT_NAVIGATION_INFLATION_RADUIS=1 : INFLATION_RADUIS|MAZEBOT_NAVIGATION_INFLATION_RADIUS
 MAZEBOT_ROUTER_PROT=1 : MAZEBOT_ROUTER_PROT|MAZEBOT_ROUTER_PORT
 MAZEBOT_ROUTER_LSITEN=1 : MAZEBOT_ROUTER_LSITEN|MAZEBOT_ROUTER_LISTEN
 MAZEBOT_BUS_CONECT=x : MAZEBOT_BUS_CONECT|MAZEBOT_BUS_CONNECT
 MAZEBOT_XYZ=1 : MAZEBOT_XYZ
 MAZEBOT_CONFIG=nowhere.yaml : nowhere.yaml
 MAZEBOT_CONFIG=section.yaml : section.yaml|physcis
+MAZEBOT_PARAMS=nav2.yaml : nav2.yaml|amcl.sigma_hit
 MAZEBOT_WORLDGEN_WORLDS_DIR=nowhere : nowhere
 """
 
@@ -313,8 +330,7 @@ MAZEBOT_SEED=x : seed|x|MAZEBOT_SEED
 MAZEBOT_PHYSICS_SCAN_RATE_HZ=7 : scan_rate_hz|7|MAZEBOT_PHYSICS_SCAN_RATE_HZ
 MAZEBOT_PHYSICS_RENDERER=vulkan : renderer|vulkan|MAZEBOT_PHYSICS_RENDERER
 MAZEBOT_PHYSICS_ROBOT_MODEL=nope : robot_model|nope
-MAZEBOT_NAVIGATION_ROBOT_RADIUS=-1 : robot_radius|-1
-MAZEBOT_NAVIGATION_LOCALIZATION={bad : MAZEBOT_NAVIGATION_LOCALIZATION|{bad
+MAZEBOT_NAVIGATION_INFLATION_RADIUS=-1 : inflation_radius|-1
 MAZEBOT_BRINGUP_TOUR=here : MAZEBOT_BRINGUP_TOUR|here
 MAZEBOT_BRINGUP_TOUR=["here"] : here|location1
 MAZEBOT_BRINGUP_GOAL=[1,2] : goal|[1, 2]
@@ -366,6 +382,7 @@ FILES = {
     "tag.yaml": "physics: !!python/object:os.system x\n",
     "list.yaml": "[1, 2]\n",
     "text.yaml": "hello\n",
+    "nav2.yaml": "amcl: {ros__parameters: {sigma_hit: 0.0}}\n",
     "section.yaml": "physcis: {renderer: cpu}\n",
     "field.yaml": "physics: {rendrer: cpu}\n",
     "other_field.yaml": "router: {lsiten: x}\n",
@@ -376,7 +393,7 @@ FILES = {
     "seed.yaml": "seed: -3\n",
     "scalar.yaml": "physics: 5\n",
     "goal.yaml": "bringup: {goal: [1.0, 2.0]}\n",
-    "run_field.yaml": "services: {navigation: {spn_dist: 1}}\nseed: 7\n",
+    "run_field.yaml": "services: {navigation: {tolrance: 1}}\nseed: 7\n",
     "run_top.yaml": "services: {}\nsed: 7\n",
     "led.yaml": "services: {bringup: {only_ask: true}}\n",
     "hash.yaml": "services: {bringup: {world_name: original}}\nworld_hash: 0123456789abcdef\n",
@@ -475,10 +492,11 @@ bringup --tour '["a"' : tour|["a"|--tour
 bringup --goal 1 : goal|1|--goal
 bringup --goal '[1,nan,0]' : goal|nan
 bringup --world-overrides '[1' : world_overrides|[1|JSON
-navigation --localization '{' : localization|{|--localization
-navigation --localization.max-particles x : localization.max_particles|x
-navigation --localization.nope 3 : --localization.nope|3
+localization --max-particles x : max_particles|x|--max-particles
+localization --nope 3 : --nope|3
 perception --threshold-window-px 4 : threshold_window_px|4|must be odd
+perception --second-window-px 22 : second_window_px|22|must be odd
+perception --min-clarity -1 : min_clarity|-1
 recorder --grpc-port 99999 : grpc_port|99999
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir

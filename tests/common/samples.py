@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from services.common.frames import SE2
+from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.common.node import topics as table
@@ -199,8 +200,25 @@ SAMPLES: dict[Topic[Any], Any] = {
     ),
     table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
     table.GLOBAL_COSTMAP: GRID,
+    table.LOCAL_COSTMAP: GRID,
+    table.CMD_VEL_TELEOP: msg.TwistStamped(HEADER, TWIST),
+    table.COLLISION_MONITOR_STATE: act.CollisionMonitorState(
+        action="approach",
+        polygon_name="FootprintApproach",
+        source="scan",
+        points=7,
+        nearest_m=(0.2, 0.0),
+        reason="7 points of scan 0.20 m away",
+    ),
+    table.ACTION_FEEDBACK: act.ActionFeedback(
+        goal_id="a-1", action="navigate_to_pose", distance_remaining_m=2.0
+    ),
+    table.ACTION_RESULT: act.ActionResult(
+        goal_id="a-1", action="spin", status="succeeded", start_time_s=0.0, end_time_s=1.0
+    ),
     table.PLAN: msg.Path(HEADER, [msg.PoseStamped(HEADER, POSE)]),
     table.CMD_VEL: msg.TwistStamped(HEADER, TWIST),
+    table.LOCALIZATION_STATUS: doc.LocalizationStatus(state="localized", quality=0.97, epoch=1),
     table.NAVIGATION_STATUS: doc.NavigationStatus(
         localization_active=True, navigation_active=False, goal=PLANAR
     ),

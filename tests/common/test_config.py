@@ -117,7 +117,8 @@ def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None
     assert "MAZEBOT_VIEWER_DATA_PORT" in names
     for name in names:
         monkeypatch.setenv(name, "8")
-    monkeypatch.delenv("MAZEBOT_CONFIG")
+    for file in ("MAZEBOT_CONFIG", "MAZEBOT_PARAMS"):
+        monkeypatch.delenv(file)
     assert load(PhysicsConfig, "physics", []).seed == 8
 
 

@@ -17,7 +17,16 @@ from typing import IO, Any
 from services.cli.loopback_router import free_port
 from services.common.root import ROOT
 
-SERVICES = ("router", "worldgen", "physics", "spawner", "perception", "navigation", "recorder")
+SERVICES = (
+    "router",
+    "worldgen",
+    "physics",
+    "spawner",
+    "perception",
+    "localization",
+    "navigation",
+    "recorder",
+)
 DEMOS = {"original": "demo-world", "enhanced": "demo-world-enhanced"}
 PROFILES = ("--profile", "original", "--profile", "enhanced")
 SOCKET = Path("/var/run/docker.sock")

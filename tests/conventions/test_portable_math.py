@@ -9,7 +9,16 @@ import pytest
 from services.common.root import ROOT
 
 SERVICES = ROOT / "services"
-PACKAGES = ("common", "worldgen", "physics", "spawner", "perception", "navigation", "bringup")
+PACKAGES = (
+    "common",
+    "worldgen",
+    "physics",
+    "spawner",
+    "perception",
+    "localization",
+    "navigation",
+    "bringup",
+)
 EXEMPT = {
     "common/portable.py": "it is what the others use",
     "physics/camera/gl_camera.py": "draws on a GPU, whose pixels are its own",
@@ -36,12 +45,24 @@ COMPILED = {"kernel", "shared_kernel", "elementwise", "c_function"}
 POSES = {
     "common/world/footprint.py": 1,
     "common/world/placement.py": 1,
-    "navigation/controller.py": 1,
-    "navigation/likelihood_field.py": 1,
-    "navigation/localization.py": 9,
-    "navigation/node.py": 3,
-    "navigation/particle_filter.py": 1,
-    "physics/bodies/bodies.py": 1,
+    "common/node/messages.py": 1,
+    "localization/beam_model.py": 1,
+    "localization/global_search.py": 2,
+    "localization/hypotheses.py": 2,
+    "localization/likelihood_field.py": 1,
+    "localization/monte_carlo.py": 16,
+    "localization/node.py": 1,
+    "navigation/control/mppi.py": 1,
+    "navigation/control/mppi_kernels.py": 2,
+    "localization/particle_set.py": 1,
+    "localization/pose_monitor.py": 3,
+    "navigation/control/regulated_pure_pursuit.py": 1,
+    "navigation/behavior/dock_estimate.py": 1,
+    "navigation/behavior/docking.py": 8,
+    "navigation/behavior/nodes_behaviors.py": 2,
+    "navigation/node.py": 4,
+    "navigation/robot.py": 1,
+    "physics/bodies/bodies.py": 2,
     "physics/sensors/odometry.py": 1,
     "worldgen/difficulty.py": 1,
     "worldgen/map/map_files.py": 1,

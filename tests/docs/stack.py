@@ -14,13 +14,14 @@ FLAGS: dict[str, tuple[str, ...]] = {
     "physics": ("--camera-enabled", "false"),
     "spawner": (),
     "perception": (),
+    "localization": (),
     "navigation": (),
 }
 TOUR = ("--world-name", "sim_house_enhanced", "--goal", "[0.5, 0.0, 0.0]")
 
 
 @contextmanager
-def running_stack(pace: str = "4") -> Iterator[str]:
+def running_stack(pace: str = "2") -> Iterator[str]:
     """The endpoint of a stack in the enhanced world, active, with its first goal reached.
 
     Raises AssertionError, with what the services said, where it does not come up.

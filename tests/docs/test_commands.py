@@ -21,8 +21,11 @@ from services.common.bus.bus import BusConfig, open_session
 from services.common.node.documents import SimulationControl
 from services.common.node.topics import SIMULATION_CONTROL
 from services.common.root import ROOT
+from tests.cli.test_localize import Drive
+from tests.common.nav2_files import shipped
 from tests.docs.pages import Example, commands
 from tests.docs.stack import running_stack
+from tests.perception.scene import CAMERA, camera_from_marker, render
 
 COMMANDS = commands()
 ON_A_STACK = {
@@ -30,6 +33,13 @@ ON_A_STACK = {
 }
 ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view")
 SHORTER = {"--count 100": "--count 2"}
+CAMERA_INFO = f"""
+image_width: 640
+image_height: 480
+camera_matrix: {{rows: 3, cols: 3, data: {CAMERA.ravel().tolist()}}}
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [0.0, 0.0, 0.0, 0.0, 0.0]}}
+"""
 PLACEHOLDERS = {"RUN": ("one", "two"), "NAME": ("den",)}
 
 
@@ -77,7 +87,7 @@ def environment(**more: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the commands name: worlds, a Gazebo world, a dictionary, two runs."""
+    """A folder with all that the commands name: worlds, a dictionary, a photo, two runs, ..."""
     folder = tmp_path_factory.mktemp("person")
     shutil.copytree(ROOT / "worlds", folder / "worlds")
     run("mazebot world export original --out house", folder)
@@ -87,6 +97,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     storage = cv2.FileStorage(str(folder / "mine.yml"), cv2.FILE_STORAGE_WRITE)
     dictionary.writeDictionary(storage)
     storage.release()
+    cv2.imwrite(str(folder / "photo.jpg"), render(camera_from_marker(1.5)))
+    (folder / "camera.yaml").write_text(CAMERA_INFO)
+    (folder / "nav2_params.yaml").write_text(shipped("lyrical"))
+    drive = Drive(folder)
+    shutil.copy(drive.map, folder / "map.yaml")
+    drive.csv(folder / "log.csv")
+    shutil.copy(drive.mcap(folder / "bag"), folder / "run.mcap")
     for name in PLACEHOLDERS["RUN"]:
         goal = "--goal 0.5 0 0 --no-camera --world original"
         run(f"mazebot demo {goal} --out recordings/{name}", folder)

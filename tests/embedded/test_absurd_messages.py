@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 
 from services.common.node.node import Envelope, Inbox, Node, Outbox
 from services.common.node.topics import Topic, read_by
+from services.localization.config import LocalizationConfig
+from services.localization.node import LocalizationNode
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig
@@ -39,6 +41,7 @@ def recorder(folder: Path) -> Node:
 
 MAKERS: dict[str, Callable[[Path], Node]] = {
     "recorder": recorder,
+    "localization": lambda _: LocalizationNode(LocalizationConfig()),
     "navigation": lambda _: NavigationNode(NavigationConfig()),
     "perception": lambda _: PerceptionNode(PerceptionConfig()),
     "physics": lambda _: PhysicsNode(PhysicsConfig(camera_enabled=False)),

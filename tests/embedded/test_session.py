@@ -248,3 +248,54 @@ def test_a_goal_that_is_left_can_be_cancelled(session: Session) -> None:
     assert session.ground_truth().distance_m(stopped) < 1e-3
     with pytest.raises(RefusedError, match="no goal is being driven to"):
         session.cancel()
+
+
+def test_a_robot_that_is_carried_away_stands_there_and_is_not_told(session: Session) -> None:
+    session.command(0.2, 0.0, for_s=0.5)
+    session.run_for(1.0)
+    counted = session.latest(ODOM)
+    assert counted is not None
+    session.move_robot(0.6, 0.3, 2.0)
+    session.run_for(0.5)
+    assert session.ground_truth() == pytest.approx((0.6, 0.3, 2.0), abs=0.03)
+    odometry = session.latest(ODOM)
+    assert odometry is not None
+    at, before = odometry.pose.pose.position, counted.pose.pose.position
+    assert (at.x, at.y) == pytest.approx((before.x, before.y), abs=0.03)
+    session.command(0.2, 0.0, for_s=1.0)
+    assert session.ground_truth().x_m < 0.58
+    assert session.ground_truth().y_m > 0.4
+
+
+def test_a_robot_is_not_put_down_inside_things(session: Session) -> None:
+    wall = session.spawn(
+        BodyEntity(
+            name="crate",
+            position_m=(0.8, 0.0, 0.2),
+            shapes=(Shape(name="box", geometry=Box(size_m=(0.3, 0.3, 0.4))),),
+        )
+    )
+    assert wall.name == "crate"
+    before = session.stats.state_hash
+    with pytest.raises(RefusedError, match=r"^robot_pose: \(0\.8, 0, 0\): reaches .* into crate$"):
+        session.move_robot(0.8, 0.0)
+    with pytest.raises(RefusedError, match="must be within 1000 m"):
+        session.move_robot(2e3, 0.0)
+    with pytest.raises(RefusedError, match="x_m: must be a finite number"):
+        session.move_robot(math.inf, 0.0)
+    assert session.stats.state_hash == before
+    session.step()
+    assert session.ground_truth() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_a_settings_file_configures_the_services(worlds_dir: Path, tmp_path: Path) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text("physics: {scan_samples: 36}\n")
+    with Session("room", camera=False, worlds_dir=worlds_dir, settings=path) as opened:
+        opened.run_for(0.2)
+        scan = opened.latest(SCAN)
+        assert scan is not None
+        assert len(scan.ranges) == 36
+    path.write_text("physics: {scan_sample: 36}\n")
+    with pytest.raises(ConfigError, match=r"settings\.yaml: physics\.scan_sample: .*scan_samples"):
+        Session("room", camera=False, worlds_dir=worlds_dir, settings=path)

@@ -5,8 +5,7 @@ through its boxes.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -17,11 +16,13 @@ from services.common.bus import wire
 from services.common.frames import SE2, Array
 from services.common.node import messages as msg
 from services.common.node.documents import Entities, NavigationResult, World
-from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.node import Envelope, Inbox, Node, Outbox
 from services.common.node.topics import (
     CMD_VEL,
+    DETECTIONS,
     ENTITIES,
     GOAL_POSE,
+    INITIAL_POSE,
     MAP,
     NAVIGATION_RESULT,
     ODOM,
@@ -30,10 +31,11 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.navigation.collision import STOP, Surroundings, Velocity
+from services.localization.config import LocalizationConfig
+from services.localization.node import LocalizationNode
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.costmap import LayeredCostmap, frame_of
-from services.navigation.navigator import Goal, GoalResult, Navigator
+from services.navigation.control.collision import STOP, Velocity
+from services.navigation.costmap.layered_costmap import LayeredCostmap, frame_of
 from services.navigation.node import NavigationNode
 from tests.navigation.house_tour import (
     ANGLE_INCREMENT_RAD,
@@ -122,34 +124,10 @@ class Log:
         return float(np.linalg.norm(np.diff(self.points_m(), axis=0), axis=1).sum())
 
 
-def drive_navigator(
-    navigator: Navigator,
-    robot: Unicycle,
-    goal: SE2,
-    costmap: LayeredCostmap,
-    now_ns: int = 0,
-    limit_s: float = 60.0,
-    each_period: Callable[[int], None] = lambda now_ns: None,
-) -> tuple[GoalResult, Log]:
-    """Drive to a goal with a pose that is exact; its result, and what happened."""
-    assert navigator.accept(now_ns, Goal(goal, now_ns), robot.map_from_base) is None
-    log = Log()
-    for _ in range(int(limit_s * 20)):
-        each_period(now_ns)
-        around = Surroundings(robot.map_from_base, costmap.master, NO_ECHOES)
-        outcome = navigator.step(now_ns, around, localized=True)
-        command = outcome.command or STOP
-        log.poses.append(robot.map_from_base)
-        log.commands.append(command)
-        robot.drive(command, CONTROL_PERIOD_NS * 1e-9)
-        now_ns += CONTROL_PERIOD_NS
-        if outcome.result is not None:
-            return outcome.result, log
-    raise AssertionError(f"still {navigator.state} at {robot.map_from_base} after {limit_s} s")
-
-
 class NodeDriver:
-    """The node with a robot about it: odometry, scans and commands go through its boxes."""
+    """Localisation and navigation with a robot about them: odometry, scans and commands go through
+    their boxes.
+    """
 
     def __init__(
         self,
@@ -157,11 +135,13 @@ class NodeDriver:
         start: SE2 = START,
         odom_from_base: SE2 = IDENTITY,
         slip: float = 0.01,
+        localization: LocalizationConfig | None = None,
     ) -> None:
         self.node = NavigationNode(config or NavigationConfig())
-        self.inbox = Inbox(self.node)
+        self.localization = LocalizationNode(localization or LocalizationConfig())
         self.sent: list[tuple[str, object]] = []
-        self.outbox = Outbox(self.node, lambda topic, message, _: self._keep(topic, message))
+        self.inbox, self.outbox = self._boxes(self.node)
+        self.localization_inbox, self.localization_outbox = self._boxes(self.localization)
         self.robot = Unicycle(start)
         self.odom_from_base = odom_from_base
         self.now_ns = 0
@@ -176,11 +156,22 @@ class NodeDriver:
         self._odometry: deque[int] = deque()
 
     def deliver(self, topic: Topic[M], message: M | bytes) -> None:
-        """Put a message, or its bytes, into the node's inbox."""
+        """Put a message, or its bytes, into the inbox of each node that reads the topic."""
         number = self._sequence.get(topic.name, 0)
         self._sequence[topic.name] = number + 1
-        world_hash = house().world.hash
-        self.inbox.deliver(topic, message, Envelope("test", number, self.now_ns, world_hash))
+        envelope = Envelope("test", number, self.now_ns, house().world.hash)
+        for node, inbox in (
+            (self.localization, self.localization_inbox),
+            (self.node, self.inbox),
+        ):
+            if node.name in topic.readers:
+                inbox.deliver(topic, message, envelope)
+
+    def rejected(self, topic: Topic[M]) -> Counter[str]:
+        """What localisation rejected of its topics, by reason; else navigation."""
+        of_localization = topic.name in (DETECTIONS.name, INITIAL_POSE.name)
+        inbox = self.localization_inbox if of_localization else self.inbox
+        return inbox.counts[topic.name].rejected
 
     def of(self, topic: Topic[M]) -> list[M]:
         """What the node has put out on a topic."""
@@ -223,6 +214,7 @@ class NodeDriver:
             segments = np.concatenate([wall_segments(), self.extra_segments])
             exact_m = cast(self.robot.map_from_base @ BASE_FROM_SCAN, segments)
             self.deliver(SCAN, scan(self.now_ns, as_ranges(exact_m, self._rng)))
+        self.localization.step(self.now_ns, self.localization_inbox, self.localization_outbox)
         self.node.step(self.now_ns, self.inbox, self.outbox)
         self.log.poses.append(self.robot.map_from_base)
         self.log.commands.append(self._command)
@@ -242,8 +234,13 @@ class NodeDriver:
                 return self.results()[-1]
         raise AssertionError(f"no result after {limit_s} s, robot at {self.robot.map_from_base}")
 
+    def _boxes(self, node: Node) -> tuple[Inbox, Outbox]:
+        return Inbox(node), Outbox(node, lambda topic, message, _: self._keep(topic, message))
+
     def _keep(self, topic: Topic[object], message: object) -> None:
         self.sent.append((topic.name, message))
+        if "navigation" in topic.readers:
+            self.deliver(topic, message)
         if topic.name == CMD_VEL.name:
             assert isinstance(message, msg.TwistStamped)
             self._command = Velocity(message.twist.linear.x, message.twist.angular.z)

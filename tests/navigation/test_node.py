@@ -47,8 +47,9 @@ from services.common.node.topics import (
     WORLD,
 )
 from services.common.world.footprint import wall_corners
-from services.navigation.collision import STOP
 from services.navigation.config import NavigationConfig
+from services.navigation.control.collision import STOP
+from services.navigation.costmap.footprint import WAFFLE
 from services.navigation.node import NavigationNode
 from services.worldgen.map.occupancy import Grid, rasterise
 from tests.navigation.driving import (
@@ -78,6 +79,15 @@ def estimate_error_m(driver: NodeDriver) -> float:
     return pose.distance_m(driver.robot.map_from_base)
 
 
+def outline_distance_m(driver: NodeDriver) -> float:
+    """Least distance of the corners of the robot's outline to the walls, over a drive."""
+    corners = [
+        [pose @ SE2(x, y, 0.0) for x, y in WAFFLE.points_m.tolist()] for pose in driver.log.poses
+    ]
+    points_m = np.array([corner[:2] for each in corners for corner in each])
+    return float(wall_distance_m(points_m).min())
+
+
 @pytest.fixture(scope="module")
 def tour() -> NodeDriver:
     driver = ready()
@@ -93,7 +103,7 @@ def tour() -> NodeDriver:
 
 def test_the_tour_takes_less_than_ninety_seconds_and_touches_nothing(tour: NodeDriver) -> None:
     assert sum(r.end_time_s - r.start_time_s for r in tour.results()) < 90.0
-    assert wall_distance_m(tour.log.points_m()).min() > 0.27
+    assert outline_distance_m(tour) > 0.04
 
 
 def test_the_estimate_follows_the_truth(tour: NodeDriver) -> None:
@@ -178,10 +188,10 @@ def reply(driver: NodeDriver, goal: SE2, frame_id: str = "map") -> NavigationRes
 @pytest.mark.parametrize(
     ("goal", "code", "says"),
     [
-        (SE2(99.0, 0.0, 0.0), 204, "(99, 0)"),
+        (SE2(99.0, 0.0, 0.0), 204, "(99.00, 0.00)"),
         (SE2(1e6, 0.0, 0.0), 204, "1e+06"),
         (SE2(0.4, 0.55, 0.0), 206, "(0.40, 0.55) is inside an obstacle"),
-        (SE2(0.4, 0.3, 0.0), 206, "0.2"),
+        (SE2(0.4, 0.4, 0.0), 206, "0."),
         (SE2(5.0, -2.5, 0.0), 208, "unknown"),
     ],
 )
@@ -214,7 +224,7 @@ def test_a_goal_that_is_not_finite_is_counted_and_moves_nothing() -> None:
     driver = ready()
     driver.goal(SE2(math.nan, 0.0, 0.0))
     driver.run(0.5)
-    assert driver.inbox.counts[GOAL_POSE.name].rejected["not finite"] == 1
+    assert driver.rejected(GOAL_POSE)["not finite"] == 1
     assert driver.of(CMD_VEL) == []
 
 
@@ -242,7 +252,7 @@ def test_a_map_larger_than_can_be_planned_in_is_refused_and_the_robot_drives_on(
     cells = np.zeros((2001, 2000), np.int8)
     driver.deliver(MAP, msg.occupancy_grid(0, 0.05, SE2(0.0, 0.0, 0.0), cells))
     assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
-    assert driver.inbox.counts[MAP.name].rejected == {"not a map to drive in": 1}
+    assert driver.rejected(MAP) == {"not a map to drive in": 1}
 
 
 def test_of_thousands_of_goals_at_once_the_newest_is_driven_to_and_each_is_answered() -> None:
@@ -274,7 +284,7 @@ def test_a_ring_of_fixed_frames_is_refused_and_the_robot_drives_on() -> None:
     back = msg.transform_stamped(0, SCAN_FRAME, BASE_FOOTPRINT_FRAME, np.eye(4))
     driver.deliver(TF_STATIC, msg.TFMessage([back]))
     assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
-    assert driver.inbox.counts[TF_STATIC.name].rejected == {"frames in a ring": 1}
+    assert driver.rejected(TF_STATIC) == {"frames in a ring": 1}
 
 
 def test_a_new_goal_preempts() -> None:
@@ -313,7 +323,7 @@ def test_what_is_no_map_is_refused_and_counted() -> None:
     driver.deliver(WORLD, house().world)
     driver.deliver(MAP, msg.occupancy_grid(0, 0.0, house().map_origin, house().map_cells))
     driver.step()
-    assert driver.inbox.counts[MAP.name].rejected["not a map to drive in"] == 1
+    assert driver.rejected(MAP)["not a map to drive in"] == 1
     assert driver.node.waiting_for() == "the map"
 
 
@@ -357,7 +367,7 @@ def test_another_world_aborts_the_goal_and_begins_at_its_start() -> None:
     # Odometry of the world before counts no longer.
     assert driver.node.waiting_for() == "odometry"
     driver.run(0.2)
-    assert driver.inbox.counts[ODOM.name].rejected["other world"] > 0
+    assert driver.rejected(ODOM)["other world"] > 0
 
 
 def test_time_going_back_begins_anew_at_the_start() -> None:
@@ -389,7 +399,7 @@ def test_another_epoch_begins_anew_though_time_goes_on() -> None:
     driver.step()
     assert [r.error_code for r in driver.results()] == [ErrorCode.WORLD_RESTARTED]
     driver.run(0.5)
-    assert driver.inbox.counts[ODOM.name].rejected["of an earlier epoch"] == 1
+    assert driver.rejected(ODOM)["of an earlier epoch"] == 1
     assert driver.node.waiting_for() is None
     assert estimate_error_m(driver) < 0.05
 
@@ -463,19 +473,21 @@ def test_a_bad_initial_pose_is_counted_and_changes_nothing(
         ),
     )
     driver.run(0.2)
-    assert driver.inbox.counts[INITIAL_POSE.name].rejected[reason] == 1
+    assert driver.rejected(INITIAL_POSE)[reason] == 1
     assert estimate_error_m(driver) < 0.05
 
 
 def test_a_doorway_closed_on_the_way_ends_in_a_stop_and_a_code() -> None:
-    driver = ready(config=NavigationConfig(number_of_retries=2))
+    driver = ready()
     driver.goal(LOCATIONS["location3"])
     driver.run(2.5)
     driver.extra_segments = box_segments(1.33, -0.87, 0.85)
-    driver.run(20.0)
+    driver.run(30.0)
     (result,) = driver.results()
     assert result.error_code == ErrorCode.NO_VALID_PATH
-    assert result.number_of_recoveries == 2
+    assert result.number_of_recoveries > 0
+    # It was closed 2.5 s after the start.
+    assert result.end_time_s - result.start_time_s < 22.5
     from_box = np.maximum(np.abs(driver.log.points_m() - [1.33, -0.87]) - 0.425, 0.0)
     assert np.linalg.norm(from_box, axis=1).min() > 0.2
     assert wall_distance_m(driver.log.points_m()).min() > 0.23
@@ -549,7 +561,7 @@ def test_a_marker_of_the_world_is_used_and_others_are_counted() -> None:
         driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, seen))
         driver.deliver(DETECTIONS, sighting(driver.now_ns, 81, seen))
         driver.step()
-    rejected = driver.inbox.counts[DETECTIONS.name].rejected
+    rejected = driver.rejected(DETECTIONS)
     assert rejected["unknown marker"] == 40
     assert estimate_error_m(driver) < 0.1
 
@@ -564,7 +576,7 @@ def test_a_marker_that_hangs_twice_is_not_used() -> None:
     driver.run(0.3)
     driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
     driver.step()
-    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+    assert driver.rejected(DETECTIONS)["unknown marker"] == 1
     assert estimate_error_m(driver) < 0.05
 
 
@@ -577,12 +589,12 @@ def test_markers_of_another_world_are_not_used() -> None:
     driver.run(0.3)
     driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
     driver.step()
-    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+    assert driver.rejected(DETECTIONS)["unknown marker"] == 1
     driver.deliver(ENTITIES, entities.model_copy(update={"world_hash": house().world.hash}))
     driver.step()
     driver.deliver(DETECTIONS, sighting(driver.now_ns, 80, np.eye(4)))
     driver.step()
-    assert driver.inbox.counts[DETECTIONS.name].rejected["unknown marker"] == 1
+    assert driver.rejected(DETECTIONS)["unknown marker"] == 1
 
 
 def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
@@ -600,7 +612,7 @@ def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
     )
     driver.inbox.deliver(ODOM, late, Envelope("old", 0, 0, house().world.hash))
     driver.run(0.5)
-    assert driver.inbox.counts[ODOM.name].rejected["later than now"] == 1
+    assert driver.rejected(ODOM)["later than now"] == 1
     assert estimate_error_m(driver) < 0.05
 
 

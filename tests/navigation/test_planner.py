@@ -10,14 +10,15 @@ from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
 from services.common.world.costmap import Cells
 from services.navigation.config import NavigationConfig
-from services.navigation.costmap import LayeredCostmap, frame_of
+from services.navigation.costmap.footprint import WAFFLE
+from services.navigation.costmap.layered_costmap import LayeredCostmap, frame_of
 from services.navigation.errors import NavigationError
-from services.navigation.path import PlannedPath
-from services.navigation.planner import Planner
+from services.navigation.planning.path import PlannedPath
+from services.navigation.planning.planner import Planner
 from tests.navigation.driving import LOCATIONS, START, house_costmap, wall_distance_m
 
 CONFIG = NavigationConfig()
-PLANNER = Planner(CONFIG.navigator(0.05).planner)
+PLANNER = Planner(CONFIG.planner_params(0.05, WAFFLE.padded(0.01)))
 HOUSE = house_costmap(CONFIG).static
 
 SHORTEST_M = {
@@ -104,23 +105,6 @@ def test_the_same_question_has_the_same_answer() -> None:
     assert np.array_equal(first.points_m, again.points_m)
 
 
-def test_codes_are_those_of_nav2() -> None:
-    codes = {code.name: int(code) for code in ErrorCode if code < 9000}
-    assert codes == {
-        "NONE": 0,
-        "GOAL_REJECTED": 1,
-        "CONTROLLER_TF_ERROR": 102,
-        "FAILED_TO_MAKE_PROGRESS": 105,
-        "NO_VALID_CONTROL": 106,
-        "START_OUTSIDE_MAP": 203,
-        "GOAL_OUTSIDE_MAP": 204,
-        "START_OCCUPIED": 205,
-        "GOAL_OCCUPIED": 206,
-        "PLANNER_TIMEOUT": 207,
-        "NO_VALID_PATH": 208,
-    }
-
-
 def test_start_outside_the_map() -> None:
     error = failure(grid("....", "...."), (-0.2, 0.5), (1.0, 0.5))
     assert error.code is ErrorCode.START_OUTSIDE_MAP
@@ -162,7 +146,7 @@ def test_goal_in_unknown_space_is_unreachable() -> None:
 def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
     costmap = grid("...#...", "...#...", "...#...")
     cells = np.where(costmap.static.costs == 254, 100, 0).astype(np.int8)
-    for half_width, passable in ((4, False), (7, True)):
+    for half_width, passable in ((2, False), (5, True)):
         opened = cells.copy()
         opened[15 - half_width : 15 + half_width] = 0
         gap = LayeredCostmap(costmap.frame, opened, CONFIG.inflation(), CONFIG.obstacle())
@@ -175,7 +159,7 @@ def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
 
 def test_planning_gives_up_after_so_many_cells() -> None:
     config = NavigationConfig(max_planning_iterations=50)
-    planner = Planner(config.navigator(0.05).planner)
+    planner = Planner(config.planner_params(0.05, WAFFLE))
     with pytest.raises(NavigationError) as caught:
         planner.plan(HOUSE, START, LOCATIONS["location4"])
     assert caught.value.code is ErrorCode.PLANNER_TIMEOUT

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from services.perception.config import PerceptionConfig
-from services.perception.detect import Detector, Sighting, grey_from_rgb, smallest_perimeter_px
+from services.perception.detect import (
+    Detector,
+    Sighting,
+    Threshold,
+    dictionary_names,
+    grey_from_rgb,
+    smallest_perimeter_px,
+)
 from tests.perception.scene import (
     FOCAL_PX,
     HEIGHT,
@@ -111,6 +119,81 @@ def test_a_dictionary_opencv_does_not_have_is_named() -> None:
         Detector("DICT_9X9", 13, 25.0)
     with pytest.raises(ValueError, match="ArucoDetector"):
         Detector("ArucoDetector", 13, 25.0)
+
+
+@pytest.mark.parametrize("module_px", [10, 30])
+@pytest.mark.parametrize("left_px", [1, 3, 5])
+def test_a_panel_at_the_pictures_edge_is_found(module_px: int, left_px: int) -> None:
+    """The panel's own outline must not be taken for its black square's."""
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)
+    code = np.asarray(cv2.aruco.generateImageMarker(book, 18, 6 * module_px), np.uint8)
+    panel = np.pad(code, module_px, constant_values=255)
+    picture = np.full((HEIGHT, WIDTH), 100, np.uint8)
+    picture[100 : 100 + len(panel), left_px : left_px + len(panel)] = panel
+    (one,) = Detector("DICT_4X4_100", 13, 25.0).detect(picture, 70.0)
+    assert one.marker_id == 18
+    first = left_px + module_px - 0.5, 100 + module_px - 0.5
+    assert np.abs(one.corners[0] - first).max() < 0.1
+
+
+def test_the_second_pass_looks_for_what_is_wanted_or_expected() -> None:
+    bright = grey_from(render(camera_from_marker(2.0)))
+    dim = np.rint(0.12 * grey_from(render(camera_from_marker(2.0), marker_id=80)) + 40)
+    both = np.concatenate([bright[:, 160:480], dim[:, 160:480].astype(np.uint8)], axis=1)
+    detector = Detector("DICT_4X4_100", 13, 25.0, Threshold(23, 7.0))
+
+    def ids(wanted: tuple[int, ...] | None, expected: tuple[int, ...] = ()) -> list[int]:
+        return [one.marker_id for one in detector.detect(both, 100.0, wanted, expected)]
+
+    assert ids(None) == [60]
+    assert ids((60,)) == [60]
+    assert ids((80,)) == [60, 80]
+    assert ids((60,), (80,)) == [60, 80]
+    assert [one.marker_id for one in detector.detect(both, 100.0, (80,), twice=False)] == [60]
+
+
+def test_a_weak_code_is_taken_for_texture() -> None:
+    """Blotches that OpenCV reads as a frame and the bits of id 17."""
+    code = cv2.aruco.generateImageMarker(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100), 17, 6
+    )
+    shades = np.random.default_rng(0).integers(20, 110, (6, 6))
+    blotches = np.where(code > 0, 170, shades).astype(np.uint8)
+    wall = np.full((HEIGHT, WIDTH), 200, np.uint8)
+    wall[100:160, 100:160] = np.kron(blotches, np.ones((10, 10), np.uint8))
+    (read,) = Detector("DICT_4X4_100", 13, 25.0, min_clarity=0.0).detect(wall, 80.0)
+    assert read.marker_id == 17
+    assert Detector("DICT_4X4_100", 13, 25.0).detect(wall, 80.0) == []
+
+
+@pytest.mark.parametrize(
+    "name", ["DICT_4X4_50", "DICT_5X5_100", "DICT_7X7_1000", "DICT_APRILTAG_36h11",
+             "DICT_APRILTAG_16h5", "DICT_ARUCO_ORIGINAL"],
+)  # fmt: skip
+def test_each_dictionary_of_opencv_can_be_detected(name: str) -> None:
+    assert name in dictionary_names()
+    book = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    modules = int(book.markerSize) + 2
+    page = np.full((HEIGHT, WIDTH), 220, np.uint8)
+    page[100 : 100 + 20 * modules, 200 : 200 + 20 * modules] = cv2.aruco.generateImageMarker(
+        book, 7, 20 * modules
+    )
+    (one,) = Detector(name, 13, 25.0).detect(page, 100.0)
+    assert one.marker_id == 7
+    assert np.abs(one.corners[0] - (199.5, 99.5)).max() < 0.1
+
+
+def test_a_dictionary_of_ones_own_can_be_detected() -> None:
+    codes = np.array([[1, 0, 1, 1, 0, 1, 0, 0, 1], [1, 1, 0, 0, 1, 0, 0, 0, 0]], np.uint8)
+    rows = [cv2.aruco.Dictionary.getByteListFromBits(code.reshape(3, 3)) for code in codes]
+    book = cv2.aruco.Dictionary(np.concatenate(rows), 3, 0)
+    page = np.full((HEIGHT, WIDTH), 220, np.uint8)
+    page[100:200, 200:300] = cv2.aruco.generateImageMarker(book, 1, 100)
+    assert [one.marker_id for one in Detector(book, 13, 25.0).detect(page, 100.0)] == [1]
+
+
+def test_markers_of_more_modules_must_be_larger() -> None:
+    assert smallest_perimeter_px(0.3, 500.0, 1000.0, 0.0, 10) == pytest.approx(80.0)
 
 
 def test_padded_rows_are_cut() -> None:

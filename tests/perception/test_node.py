@@ -51,7 +51,8 @@ from tests.perception.scene import (
 )
 
 PERIOD_NS = 100_000_000
-BASE_FROM_CAMERA = transform_matrix(np.eye(3), (0.07, 0.0, 0.2)) @ LINK_FROM_OPTICAL
+CAMERA_HEIGHT_M = 0.2
+BASE_FROM_CAMERA = transform_matrix(np.eye(3), (0.07, 0.0, CAMERA_HEIGHT_M)) @ LINK_FROM_OPTICAL
 
 
 def world(hash_: str = "first") -> World:
@@ -60,12 +61,17 @@ def world(hash_: str = "first") -> World:
 
 
 def marker(
-    marker_id: int = MARKER_ID, dictionary: str = "DICT_4X4_100", size_m: float = MARKER_SIDE_M
+    marker_id: int = MARKER_ID,
+    dictionary: str = "DICT_4X4_100",
+    size_m: float = MARKER_SIDE_M,
+    height_m: float = CAMERA_HEIGHT_M,
+    upright: bool = True,
 ) -> MarkerEntity:
     return MarkerEntity(
         name=f"aruco_{marker_id}",
-        position_m=(0.0, 0.0, 0.3),
-        orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
+        position_m=(0.0, 0.0, height_m),
+        # On a wall, its face along x; else on the floor, its face up.
+        orientation_xyzw=(0.5, 0.5, 0.5, 0.5) if upright else (0.0, 0.0, 0.0, 1.0),
         panel_side_m=size_m * 8 / 6,
         texture_sha256="",
         marker_id=marker_id,
@@ -223,6 +229,50 @@ def test_a_marker_that_is_not_registered_is_said_once_and_not_published(
     assert [record.getMessage() for record in caplog.records] == [
         "Ignoring marker DICT_4X4_100:60, which is not registered"
     ]
+
+
+def test_unknown_markers_are_counted_in_diagnostics() -> None:
+    other = bench([marker(80)])
+    for tick in range(3):
+        other.look(image(tick * PERIOD_NS))
+    assert other.node.facts() == {"unknown marker DICT_4X4_100:60": "3"}
+    known = bench()
+    known.look(image(0))
+    assert known.node.facts() == {}
+
+
+@pytest.mark.parametrize(
+    ("entity", "used"),
+    [
+        (marker(), True),
+        (marker(height_m=CAMERA_HEIGHT_M + 0.05), True),
+        (marker(height_m=CAMERA_HEIGHT_M + 0.6), False),
+        (marker(upright=False), False),
+    ],
+    ids=["in its place", "a little high", "too high", "on the floor"],
+)
+def test_a_marker_at_another_height_or_tilt_is_reported_and_not_used(
+    entity: MarkerEntity, used: bool
+) -> None:
+    seeing = bench([entity])
+    seeing.place(0, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
+    (array,) = seeing.look(image(0))
+    assert len(array.detections) == used
+    counted = {} if used else {"misplaced marker DICT_4X4_100:60": "1"}
+    assert seeing.node.facts() == counted
+
+
+def test_without_the_cameras_frame_heights_are_not_checked() -> None:
+    (array,) = bench([marker(height_m=2.0)]).look(image(0))
+    assert len(array.detections) == 1
+
+
+def test_a_new_world_counts_anew() -> None:
+    other = bench([marker(80)])
+    other.look(image(0))
+    other.hear(WORLD, world("second"), "second")
+    other.step()
+    assert other.node.facts() == {}
 
 
 def test_each_dictionary_has_its_own_ids() -> None:

@@ -232,6 +232,7 @@ def _slow(world: doc.World, now_ns: int, step: int) -> Iterator[Said]:
     ahead = [true_pose(now_ns + i * 1_000_000_000) for i in range(5)]
     path = [msg.PoseStamped(header, msg.pose_from_se2(pose)) for pose in ahead]
     yield now_ns, table.PLAN, msg.Path(header, path)
+    yield now_ns, table.LOCALIZATION_STATUS, doc.LocalizationStatus(state="localized", quality=0.9)
     yield now_ns, table.NAVIGATION_STATUS, doc.NavigationStatus(
         localization_active=True, navigation_active=True, state="controlling",
         goal=doc.Planar(x_m=1.0, y_m=1.0, yaw_rad=0.0), distance_remaining_m=1.0,

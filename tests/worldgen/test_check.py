@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from services.navigation.config import NavigationConfig
-from services.navigation.costmap import (
+from services.navigation.costmap.layered_costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
     LayeredCostmap,
     frame_of,
@@ -224,9 +224,9 @@ def test_a_start_in_a_pocket_is_told_with_a_better_one(tmp_path: Path) -> None:
     assert said(tmp_path, {key: recipe[key] for key in recipe if key != "start"}) == []
 
 
-def test_places_are_judged_by_the_costmap_that_is_driven_by(tmp_path: Path) -> None:
-    """The wall's face is at 0.945 m: from 0.703 m the distance to it would be enough, but the cell
-    that the place is in is too near to those of the wall.
+def test_a_place_leaves_room_to_turn_and_navigation_drives_to_it(tmp_path: Path) -> None:
+    """The wall's face is at 0.945 m. Navigation drives nearer to it, by the footprint; a location
+    must do with every heading.
     """
     recipe = folder.room() | {"markers": [], "map_resolution_m": 0.05, "wall_thickness_m": 0.11}
     config = NavigationConfig()
@@ -238,7 +238,7 @@ def test_places_are_judged_by_the_costmap_that_is_driven_by(tmp_path: Path) -> N
         frame = frame_of(0.05, loaded.map_origin, loaded.map_cells)
         costmap = LayeredCostmap(frame, loaded.map_cells, config.inflation(), config.obstacle())
         stands = costmap.static.cost_at(0.0, y_m) < INSCRIBED_INFLATED_OBSTACLE
-        assert stands == (told[y_m] == []), (y_m, told)
+        assert stands or told[y_m], (y_m, told)
     assert told[0.69] == []
     assert told[0.703] == [
         "locations.here: (0.0, 0.703): must have 0.24 m clear around it, not 0.200"

@@ -11,6 +11,7 @@ from services.cli.pages.schema_words import default_in_yaml, kind_in_words, one_
 from services.common.bus.bus import BusConfig
 from services.common.config import ServiceConfig
 from services.common.root import ROOT
+from services.localization.config import LocalizationConfig
 from services.navigation.config import NavigationConfig
 from services.perception.config import PerceptionConfig
 from services.physics.config import PhysicsConfig
@@ -25,6 +26,7 @@ CONFIGS: dict[str, type[ServiceConfig]] = {
     "physics": PhysicsConfig,
     "spawner": SpawnerConfig,
     "perception": PerceptionConfig,
+    "localization": LocalizationConfig,
     "navigation": NavigationConfig,
     "recorder": RecorderConfig,
     "bringup": BringupConfig,
@@ -56,7 +58,7 @@ _HEAD = """# Parameters
 Generated from the services' `config.py` files by `make generate`; do not edit.
 
 Every parameter of every service: its unit, valid values, default and meaning. A parameter is set in
-one of four places; the first that sets it wins:
+one of five places; the first that sets it wins:
 
 1. a flag of one service: `python -m services.physics --scan-rate-hz 5`
 2. the environment: `MAZEBOT_PHYSICS_SCAN_RATE_HZ=5`
@@ -67,10 +69,11 @@ one of four places; the first that sets it wins:
    navigation: {desired_linear_vel: 0.3}
    ```
 
-4. the default.
+4. [a parameter file of Nav2](nav2-params.md), named by `MAZEBOT_PARAMS` or `--params`
+5. the default.
 
 A value that is a mapping or a list is JSON in the environment
-(`MAZEBOT_NAVIGATION_LOCALIZATION='{"max_beams": 60}'`). `MAZEBOT_SEED` sets the seed of all
+(`MAZEBOT_BRINGUP_GOAL='[0.5, -0.9, 0]'`). `MAZEBOT_SEED` sets the seed of all
 services. The values in force are on the topic `/parameters` and in the `config.yaml` of every run.
 """
 

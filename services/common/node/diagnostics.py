@@ -40,7 +40,7 @@ class _Window:
 
 class SelfReport:
     """Reports the state of one node: what it waits for, rejected messages by topic and reason, lost
-    messages, and the rate of its periodic topics per second of simulation time.
+    messages, the rate of its periodic topics per second of simulation time, and its own facts.
 
     Rates are computed from counts and simulation time: a repeated run gives the same rates.
     """
@@ -64,13 +64,14 @@ class SelfReport:
         rates, slow = self._rates(now_ns)
         paces, behind = self._pace(now_ns, wall_s)
         slow += behind
+        facts = [msg.KeyValue(key=key, value=value) for key, value in node.facts().items()]
         trouble = f"slow: {', '.join(slow)}" if slow else "active"
         status = msg.DiagnosticStatus(
             level=_WARN if waiting or faults or slow else _OK,
             name=node.name,
             message=f"waiting for {waiting}" if waiting else trouble,
             hardware_id="",
-            values=[*values, *faults, *rates, *paces],
+            values=[*values, *faults, *rates, *paces, *facts],
         )
         return msg.DiagnosticArray(header=msg.header(now_ns, ""), status=[status])
 

@@ -478,6 +478,11 @@ class SimulationControl(Document):
     speed: Speed | None = Field(
         None, description="simulated seconds a second; 0: as fast as possible"
     )
+    robot_pose: Planar | None = Field(
+        None,
+        description="moves the robot to this pose of base_footprint, at rest, as if it had been "
+        "carried there: neither odometry nor navigation is told",
+    )
 
 
 class SimulationStats(Document):
@@ -513,6 +518,21 @@ class SimulationControlReply(Document):
     stats: SimulationStats | None = Field(None, description="None before a world is loaded")
 
 
+class LocalizationStatus(Document):
+    """Whether the robot's pose in the map can be trusted."""
+
+    state: Literal["uninitialized", "searching", "localized", "lost"] = Field(
+        description="`uninitialized`: no scan or no initial pose yet; `searching`: global "
+        "localisation; `lost`: the scans or the markers contradict the pose"
+    )
+    quality: Finite = Field(
+        description="0 to 1: share of the lidar's returns that the map explains from this pose"
+    )
+    reason: str = Field("", description="why the pose is not trusted, in one line")
+    wants_motion: bool = Field(False, description="the robot must move for the pose to be found")
+    epoch: int | None = Field(None, description="the simulation's epoch; null before it is known")
+
+
 class NavigationStatus(Document):
     """The state of localisation and navigation."""
 
@@ -542,6 +562,7 @@ class CancelGoal(Document):
     goal_stamp_ns: int | None = Field(
         None, description="stamp of the goal's message: cancel only that goal; None: any"
     )
+    goal_id: str | None = Field(None, description="id of an action's goal; None: any")
 
 
 class CancelGoalReply(Document):

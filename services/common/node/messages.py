@@ -351,3 +351,22 @@ def occupancy_grid(
 def cells_from_grid(grid: OccupancyGrid) -> NDArray[np.int8]:
     """(height, width) cells of a grid message, row 0 at the smallest y."""
     return grid.data.reshape(grid.info.height, grid.info.width)
+
+
+def same_grid(one: OccupancyGrid, other: OccupancyGrid | None) -> bool:
+    """Whether two grids have the same cells at the same place; their stamps may differ."""
+    return (
+        other is not None
+        and one.info.resolution == other.info.resolution
+        and one.info.width == other.info.width
+        and se2_from_pose(one.info.origin) == se2_from_pose(other.info.origin)
+        and np.array_equal(one.data, other.data)
+    )
+
+
+def grid_contains(grid: OccupancyGrid, x_m: float, y_m: float) -> bool:
+    """Whether a point of the grid's frame lies in the grid."""
+    in_grid = se2_from_pose(grid.info.origin).inverse() @ SE2(x_m, y_m, 0.0)
+    width_m = grid.info.width * grid.info.resolution
+    height_m = grid.info.height * grid.info.resolution
+    return 0.0 <= in_grid.x_m < width_m and 0.0 <= in_grid.y_m < height_m

@@ -94,6 +94,10 @@ class Node(ABC):
         """
         return {}
 
+    def facts(self) -> Mapping[str, str]:
+        """More key-value pairs for /diagnostics: the node's own figures."""
+        return {}
+
     def close(self) -> None:  # noqa: B027 - most nodes hold nothing
         """Release the node's resources. Called once, at the end."""
 

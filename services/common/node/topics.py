@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Generic, TypeVar
 
+from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 
@@ -18,6 +19,7 @@ SERVICES = (
     "physics",
     "spawner",
     "perception",
+    "localization",
     "navigation",
     "recorder",
     "bringup",
@@ -105,11 +107,13 @@ ASSETS = Topic(
 )  # fmt: skip
 WORLD = Topic(
     "/world", doc.World, ("worldgen",),
-    ("physics", "spawner", "perception", "navigation", "recorder", "bringup"), _LATCHED,
+    ("physics", "spawner", "perception", "localization", "navigation", "recorder", "bringup"),
+    _LATCHED,
     "the resolved world", large=True,
 )  # fmt: skip
 MAP = Topic(
-    "/map", msg.OccupancyGrid, ("worldgen",), ("navigation", "recorder", "bringup"), _LATCHED,
+    "/map", msg.OccupancyGrid, ("worldgen",),
+    ("localization", "navigation", "recorder", "bringup"), _LATCHED,
     "occupancy map rasterised from the walls", large=True,
 )  # fmt: skip
 DESIRED_ENTITIES = Topic(
@@ -118,19 +122,21 @@ DESIRED_ENTITIES = Topic(
 )  # fmt: skip
 ENTITIES = Topic(
     "/entities", doc.Entities, ("physics",),
-    ("spawner", "perception", "navigation", "recorder"), _LATCHED,
+    ("spawner", "perception", "localization", "navigation", "recorder"), _LATCHED,
     "the entities that exist, and those that physics refused",
 )  # fmt: skip
 TF = Topic(
-    "/tf", msg.TFMessage, ("physics", "navigation"), ("spawner", "perception", "recorder"), _LATEST,
+    "/tf", msg.TFMessage, ("physics", "localization"),
+    ("spawner", "perception", "navigation", "recorder"), _LATEST,
     "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
 )  # fmt: skip
 TF_STATIC = Topic(
-    "/tf_static", msg.TFMessage, ("physics",), ("perception", "navigation", "recorder"), _LATCHED,
+    "/tf_static", msg.TFMessage, ("physics",),
+    ("perception", "localization", "navigation", "recorder"), _LATCHED,
     "the robot's fixed frames",
 )  # fmt: skip
 ODOM = Topic(
-    "/odom", msg.Odometry, ("physics",), ("navigation", "recorder"), _LATEST,
+    "/odom", msg.Odometry, ("physics",), ("localization", "navigation", "recorder"), _LATEST,
     "wheel odometry: odom from base_footprint", rate_hz=30, depth=30,
 )  # fmt: skip
 JOINT_STATES = Topic(
@@ -142,7 +148,7 @@ IMU = Topic(
     "gyroscope and accelerometer", rate_hz=120, depth=10,
 )  # fmt: skip
 SCAN = Topic(
-    "/scan", msg.LaserScan, ("physics",), ("navigation", "recorder"), _LATEST,
+    "/scan", msg.LaserScan, ("physics",), ("localization", "navigation", "recorder"), _LATEST,
     "lidar, counter-clockwise from straight ahead", rate_hz=10,
 )  # fmt: skip
 CAMERA_IMAGE = Topic(
@@ -175,11 +181,13 @@ CONTACTS = Topic(
     "a contact of the robot has begun",
 )  # fmt: skip
 SIMULATION_STATS = Topic(
-    "/simulation/stats", doc.SimulationStats, ("physics",), ("navigation", "recorder"), _LATCHED,
+    "/simulation/stats", doc.SimulationStats, ("physics",),
+    ("localization", "navigation", "recorder"), _LATCHED,
     "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
 )  # fmt: skip
 DETECTIONS = Topic(
-    "/aruco/detections", msg.Detection3DArray, ("perception",), ("navigation", "recorder"), _LATEST,
+    "/aruco/detections", msg.Detection3DArray, ("perception",),
+    ("localization", "navigation", "recorder"), _LATEST,
     "markers in the camera's optical frame; a second result is the other IPPE solution", rate_hz=10,
     depth=10,
 )  # fmt: skip
@@ -188,7 +196,7 @@ MAP_DETECTIONS = Topic(
     "the same markers in the map frame, by the estimated pose of the robot", rate_hz=10, depth=10,
 )  # fmt: skip
 INITIAL_POSE = Topic(
-    "/initialpose", msg.PoseWithCovarianceStamped, (EDGE,), ("navigation", "recorder"), _EVERY,
+    "/initialpose", msg.PoseWithCovarianceStamped, (EDGE,), ("localization", "recorder"), _EVERY,
     "the initial pose set by the user",
 )  # fmt: skip
 GOAL_POSE = Topic(
@@ -196,16 +204,24 @@ GOAL_POSE = Topic(
     "the goal pose",
 )  # fmt: skip
 AMCL_POSE = Topic(
-    "/amcl_pose", msg.PoseWithCovarianceStamped, ("navigation",), ("recorder",), _LATEST,
+    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization",), ("recorder",), _LATEST,
     "estimated pose: map from base_footprint", rate_hz=10,
 )  # fmt: skip
 PARTICLE_CLOUD = Topic(
-    "/particle_cloud", msg.PoseArray, ("navigation",), ("recorder",), _LATEST,
+    "/particle_cloud", msg.PoseArray, ("localization",), ("recorder",), _LATEST,
     "particles of the localisation", rate_hz=2,
+)  # fmt: skip
+LOCALIZATION_STATUS = Topic(
+    "/localization/status", doc.LocalizationStatus, ("localization",), ("navigation", "recorder"),
+    _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
 )  # fmt: skip
 GLOBAL_COSTMAP = Topic(
     "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
     "cost of each cell, 100 lethal, 99 inscribed", rate_hz=1,
+)  # fmt: skip
+LOCAL_COSTMAP = Topic(
+    "/local_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATEST,
+    "the obstacles around the robot, in the odom frame", rate_hz=2,
 )  # fmt: skip
 PLAN = Topic(
     "/plan", msg.Path, ("navigation",), ("recorder",), _LATEST, "the path being followed", rate_hz=1
@@ -214,9 +230,25 @@ CMD_VEL = Topic(
     "/cmd_vel", msg.TwistStamped, ("navigation", EDGE), ("physics", "recorder"), _LATEST,
     "velocity of base_footprint", rate_hz=20,
 )  # fmt: skip
+CMD_VEL_TELEOP = Topic(
+    "/cmd_vel_teleop", msg.TwistStamped, (EDGE,), ("navigation", "recorder"), _LATEST,
+    "velocity that a person wants; the collision monitor slows it down before obstacles",
+)  # fmt: skip
+COLLISION_MONITOR_STATE = Topic(
+    "/collision_monitor_state", act.CollisionMonitorState, ("navigation",), ("recorder",),
+    _LATCHED, "what the collision monitor does, because of what, and where",
+)  # fmt: skip
+ACTION_FEEDBACK = Topic(
+    "/navigation/feedback", act.ActionFeedback, ("navigation",), ("recorder",), _LATEST,
+    "progress of the current action", rate_hz=5,
+)  # fmt: skip
+ACTION_RESULT = Topic(
+    "/navigation/action_result", act.ActionResult, ("navigation",), ("recorder",), _EVERY,
+    "how an action ended",
+)  # fmt: skip
 NAVIGATION_STATUS = Topic(
     "/navigation/status", doc.NavigationStatus, ("navigation",), ("bringup", "recorder"), _LATCHED,
-    "state of localisation and navigation", rate_hz=2,
+    "state of navigation, and of localisation as it sees it", rate_hz=2,
 )  # fmt: skip
 NAVIGATION_RESULT = Topic(
     "/navigation/result", doc.NavigationResult, ("navigation",), ("bringup", "recorder"), _EVERY,
@@ -257,6 +289,28 @@ SIMULATION_CONTROL = Query(
 CANCEL_GOAL = Query(
     "/navigate_to_pose/_action/cancel_goal", doc.CancelGoal, doc.CancelGoalReply, "navigation",
     "cancel the current goal",
+)  # fmt: skip
+SEND_GOAL = Query(
+    "/navigation/send_goal", act.SendGoal, act.SendGoalReply, "navigation",
+    "start one of Nav2's actions: navigate_to_pose, follow_waypoints, spin, dock_robot, ...",
+)  # fmt: skip
+PAUSE_GOAL = Query(
+    "/navigation/pause", act.PauseGoal, act.Reply, "navigation", "pause or resume the action"
+)
+COMPUTE_PATH = Query(
+    "/compute_path_to_pose", act.ComputePath, act.ComputePathReply, "navigation",
+    "a path, without driving it",
+)  # fmt: skip
+CLEAR_COSTMAP = Query(
+    "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "forget obstacles of a costmap"
+)
+TOGGLE_COLLISION_MONITOR = Query(
+    "/collision_monitor/toggle", act.Toggle, act.Reply, "navigation",
+    "switch the collision monitor on or off",
+)  # fmt: skip
+REINITIALIZE_GLOBAL_LOCALIZATION = Query(
+    "/reinitialize_global_localization", act.Empty, act.Reply, "localization",
+    "search the robot on the whole map",
 )  # fmt: skip
 
 QUERIES: tuple[Query[Any, Any], ...] = tuple(

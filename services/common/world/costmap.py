@@ -25,6 +25,11 @@ START_TOLERANCE_M = 0.5
 """Navigation's default `start_tolerance`: a start in inflated cells moves to a free cell this near.
 """
 
+MAX_MAP_CELLS = 4_000_000
+"""Of a map, e.g. 100 m by 100 m in cells of 5 cm: costmap and localisation take some 100 bytes for
+each.
+"""
+
 _STRAIGHT_RAD = 1e-6
 """A map rotated by less counts as not rotated."""
 

@@ -35,6 +35,7 @@ from services.common import portable, portable_kernels
 from services.common.frames import (
     MAP_FRAME,
     ODOM_FRAME,
+    SE2,
     SE3,
     Array,
     inverse_matrix,
@@ -219,6 +220,46 @@ class Bodies:
         for placed in self._movers:
             placed.state = self._read_mover(placed)
         return self.state
+
+    def move_robot(self, map_from_footprint: SE2) -> str:
+        """Put the robot down at rest at another pose, as level and as high above the map's floor as
+        it is now; returns empty, or the reason why it stays where it is.
+        """
+        before, here = self.state, self.map_from_footprint()
+        heading = portable_kernels.atan2(float(here[1, 0]), float(here[0, 0]))
+        stands = SE2(float(here[0, 3]), float(here[1, 3]), heading)
+        moved = portable.product(
+            (map_from_footprint @ stands.inverse()).matrix(), pose_matrix(before)
+        )
+        self._put_robot(MoverState(*position_and_quaternion(moved), NOWHERE, NOWHERE), (0.0, 0.0))
+        reason = self._robot_reaches_into()
+        if reason:
+            self._put_robot(MoverState(*before[:4]), before.wheel_speeds_rad_s)
+        self._alone_at_m = None
+        return reason
+
+    def _put_robot(self, state: MoverState, wheel_speeds_rad_s: tuple[float, float]) -> None:
+        self._set_state(self._robot.number, state)
+        self._robot.turn_wheels_to(self.state.wheel_angles_rad, wheel_speeds_rad_s)
+        self.set_wheel_speeds(*self._wheel_speeds)
+        self.state = self._robot.state()
+
+    def _robot_reaches_into(self) -> str:
+        """What the robot overlaps at its pose, other than the floor; empty: nothing."""
+        client, (x, y, z), reach_m = self._client, self.state.position_m, self._reach_m
+        near = pybullet.getOverlappingObjects(
+            (x - reach_m, y - reach_m, z - reach_m),
+            (x + reach_m, y + reach_m, z + reach_m),
+            physicsClientId=client,
+        )
+        for other in sorted({body for body, _ in near or ()} - self._floor_and_robot):
+            points = pybullet.getClosestPoints(
+                self._robot.number, other, 0.0, physicsClientId=client
+            )
+            depth_m = -min((point[8] for point in points), default=0.0)
+            if depth_m > PENETRATION_M:
+                return f"reaches {depth_m:.3f} m into {self._called(other)}"
+        return ""
 
     @property
     def follows_paths(self) -> bool:

@@ -37,6 +37,8 @@ class LidarFigures:
     """Standard deviation of a range as a share of it, where that is more"""
     resolution_m: float
     """Ranges are whole multiples of it; 0: not rounded"""
+    dropout: float = 0.0
+    """Share of the rays that are lost"""
 
 
 def lidar_figures(config: PhysicsConfig) -> LidarFigures:
@@ -49,6 +51,7 @@ def lidar_figures(config: PhysicsConfig) -> LidarFigures:
         config.scan_noise_m,
         config.scan_noise_share,
         config.scan_resolution_m,
+        config.scan_dropout,
     )
 
 
@@ -58,7 +61,8 @@ class Lidar:
     As in REP 117 a range is inf where there is no echo up to the longest range, and -inf where
     something is nearer than the shortest. All other ranges have Gaussian noise and stay within the
     two limits. Without noise and rounding they are exact to the precision of a float32. Rays hit
-    neither the robot nor the floor.
+    neither the robot nor the floor. A lost ray is inf, since the sensor cannot tell it from one
+    without an echo.
     """
 
     def __init__(
@@ -95,6 +99,8 @@ class Lidar:
         measured_m = np.clip(measured_m, figures.range_min_m, figures.range_max_m)
         measured_m[near] = -np.inf
         true_m[echo] = measured_m
+        if figures.dropout > 0.0:
+            true_m[self._random.random(len(true_m)) < figures.dropout] = np.inf
         return msg.LaserScan(
             header=msg.header(stamp_ns, SCAN_FRAME),
             angle_min=0.0,

@@ -9,6 +9,8 @@ import rerun as rr
 
 from services.common.node import messages as msg
 from services.common.node.topics import (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
     AMCL_POSE,
     ASSETS,
     CAMERA_COMPRESSED,
@@ -16,6 +18,8 @@ from services.common.node.topics import (
     CAMERA_INFO,
     CLOCK,
     CMD_VEL,
+    CMD_VEL_TELEOP,
+    COLLISION_MONITOR_STATE,
     CONTACTS,
     DEPTH_IMAGE,
     DEPTH_INFO,
@@ -29,6 +33,8 @@ from services.common.node.topics import (
     IMU,
     INITIAL_POSE,
     JOINT_STATES,
+    LOCAL_COSTMAP,
+    LOCALIZATION_STATUS,
     MAP,
     MAP_DETECTIONS,
     NAVIGATION_RESULT,
@@ -50,11 +56,16 @@ from services.common.node.topics import (
 from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import LATCH_NS, Canvas
 from services.recorder.drawing.navigation_drawing import (
+    draw_action_feedback,
+    draw_action_result,
     draw_amcl_pose,
+    draw_collision_monitor,
     draw_detections,
     draw_global_costmap,
     draw_goal_pose,
     draw_initial_pose,
+    draw_local_costmap,
+    draw_localization_status,
     draw_map,
     draw_map_detections,
     draw_navigation_result,
@@ -71,6 +82,7 @@ from services.recorder.drawing.picture_drawing import (
 )
 from services.recorder.drawing.robot_drawing import (
     draw_cmd_vel,
+    draw_cmd_vel_teleop,
     draw_contact,
     draw_ground_truth_odom,
     draw_imu,
@@ -115,6 +127,7 @@ SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
     "joint_states/right_rad_s": ("right wheel", palette.TRUTH),
     "clock/real_time_factor": ("real time factor", palette.TRUTH),
     "simulation/stats/watchdog_stops": ("watchdog stops", palette.BAD),
+    "localization/status/quality": ("localisation quality", palette.ESTIMATE),
     "navigation/status/distance_remaining_m": ("distance remaining", palette.PLAN),
     "navigation/status/number_of_recoveries": ("recoveries", palette.BAD),
     "aruco/detections/count": ("markers in view", palette.MARKER),
@@ -131,7 +144,7 @@ def draw_start(canvas: Canvas) -> None:
     states = rr.StateConfiguration(
         values=list(palette.STATES), colors=list(palette.STATES.values())
     )
-    for path in ("navigation/status/state", "navigation/status/localization"):
+    for path in ("navigation/status/state", "localization/status/state", "collision_monitor_state"):
         log(path, states, static=True)
 
 
@@ -181,8 +194,14 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     AMCL_POSE: draw_amcl_pose,
     PARTICLE_CLOUD: draw_particle_cloud,
     GLOBAL_COSTMAP: draw_global_costmap,
+    LOCAL_COSTMAP: draw_local_costmap,
     PLAN: draw_plan,
     CMD_VEL: draw_cmd_vel,
+    CMD_VEL_TELEOP: draw_cmd_vel_teleop,
+    COLLISION_MONITOR_STATE: draw_collision_monitor,
+    ACTION_FEEDBACK: draw_action_feedback,
+    ACTION_RESULT: draw_action_result,
+    LOCALIZATION_STATUS: draw_localization_status,
     NAVIGATION_STATUS: draw_navigation_status,
     NAVIGATION_RESULT: draw_navigation_result,
     DIAGNOSTICS: draw_diagnostics,

@@ -115,7 +115,7 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
     )
     states = rrb.StateTimelineView(
         name="States",
-        contents=["/navigation/status/**", "/diagnostics/**"],
+        contents=["/localization/status/**", "/navigation/status/**", "/diagnostics/**"],
         time_view=_WHOLE_RUN,
     )
     log = rrb.TextLogView(

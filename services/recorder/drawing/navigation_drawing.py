@@ -8,7 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from services.common.frames import CAMERA_OPTICAL_FRAME, MAP_FRAME, Array
+from services.common.frames import CAMERA_OPTICAL_FRAME, MAP_FRAME, ODOM_FRAME, Array
+from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.recorder.drawing import palette
@@ -151,6 +152,17 @@ def draw_global_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
         canvas.recording.log(path, _grid(grid, 0.006, 1, colormap))
 
 
+def draw_local_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
+    """The costmap around the robot, above the global one."""
+    stamp_ns = canvas.at(grid.header.stamp)
+    path = "local_costmap/costmap"
+    if canvas.changed(path, grid.data.tobytes()) or canvas.due(path, stamp_ns, LATCH_NS):
+        canvas.due(path, stamp_ns, 0)
+        canvas.frame(path, grid.header.frame_id or ODOM_FRAME)
+        colormap = rr.components.Colormap.RvizCostmap
+        canvas.recording.log(path, _grid(grid, 0.008, 2, colormap))
+
+
 def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     """The path being followed."""
     canvas.at(plan.header.stamp)
@@ -161,20 +173,47 @@ def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     canvas.recording.log("plan", rr.LineStrips3D(strips))
 
 
+def draw_localization_status(canvas: Canvas, status: doc.LocalizationStatus) -> None:
+    """The state over time, and how well the scans match the map."""
+    canvas.recording.at(canvas.now_ns)
+    if canvas.changed("localization/status/state", status.state):
+        canvas.recording.log("localization/status/state", rr.StateChange(state=status.state))
+    canvas.recording.scalar("localization/status/quality", status.quality)
+
+
 def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None:
     """States over time, and the distance to the goal."""
     canvas.recording.at(canvas.now_ns)
-    localization = "active" if status.localization_active else "waiting"
     state = status.state if status.navigation_active else "waiting"
-    for path, value in (
-        ("navigation/status/localization", localization),
-        ("navigation/status/state", state),
-    ):
-        if canvas.changed(path, value):
-            canvas.recording.log(path, rr.StateChange(state=value))
+    if canvas.changed("navigation/status/state", state):
+        canvas.recording.log("navigation/status/state", rr.StateChange(state=state))
     remaining_m = None if status.goal is None else status.distance_remaining_m
     canvas.measured("navigation/status/distance_remaining_m", remaining_m)
     canvas.recording.scalar("navigation/status/number_of_recoveries", status.number_of_recoveries)
+
+
+def draw_action_feedback(canvas: Canvas, feedback: act.ActionFeedback) -> None:
+    """Which action runs, over time."""
+    canvas.recording.at(canvas.now_ns)
+    path = "navigation/feedback/action"
+    if canvas.changed(path, feedback.action):
+        canvas.recording.log(path, rr.StateChange(state=feedback.action))
+
+
+def draw_action_result(canvas: Canvas, result: act.ActionResult) -> None:
+    """How an action ended, in the log."""
+    canvas.recording.at(round(result.end_time_s * 1e9))
+    path = "navigation/feedback/action"
+    if canvas.changed(path, result.status):
+        canvas.recording.log(path, rr.StateChange(state=result.status))
+
+
+def draw_collision_monitor(canvas: Canvas, state: act.CollisionMonitorState) -> None:
+    """What the collision monitor does, over time."""
+    canvas.recording.at(canvas.now_ns)
+    path = "collision_monitor_state"
+    if canvas.changed(path, state.action):
+        canvas.recording.log(path, rr.StateChange(state=state.action))
 
 
 def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None:

@@ -20,6 +20,15 @@ STATES: dict[str, tuple[int, int, int]] = {
     "recovering": ESTIMATE,
     "idle": (120, 120, 120),
     "waiting": (120, 120, 120),
+    "localized": TRUTH,
+    "searching": ESTIMATE,
+    "lost": BAD,
+    "do_nothing": (120, 120, 120),
+    "approach": ESTIMATE,
+    "slowdown": ESTIMATE,
+    "limit": ESTIMATE,
+    "stop": BAD,
+    "uninitialized": (120, 120, 120),
     "rejecting": BAD,
 }
 """Colours of the states of services and of navigation."""

@@ -143,6 +143,13 @@ def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
     )
 
 
+def draw_cmd_vel_teleop(canvas: Canvas, command: msg.TwistStamped) -> None:
+    """The velocity that a person wants."""
+    stamp_ns = canvas.at(command.header.stamp)
+    if canvas.due("cmd_vel_teleop", stamp_ns, _PLOT_NS):
+        _draw_twist(canvas, "cmd_vel_teleop", command.twist)
+
+
 def draw_cmd_vel(canvas: Canvas, command: msg.TwistStamped) -> None:
     """The commanded velocity."""
     stamp_ns = canvas.at(command.header.stamp)

@@ -78,13 +78,23 @@ class ShortestPath:
         goal, goal_extra_m = self._fit(goal_xy)
         if max(start_extra_m, goal_extra_m) > self._radius_m:
             return None
-        extra_m = start_extra_m + goal_extra_m
-        if self._floor is None or self._is_free(start, goal):
-            return float(np.hypot(*(goal - start))) + extra_m
-        way = self._floor.way(start, goal)
+        way = self._way(start, goal)
         if way is None:
             return None
-        return float(np.hypot(*np.diff(way, axis=0).T).sum()) + extra_m
+        return float(np.hypot(*np.diff(way, axis=0).T).sum()) + start_extra_m + goal_extra_m
+
+    def path(self, start_xy: tuple[float, float], goal_xy: tuple[float, float]) -> Array | None:
+        """(n, 2) corners of that path, both points included; None if there is none."""
+        if self.length_m(start_xy, goal_xy) is None:
+            return None
+        way = self._way(self._fit(start_xy)[0], self._fit(goal_xy)[0])
+        return None if way is None else np.vstack([start_xy, way, goal_xy])
+
+    def _way(self, start: Array, goal: Array) -> Array | None:
+        """(n, 2) corners of the shortest path between two positions where the disc fits."""
+        if self._floor is None or self._is_free(start, goal):
+            return np.stack([start, goal])
+        return self._floor.way(start, goal)
 
     def _fit(self, xy: tuple[float, float]) -> tuple[Array, float]:
         """The nearest position where the disc fits, and its distance."""

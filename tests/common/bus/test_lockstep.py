@@ -85,6 +85,19 @@ class Physics(ClockNode):
             outbox.put(TF_STATIC, frames(self.name, 0))
 
 
+class Localization(Node):
+    name = "localization"
+    _config = ServiceConfig()
+    period_ns = 3 * STEP_NS
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        self.count += 1
+        outbox.put(TF, frames(self.name, self.count))
+
+
 class Navigation(Node):
     name = "navigation"
     _config = ServiceConfig()
@@ -98,7 +111,6 @@ class Navigation(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         self.log.append((self.name, now_ns, ["goal"] * len(inbox.new(GOAL_POSE))))
         self.count += 1
-        outbox.put(TF, frames(self.name, self.count))
         outbox.put(CMD_VEL, SAMPLES[CMD_VEL])
         if self.count % 3 == 0:
             outbox.put(NAVIGATION_STATUS, SAMPLES[NAVIGATION_STATUS])
@@ -161,8 +173,8 @@ class Perception(Quiet):
 
 def build(log: Log) -> list[Node]:
     return [
-        Worldgen(), Physics(log), Spawner(), Perception(), Navigation(log), Recorder(log),
-        Bringup(),
+        Worldgen(), Physics(log), Spawner(), Perception(), Localization(), Navigation(log),
+        Recorder(log), Bringup(),
     ]  # fmt: skip
 
 
@@ -310,7 +322,7 @@ def test_a_slow_bus_cannot_be_seen_in_a_run(seed: int) -> None:
         stack.run(50 * STEP_NS)
     assert log == in_one_process(50 * STEP_NS)
     recorded = [seen for name, _, seen in log if name == "recorder"]
-    assert recorded[0][1:8] == list(SERVICES)
+    assert recorded[0][1:9] == list(SERVICES)
     assert "goal" in [goal for name, _, seen in log if name == "navigation" for goal in seen]
 
 
@@ -374,7 +386,7 @@ def test_a_message_that_never_comes_is_named() -> None:
         stack.meet_all()
         stack.run(10 * STEP_NS)
         stack.bus.lost = {TF.name}
-        with pytest.raises(LockstepError, match=r"recorder: /tf #\d+ never came at 0.0"):
+        with pytest.raises(LockstepError, match=r": /tf #\d+ never came at 0.0"):
             stack.run(60 * STEP_NS)
 
 
@@ -484,7 +496,7 @@ def test_another_executive_begins_anew() -> None:
     recorded = [seen for name, _, seen in log if name == "recorder"]
     # Nothing of before is left but what is latched.
     frames_seen = [name for name in recorded[0] if "_" in name]
-    assert frames_seen == ["physics_1", "navigation_9"]
+    assert frames_seen == ["physics_1", "localization_9"]
     assert len(again) >= 15
 
 

@@ -38,6 +38,11 @@ class Perception(Node):
         return {DETECTIONS.name: CAMERA_IMAGE}
 
 
+class Telling(Perception):
+    def facts(self) -> Mapping[str, str]:
+        return {"unknown marker DICT_4X4_100:7": "3"}
+
+
 def boxes(node: Node) -> tuple[Inbox, Outbox, SelfReport]:
     inbox, outbox = Inbox(node), Outbox(node, lambda *_: None)
     return inbox, outbox, SelfReport(node, inbox, outbox)
@@ -175,3 +180,8 @@ def test_a_pause_between_two_reports_is_no_fault() -> None:
     assert (level, message) == (0, "active")
     assert "real_time_factor" not in values
     assert told(report.report(3 * S + S // 3, wall_s=4.0))[2]["real_time_factor"] == "1.000"
+
+
+def test_a_node_adds_its_own_facts() -> None:
+    _, _, report = boxes(Telling())
+    assert told(report.report(S))[2]["unknown marker DICT_4X4_100:7"] == "3"

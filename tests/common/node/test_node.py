@@ -10,7 +10,7 @@ from services.common.bus.wire import encode
 from services.common.node import messages as msg
 from services.common.node import node as node_module
 from services.common.node.node import Envelope, Inbox, Node, Outbox, Trigger, random_generator
-from services.common.node.topics import CLOCK, CMD_VEL, CONTACTS, GOAL_POSE, SCAN, TF
+from services.common.node.topics import CLOCK, CMD_VEL, CONTACTS, GOAL_POSE, IMU, SCAN
 from tests.common.samples import SAMPLES
 
 
@@ -168,7 +168,7 @@ def test_a_message_of_another_world_is_dropped_and_counted() -> None:
 def test_a_node_reads_and_writes_only_what_the_table_says() -> None:
     inbox = Inbox(Navigation())
     with pytest.raises(KeyError):
-        inbox.new(TF)
+        inbox.new(IMU)
     outbox = Outbox(Navigation(), lambda *_: None)
     with pytest.raises(PermissionError, match="/scan"):
         outbox.put(SCAN, SCAN_SAMPLE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -425,3 +425,21 @@ def test_sees_what_moves_along_its_path_where_it_is() -> None:
         seen.add(ray)
     assert len(seen) > 10
     robot.node.close()
+
+
+def test_lost_rays_are_a_share_at_random_and_look_like_no_echo() -> None:
+    def ranges(**config: object) -> NDArray[np.float64]:
+        bodies = Bodies(columns(), MODEL, 1.0)
+        try:
+            lidar = lidar_on(cast("Any", bodies), **cast("Any", config))
+            return np.stack([lidar.read(number).ranges for number in range(20)])
+        finally:
+            bodies.close()
+
+    whole, thinned = ranges(), ranges(scan_dropout=0.3)
+    lost = np.isfinite(whole) & np.isposinf(thinned)
+    assert lost.sum() / np.isfinite(whole).sum() == pytest.approx(0.3, abs=0.03)
+    assert not (lost[0] & lost[1]).all()
+    assert np.isposinf(ranges(scan_dropout=1.0)).all()
+    kept = np.isfinite(thinned[0])
+    assert np.array_equal(thinned[0][kept], whole[0][kept])

@@ -258,3 +258,12 @@ def test_parallel_corridors_of_a_grid_do_not_lose_the_way() -> None:
     way = ways.length_m((0.0, 0.5), (4.0, 4.5))
     assert way is not None
     assert math.dist((0.0, 0.5), (4.0, 4.5)) <= way < 7.0
+
+
+def test_the_path_itself_has_that_length_and_is_free(ways: ShortestPath) -> None:
+    start, goal = (0.0, 0.0), (3.322, -0.178)
+    path = ways.path(start, goal)
+    assert path is not None
+    assert (tuple(path[0]), tuple(path[-1])) == (start, goal)
+    assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(ways.length_m(start, goal))
+    assert ways.path((-10.0, 0.0), (0.0, 0.0)) is None

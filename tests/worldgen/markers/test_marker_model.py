@@ -16,7 +16,7 @@ from PIL import Image
 from services.common.config import ConfigError
 from services.common.frames import Array
 from services.common.root import ROOT
-from services.worldgen.markers.marker_dictionary import read_dictionary
+from services.common.world.marker_dictionary import read_dictionary
 from services.worldgen.markers.marker_model import PANEL_THICKNESS_M, write_marker_model
 
 SIDE_M = 0.3 * 8 / 6

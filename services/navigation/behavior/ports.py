@@ -1,0 +1,89 @@
+"""Ports of the nodes of a behaviour tree: names, types and defaults, and the types' text forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+PortType = Literal["text", "number", "integer", "flag", "codes", "pose", "poses", "path", "any"]
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """An input port, an output port, or both."""
+
+    name: str
+    type: PortType = "text"
+    default: str | None = None
+    """Text that holds where the XML gives none."""
+    output: bool = False
+    """The node writes it."""
+    required: bool = False
+    """The XML must connect it or give its value."""
+
+
+def out(name: str, kind: PortType = "any") -> Port:
+    """An output port."""
+    return Port(name, kind, output=True)
+
+
+def as_number(value: object) -> float:
+    """The number that a port holds. Raises ValueError."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"must be a number (got {value!r:.40})")
+    try:
+        number = float(value)
+    except ValueError:
+        raise ValueError(f"must be a number (got {value!r:.40})") from None
+    if math.isnan(number):
+        raise ValueError("must be a number (got nan)")
+    return number
+
+
+def as_integer(value: object) -> int:
+    """The whole number that a port holds. Raises ValueError."""
+    number = as_number(value)
+    if not number.is_integer():
+        raise ValueError(f"must be a whole number (got {value!r:.40})")
+    return int(number)
+
+
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+
+
+def as_flag(value: object) -> bool:
+    """The truth value that a port holds, as BehaviorTree.CPP reads it. Raises ValueError."""
+    flag = value if isinstance(value, bool) else _FLAGS.get(str(value).strip().lower())
+    if flag is None:
+        raise ValueError(f"must be true or false (got {value!r:.40})")
+    return flag
+
+
+def as_codes(value: object) -> tuple[int, ...]:
+    """Error codes, written `100;104;105`. Raises ValueError."""
+    if isinstance(value, int):
+        return (value,)
+    if isinstance(value, tuple | list):
+        return tuple(as_integer(code) for code in value)
+    parts = str(value or "").replace(",", ";").split(";")
+    return tuple(as_integer(part) for part in parts if part.strip())
+
+
+def _on_the_blackboard(value: object) -> object:
+    raise ValueError(f"must be a blackboard entry {{...}} (got {value!r:.40})")
+
+
+READERS: dict[PortType, Callable[[object], object]] = {
+    "text": str,
+    "number": as_number,
+    "integer": as_integer,
+    "flag": as_flag,
+    "codes": as_codes,
+    "any": str,
+    "pose": _on_the_blackboard,
+    "poses": _on_the_blackboard,
+    "path": _on_the_blackboard,
+}
+"""How the text of a literal is read, by the type of the port."""

@@ -1,0 +1,199 @@
+"""FollowWaypoints: waypoint after waypoint, with a task at each, as Nav2's waypoint follower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from services.common.error_codes import ErrorCode
+from services.common.frames import SE2
+from services.navigation.behavior.actions import FollowWaypoints, NavigateToPose, TaskFeedback
+from services.navigation.behavior.nodes_goals import Statuses, WaypointState, WaypointStatus
+from services.navigation.behavior.tasks import Ending, TreeTask
+from services.navigation.behavior.tree import NodeSnapshot
+from services.navigation.errors import NavigationError
+
+
+class WaypointTask(Protocol):
+    """What is done at a waypoint (Nav2's waypoint_task_executor_plugin)."""
+
+    def step(self, since_ns: int, now_ns: int, index: int) -> bool:
+        """Work at a waypoint reached at `since_ns`; True when it is done.
+
+        Raises NavigationError (TASK_EXECUTOR_FAILED) where it fails.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class WaitAtWaypoint:
+    """Stand for a while."""
+
+    waypoint_pause_duration_s: float = 0.2
+    enabled: bool = True
+
+    def step(self, since_ns: int, now_ns: int, index: int) -> bool:
+        """Done when the time has passed."""
+        return not self.enabled or now_ns - since_ns >= self.waypoint_pause_duration_s * 1e9
+
+
+@dataclass(frozen=True)
+class PhotoAtWaypoint:
+    """Take a picture."""
+
+    take: Callable[[int, int], str | None]
+    """Called with the waypoint's index and the time in ns; what went wrong, or None."""
+    enabled: bool = True
+
+    def step(self, since_ns: int, now_ns: int, index: int) -> bool:
+        """Done at once."""
+        problem = self.take(index, now_ns) if self.enabled else None
+        if problem is not None:
+            raise NavigationError(
+                ErrorCode.TASK_EXECUTOR_FAILED, f"photo at waypoint {index}: {problem}"
+            )
+        return True
+
+
+@dataclass(frozen=True)
+class InputAtWaypoint:
+    """Stand until an input comes."""
+
+    received_ns: Callable[[], int | None]
+    """Time of the newest input."""
+    timeout_s: float = 10.0
+    enabled: bool = True
+
+    def step(self, since_ns: int, now_ns: int, index: int) -> bool:
+        """Done when an input has come since the waypoint was reached."""
+        received_ns = self.received_ns()
+        if not self.enabled or (received_ns is not None and received_ns >= since_ns):
+            return True
+        if now_ns - since_ns > self.timeout_s * 1e9:
+            raise NavigationError(
+                ErrorCode.TASK_EXECUTOR_FAILED,
+                f"input at waypoint {index}: none came in {self.timeout_s:.1f} s",
+            )
+        return False
+
+
+class FollowWaypointsTask:
+    """The waypoints of one request; each is a task NavigateToPose."""
+
+    needs_localization = True
+
+    def __init__(
+        self,
+        request: FollowWaypoints,
+        navigate: Callable[[NavigateToPose], TreeTask],
+        waypoint_task: WaypointTask,
+        stop_on_failure: bool,
+    ) -> None:
+        """Begin.
+
+        Args:
+            request: the waypoints.
+            navigate: makes the task that drives to one.
+            waypoint_task: what to do at each.
+            stop_on_failure: end at the first waypoint that is missed.
+
+        Raises NavigationError with NO_VALID_WAYPOINTS.
+        """
+        count = len(request.poses)
+        if not 0 <= request.goal_index < count or request.number_of_loops < 0:
+            raise NavigationError(
+                ErrorCode.NO_VALID_WAYPOINTS,
+                f"{count} waypoints, goal_index {request.goal_index}, number_of_loops "
+                f"{request.number_of_loops}: must be at least one waypoint, goal_index 0 to "
+                f"{max(count - 1, 0)} and number_of_loops 0 or more",
+            )
+        self._request = request
+        self._navigate = navigate
+        self._at_waypoint = waypoint_task
+        self._stop_on_failure = stop_on_failure
+        self.current_waypoint = request.goal_index
+        self._rounds_left = request.number_of_loops
+        self._missed: list[WaypointStatus] = []
+        self._recoveries = 0
+        self._reached_ns: int | None = None
+        self._drive: TreeTask | None = None
+
+    def _pose(self) -> SE2:
+        return self._request.poses[self.current_waypoint]
+
+    def step(self, now_ns: int) -> Ending | None:
+        """Drive to the waypoint, or work there."""
+        try:
+            if self._reached_ns is None:
+                ending = self._go(now_ns)
+                if ending is None or ending.code:
+                    return self._miss(ending) if ending else None
+                self._reached_ns = now_ns
+            if not self._at_waypoint.step(self._reached_ns, now_ns, self.current_waypoint):
+                return None
+        except NavigationError as error:
+            return self._miss(Ending(int(error.code), error.message))
+        return self._next()
+
+    def _go(self, now_ns: int) -> Ending | None:
+        if self._drive is None:
+            # A goal that is refused is missed without a drive.
+            self._drive = self._navigate(NavigateToPose(self._pose()))
+        ending = self._drive.step(now_ns)
+        if ending is not None:
+            self._recoveries += self._drive.tree.run.number_of_recoveries
+            self._drive.tree.run.number_of_recoveries = 0
+        return ending
+
+    def _miss(self, ending: Ending) -> Ending | None:
+        index = self.current_waypoint
+        self._missed.append(
+            WaypointStatus(index, self._pose(), WaypointState.FAILED, ending.code, ending.message)
+        )
+        if not self._stop_on_failure:
+            return self._next()
+        if ending.code == ErrorCode.TASK_EXECUTOR_FAILED:
+            return ending
+        return Ending(
+            int(ErrorCode.STOP_ON_MISSED_WAYPOINT),
+            f"waypoint {index} was missed: error {ending.code}: {ending.message}",
+        )
+
+    def _next(self) -> Ending | None:
+        self._reached_ns = None
+        if self.current_waypoint + 1 == len(self._request.poses) and self._rounds_left == 0:
+            return Ending(0, "")
+        self.current_waypoint += 1
+        if self.current_waypoint == len(self._request.poses):
+            self._rounds_left -= 1
+            self.current_waypoint = 0
+        self._drive = None
+        return None
+
+    def halt(self) -> None:
+        """Cancel the drive."""
+        if self._drive is not None:
+            self._drive.halt()
+
+    def feedback(self, running_s: float) -> TaskFeedback:
+        """That of the drive, and which waypoint it is."""
+        of_drive = TaskFeedback(FollowWaypoints.action, running_s)
+        if self._drive is not None:
+            of_drive = self._drive.feedback(running_s)
+        return replace(
+            of_drive,
+            action=FollowWaypoints.action,
+            current_waypoint=self.current_waypoint,
+            number_of_recoveries=self._recoveries + of_drive.number_of_recoveries,
+            number_of_poses_remaining=len(self._request.poses) - self.current_waypoint,
+            waypoint_statuses=self.statuses(),
+        )
+
+    def snapshot(self) -> tuple[NodeSnapshot, ...]:
+        """The tree of the drive."""
+        return self._drive.snapshot() if self._drive is not None else ()
+
+    def statuses(self) -> Statuses:
+        """The waypoints missed."""
+        return tuple(self._missed)

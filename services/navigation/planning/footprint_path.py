@@ -1,0 +1,126 @@
+"""Paths of the footprint's search, made as smooth as the footprint allows."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common import portable
+from services.common.error_codes import ErrorCode
+from services.common.frames import SE2, Array
+from services.navigation.costmap.footprint import Footprint
+from services.navigation.costmap.layered_costmap import Costmap
+from services.navigation.errors import NavigationError
+from services.navigation.planning.a_star import FOUND, GAVE_UP, Workspace, a_star, buckets_for
+from services.navigation.planning.footprint_check import CLEAR, first_obstruction
+from services.navigation.planning.footprint_search import AHEAD, drive_through
+from services.navigation.planning.search_grid import (
+    HIGHEST_COST,
+    NARROW,
+    NO_PRICE,
+    SOLID,
+    Prices,
+    SearchGrid,
+)
+from services.navigation.planning.smoothing import rounded
+
+_HEADINGS_RAD: Final = portable.atan2_each(AHEAD[:, 1], AHEAD[:, 0])
+_PER_CELL: Final = 4.0
+_NARROW_EXTRA: Final = 3.0
+"""How much half a step into a NARROW cell adds to the estimate of what is left, in cells."""
+_SMALL_CELLS: Final = 500_000
+_SLACK_CELLS: Final = 400.0
+"""On larger maps, by how much a way may be longer than the shortest one of a point."""
+_MOST_STATES: Final = 500_000
+_BLEND: Final = 10
+"""Over so many points the path leads from the exact start to the lattice, and from it to the goal.
+"""
+
+Found = tuple[Array, Array, NDArray[np.bool_] | None]
+
+
+def through_narrow_places(
+    grid: SearchGrid, costmap: Costmap, footprint: Footprint, start: SE2, goal: SE2,
+    price: Prices, kept: Workspace, passes: int, allow_reverse: bool, max_iterations: int,
+) -> Found | None:  # fmt: skip
+    """(n, 2) points in cells of a path that the footprint can be driven along, (n,) headings, and
+    where it drives backwards, (n,), or None if nowhere; None if there is no such path.
+
+    Raises NavigationError with PLANNER_TIMEOUT.
+    """
+    start_cell, goal_cell = grid.cell(*start[:2]), grid.cell(*goal[:2])
+    assert start_cell is not None
+    assert goal_cell is not None
+    stride = grid.cells.shape[1]
+    guide = price.copy()
+    guide[NARROW] = guide[HIGHEST_COST] + _NARROW_EXTRA
+    slack = 1e6 if grid.cells.size <= _SMALL_CELLS else _SLACK_CELLS
+    status, _ = a_star(
+        grid.cells, SOLID, guide, goal_cell[0] * stride + goal_cell[1],
+        start_cell[0] * stride + start_cell[1], max_iterations, _PER_CELL,
+        buckets_for(guide, _PER_CELL), 0.0, slack, kept.cost_to_come, kept.came_from,
+    )  # fmt: skip
+    if status != FOUND:
+        return None
+    distance_m, resolution_m = costmap.clearance_m, grid.frame.resolution_m
+    at_start, at_goal = grid.at(*start[:2]), grid.at(*goal[:2])
+    status, poses = drive_through(
+        grid.cells, guide, kept.cost_to_come, distance_m, resolution_m, footprint.points_m,
+        footprint.circles, _HEADINGS_RAD, AHEAD, np.array([*at_start, start.yaw_rad]),
+        np.array([*at_goal, goal.yaw_rad]), allow_reverse, min(_MOST_STATES, max_iterations),
+    )  # fmt: skip
+    if status == GAVE_UP:
+        raise NavigationError(
+            ErrorCode.PLANNER_TIMEOUT,
+            f"no path found for the footprint within {_MOST_STATES} poses",
+        )
+    if status != FOUND:
+        return None
+    points, yaws_rad, backwards = _without_turns(poses, goal.yaw_rad)
+    if len(points) == 1:
+        points, yaws_rad = np.repeat(points, 2, axis=0), np.repeat(yaws_rad, 2)
+    points = _ended(points, at_start, at_goal)
+    if backwards.any():
+        return points, yaws_rad, backwards
+    tried = max(passes, 1)
+    while tried > 0:
+        smooth = rounded(
+            grid.cells, SOLID, NO_PRICE, distance_m, footprint.circumscribed_radius_m,
+            0.5 * resolution_m, points, tried,
+        )  # fmt: skip
+        at, _ = first_obstruction(
+            distance_m, resolution_m, footprint.points_m, footprint.circles, smooth,
+            start.yaw_rad, goal.yaw_rad,
+        )  # fmt: skip
+        if at == CLEAR:
+            return smooth, yaws_rad, None
+        tried //= 2
+    return points, yaws_rad, None
+
+
+def _without_turns(poses: Array, goal_yaw_rad: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points, headings to leave them with, and whether backwards, of poses of which some turn on
+    the spot.
+    """
+    moved = np.concatenate([np.abs(np.diff(poses[:, :2], axis=0)).sum(1) > 0.0, [True]])
+    left = poses[moved]
+    backwards = np.zeros(len(left), np.bool_)
+    # A pose says how it was reached; the point before it is the one left that way.
+    reached = np.concatenate([poses[1:, 3], [0.0]])[moved] > 0.0
+    backwards[:-1] = reached[:-1]
+    yaws_rad = left[:, 2].copy()
+    yaws_rad[-1] = goal_yaw_rad
+    return np.ascontiguousarray(left[:, :2]), yaws_rad, backwards
+
+
+def _ended(points: Array, start: tuple[float, float], goal: tuple[float, float]) -> Array:
+    """The points bent to begin and end where the path should."""
+    points = points.copy()
+    for end, order in ((start, 1), (goal, -1)):
+        from_end = points[::order]
+        reach = min(_BLEND, len(points) - 1)
+        share = np.clip(1.0 - np.arange(len(points)) / reach, 0.0, 1.0)
+        from_end += share[:, None] * (np.array(end) - from_end[0])
+    return points

@@ -1,0 +1,236 @@
+"""A search over places and headings for narrow passages, where a path for a point is not enough."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.common.frames import Array
+from services.common.kernels import kernel
+from services.common.world.costmap import Clearance
+from services.navigation.costmap.layered_costmap import Costs
+from services.navigation.planning.a_star import FOUND, GAVE_UP, NO_WAY, CostToCome
+from services.navigation.planning.footprint_check import can_turn, hits, turn_hits
+from services.navigation.planning.search_grid import SOLID, Prices
+
+HEADINGS: Final = 16
+AHEAD: Final = np.array(
+    [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
+     (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)],
+    np.int64,
+)  # fmt: skip
+"""(HEADINGS, 2) steps in x and y, in half cells: each ends in the middle of a cell or of a side."""
+TURN_CELLS: Final = 1.5
+"""A turn to the next heading costs as much as this many cells."""
+REVERSE_FACTOR: Final = 2.0
+"""A step backwards costs this many times one ahead (Nav2's reverse_penalty of Smac Hybrid)."""
+
+Keys = NDArray[np.int64]
+
+
+@kernel()
+def _slot(keys: Keys, key: int) -> int:
+    """Where a key is in a table, or where it would be put (linear probing)."""
+    mask = keys.size - 1
+    at = ((key * 0x9E3779B1) >> 7) & mask
+    while keys[at] != key and keys[at] >= 0:
+        at = (at + 1) & mask
+    return at
+
+
+@kernel()
+def drive_through(
+    cells: Costs,
+    price: Prices,
+    to_goal: CostToCome,
+    distance_m: Clearance,
+    resolution_m: float,
+    outline_m: Array,
+    circles: Array,
+    headings_rad: Array,
+    ahead: NDArray[np.int64],
+    start: Array,
+    goal: Array,
+    allow_reverse: bool,
+    max_states: int,
+) -> tuple[int, Array]:
+    """Cheapest way of the polygon by steps ahead, turns on the spot and, where allowed, steps back.
+
+    Args:
+        cells: the search grid; the middle of the axle stays out of SOLID cells.
+        price: half the cost of a step by the value of its cell.
+        to_goal: per cell the least cost to the goal for a point; infinite: not searched.
+        distance_m: of the costmap.
+        resolution_m: of the costmap.
+        outline_m: the footprint's points.
+        circles: the footprint's circles.
+        headings_rad: (HEADINGS,) of the steps `ahead`.
+        ahead: AHEAD.
+        start: (x, y, yaw), in cells.
+        goal: (x, y, yaw), in cells.
+        allow_reverse: whether it may drive backwards.
+        max_states: gives up after expanding this many.
+
+    Returns (status, (n, 4) poses: x, y, the heading, and 1 where it arrived backwards).
+    """
+    stride = cells.shape[1]
+    flat = cells.ravel()
+    width = 2 * stride
+    count = headings_rad.size
+    table = 4096
+    while table < 4 * max_states:
+        table *= 2
+    keys = np.full(table, -1, np.int64)
+    cost_to_come = np.empty(table, np.float32)
+    parent = np.empty(table, np.int64)
+    closed = np.zeros(table, np.bool_)
+    backwards = np.zeros(table, np.bool_)
+    per_cell, ring = 4.0, 4096
+    head = np.full(ring, -1, np.int64)
+    capacity = 4096
+    entry_next = np.empty(capacity, np.int64)
+    entry_slot = np.empty(capacity, np.int64)
+    used, waiting, bucket = 0, 0, -1
+    goal_x, goal_y = math.floor(2.0 * goal[0] + 0.5), math.floor(2.0 * goal[1] + 0.5)
+    near_x, near_y = math.floor(2.0 * start[0] + 0.5), math.floor(2.0 * start[1] + 0.5)
+    lowest = np.inf
+    for aside in range(9):
+        ix, iy = near_x, near_y
+        if aside > 0:
+            # The place of the lattice nearest to the start may just touch: one beside it may not.
+            ix += (aside % 3) - 1
+            iy += (aside // 3) - 1
+        x, y = 0.5 * ix, 0.5 * iy
+        cell = (iy + 1) // 2 * stride + (ix + 1) // 2
+        if not np.isfinite(to_goal[cell]) or waiting > 0:
+            continue
+        for h in range(count):
+            by = headings_rad[h] - start[2]
+            by -= math.floor(by / math.tau + 0.5) * math.tau
+            if abs(by) > 0.5 or hits(
+                distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h]
+            ):
+                continue
+            if turn_hits(distance_m, resolution_m, outline_m, circles, x, y, start[2], by):
+                continue
+            key = (iy * width + ix) * count + h
+            slot = _slot(keys, key)
+            keys[slot] = key
+            cost_to_come[slot] = abs(by) * count / math.tau * TURN_CELLS
+            parent[slot] = -1
+            at = int((cost_to_come[slot] + to_goal[cell]) * per_cell)
+            lowest = min(lowest, at)
+            entry_slot[used], entry_next[used] = slot, head[at % ring]
+            head[at % ring] = used
+            used += 1
+            waiting += 1
+    if waiting > 0:
+        bucket = int(lowest)
+    states = 0
+    found = -1
+    while waiting > 0 and found < 0:
+        entry = head[bucket % ring]
+        if entry < 0:
+            bucket += 1
+            continue
+        head[bucket % ring] = entry_next[entry]
+        waiting -= 1
+        slot = entry_slot[entry]
+        if closed[slot]:
+            continue
+        closed[slot] = True
+        states += 1
+        if states > max_states:
+            return GAVE_UP, np.empty((0, 4))
+        key = keys[slot]
+        h = key % count
+        place = key // count
+        ix, iy = place % width, place // width
+        x, y = 0.5 * ix, 0.5 * iy
+        if (
+            abs(ix - goal_x) <= 0
+            and abs(iy - goal_y) <= 0
+            and can_turn(
+                distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h], goal[2]
+            )
+        ):
+            found = slot
+            break
+        here = cost_to_come[slot]
+        for move in range(4):
+            to_x, to_y, to_h = ix, iy, h
+            if move < 2:
+                if move == 1 and not allow_reverse:
+                    continue
+                sign = 1 - 2 * move
+                to_x += sign * ahead[h, 0]
+                to_y += sign * ahead[h, 1]
+            else:
+                to_h = (h + 2 * move - 5 + count) % count
+            # A place on a side belongs to the cell above it or to its right.
+            cell = (to_y + 1) // 2 * stride + (to_x + 1) // 2
+            if flat[cell] >= SOLID or not np.isfinite(to_goal[cell]):
+                continue
+            to_key = (to_y * width + to_x) * count + to_h
+            to = _slot(keys, to_key)
+            if keys[to] == to_key and closed[to]:
+                continue
+            if move < 2:
+                dx, dy = 0.5 * ahead[h, 0], 0.5 * ahead[h, 1]
+                cost = here + 2.0 * price[flat[cell]] * math.sqrt(dx * dx + dy * dy)
+                if move == 1:
+                    cost += (REVERSE_FACTOR - 1.0) * (cost - here)
+            else:
+                by = headings_rad[to_h] - headings_rad[h]
+                by -= math.floor(by / math.tau + 0.5) * math.tau
+                cost = here + TURN_CELLS
+            if keys[to] == to_key and np.float32(cost) >= cost_to_come[to]:
+                continue
+            if move < 2:
+                if hits(
+                    distance_m, resolution_m, outline_m, circles, 0.5 * to_x, 0.5 * to_y,
+                    headings_rad[h],
+                ):  # fmt: skip
+                    continue
+                if abs(ahead[h, 0]) + abs(ahead[h, 1]) > 2 and hits(
+                    distance_m, resolution_m, outline_m, circles,
+                    0.25 * (ix + to_x), 0.25 * (iy + to_y), headings_rad[h],
+                ):  # fmt: skip
+                    continue
+            elif turn_hits(distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h], by):
+                continue
+            keys[to] = to_key
+            cost_to_come[to] = cost
+            parent[to] = slot
+            backwards[to] = move == 1
+            at = int((cost + to_goal[cell]) * per_cell)
+            # The heuristic may fall by more than a step costs: no key goes behind the queue.
+            at = min(max(at, bucket), bucket + ring - 1)
+            if used == capacity:
+                entry_next = np.concatenate((entry_next, np.empty(capacity, np.int64)))
+                entry_slot = np.concatenate((entry_slot, np.empty(capacity, np.int64)))
+                capacity *= 2
+            entry_slot[used], entry_next[used] = to, head[at % ring]
+            head[at % ring] = used
+            used += 1
+            waiting += 1
+    if found < 0:
+        return NO_WAY, np.empty((0, 4))
+    length, slot = 1, found
+    while parent[slot] >= 0:
+        slot = parent[slot]
+        length += 1
+    poses = np.empty((length, 4))
+    slot = found
+    for i in range(length - 1, -1, -1):
+        place = keys[slot] // count
+        poses[i, 0], poses[i, 1] = 0.5 * (place % width), 0.5 * (place // width)
+        poses[i, 2] = headings_rad[keys[slot] % count]
+        poses[i, 3] = 0.0
+        if backwards[slot]:
+            poses[i, 3] = 1.0
+        slot = parent[slot]
+    return FOUND, poses

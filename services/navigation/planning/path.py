@@ -1,0 +1,86 @@
+"""A planned path: points in the map frame with headings, and the nearest point to the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from services.common import portable, portable_kernels
+from services.common.frames import SE2, Array
+from services.common.kernels import kernel
+
+
+@dataclass(frozen=True)
+class PlannedPath:
+    """A path from the robot to its goal. Its last pose is the goal."""
+
+    points_m: Array
+    """(n, 2) float64, n >= 2."""
+    yaws_rad: Array
+    """(n,) float64, the robot's heading: the direction of travel, or the opposite one where it
+    drives backwards; the last one is the goal's heading.
+    """
+    along_m: Array
+    """(n,) float64, length of the path up to each point."""
+    cost_m: float = 0.0
+    """Its length, each piece times 1 + cost_travel_multiplier * cost / 252."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole path."""
+        return float(self.along_m[-1])
+
+    @property
+    def goal(self) -> SE2:
+        """The last pose."""
+        return SE2(
+            float(self.points_m[-1, 0]), float(self.points_m[-1, 1]), float(self.yaws_rad[-1])
+        )
+
+    def nearest(self, x_m: float, y_m: float, first: int, window_m: float) -> int:
+        """Index of the point nearest to a position, from index `first` on and within `window_m` of
+        path.
+        """
+        last = int(np.searchsorted(self.along_m, self.along_m[first] + window_m, side="right"))
+        part = self.points_m[first:last]
+        squares = portable.square(part[:, 0] - x_m) + portable.square(part[:, 1] - y_m)
+        return first + int(np.argmin(squares))
+
+    def point_at(self, along_m: float) -> tuple[float, float]:
+        """The point at a length along the path; beyond its ends the end points."""
+        return (
+            float(np.interp(along_m, self.along_m, self.points_m[:, 0])),
+            float(np.interp(along_m, self.along_m, self.points_m[:, 1])),
+        )
+
+
+def resample(points_m: Array, spacing_m: float) -> Array:
+    """(m, 2) points of a polyline at even steps of about `spacing_m`, with both its ends."""
+    steps_m = portable.hypot_each(*np.diff(points_m, axis=0).T)
+    keep = np.concatenate([[True], steps_m > 1e-9])
+    points_m = points_m[keep]
+    if len(points_m) == 1:
+        return np.repeat(points_m, 2, axis=0)
+    along_m = np.concatenate([[0.0], np.cumsum(steps_m[keep[1:]])])
+    count = max(1, round(float(along_m[-1]) / spacing_m))
+    at_m = np.linspace(0.0, along_m[-1], count + 1)
+    return np.stack(
+        [np.interp(at_m, along_m, points_m[:, 0]), np.interp(at_m, along_m, points_m[:, 1])], axis=1
+    )
+
+
+@kernel()
+def _headings_rad(steps: Array) -> Array:
+    yaws_rad = np.empty(len(steps))
+    for i in range(len(steps)):
+        yaws_rad[i] = portable_kernels.atan2(steps[i, 1], steps[i, 0])
+    return yaws_rad
+
+
+def path_through(points_m: Array, goal_yaw_rad: float) -> PlannedPath:
+    """Path of (n, 2) points that ends with the goal's heading."""
+    steps = np.diff(points_m, axis=0)
+    lengths_m = portable.hypot_each(steps[:, 0], steps[:, 1])
+    yaws_rad = np.append(_headings_rad(steps), goal_yaw_rad)
+    return PlannedPath(points_m, yaws_rad, np.concatenate([[0.0], np.cumsum(lengths_m)]))

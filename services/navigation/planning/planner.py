@@ -1,0 +1,264 @@
+"""The global planner: a search on the costmap, and its path shortened and rounded in free space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from services.common.error_codes import ErrorCode
+from services.common.frames import SE2, Array
+from services.navigation.costmap.layered_costmap import Costmap
+from services.navigation.errors import NavigationError
+from services.navigation.planning.a_star import (
+    Workspace,
+)
+from services.navigation.planning.blocked import Query, no_way
+from services.navigation.planning.ends import (
+    check_goal,
+    check_inside,
+    nearest_free_cell,
+    nearest_free_pose,
+    occupied_goal,
+    occupied_start,
+)
+from services.navigation.planning.footprint_check import CLEAR, first_obstruction, hits
+from services.navigation.planning.footprint_path import through_narrow_places
+from services.navigation.planning.grid_path import Ends, NoWayError, free_path
+from services.navigation.planning.interface import GlobalPlanner, PlannerName, PlannerParams
+from services.navigation.planning.lines import polyline_cost
+from services.navigation.planning.path import PlannedPath, path_through
+from services.navigation.planning.regions import (
+    OF_GOAL,
+    OF_START,
+    are_apart,
+    mark_region,
+)
+from services.navigation.planning.search_grid import (
+    NARROW,
+    SOLID,
+    Cell,
+    SearchGrid,
+    prices,
+    search_grid,
+)
+
+__all__ = ["GlobalPlanner", "Planner", "PlannerName", "PlannerParams", "check_goal"]
+
+_SHARE_EXAMINED: Final = 4
+"""One in so many of all cells, from each end, is examined for whether a path exists."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """A start and a goal that a path may join."""
+
+    grid: SearchGrid
+    costmap: Costmap
+    start: SE2
+    goal: SE2
+    start_cell: Cell
+    goal_cell: Cell
+
+    def index(self, cell: Cell) -> int:
+        return cell[0] * int(self.grid.cells.shape[1]) + cell[1]
+
+
+class Planner:
+    """Finds the cheapest paths for the robot's circle or its footprint."""
+
+    def __init__(self, params: PlannerParams) -> None:
+        self._params = params
+        self._price = prices(params.cost_travel_multiplier)
+        self._kept = Workspace()
+
+    def plan(
+        self,
+        costmap: Costmap,
+        start: SE2,
+        goal: SE2,
+        tolerance_m: float = 0.0,
+        static: Costmap | None = None,
+    ) -> PlannedPath:
+        """Path from `start` to `goal`, on which the robot touches no obstacle.
+
+        Args:
+            costmap: all layers.
+            start: pose in the map; in inflated cells the path leads to the nearest free one first.
+            goal: pose in the map.
+            tolerance_m: where the goal is occupied or out of reach, the nearest place this near to
+                it that can be reached takes its place.
+            static: the costmap of the map alone: where there is no way, the error names what stands
+                in it instead of its thinnest wall.
+
+        Raises NavigationError with START_OUTSIDE_MAP, START_OCCUPIED, GOAL_OUTSIDE_MAP,
+        GOAL_OCCUPIED (with `nearest_free`), NO_VALID_PATH (with `place_m`) or PLANNER_TIMEOUT.
+        """
+        params = self._params
+        check_inside(costmap, start, "start", ErrorCode.START_OUTSIDE_MAP)
+        check_inside(costmap, goal, "goal", ErrorCode.GOAL_OUTSIDE_MAP)
+        passing_m = params.footprint.half_width_m if params.footprint else 0.0
+        grid = search_grid(costmap, passing_m, params.allow_unknown)
+        self._kept.fit(grid.cells.size)
+        task = self._task(grid, costmap, start, goal, tolerance_m)
+        task = self._joined(task, tolerance_m, static)
+        if not grid.is_free(task.goal_cell):
+            return self._narrow(task, f"does not fit through to ({goal.x_m:.2f}, {goal.y_m:.2f})")
+        try:
+            path = self._searched(task)
+        except NoWayError:
+            task = self._rejoined(task, tolerance_m, static)
+            path = self._searched(task)
+        footprint = params.footprint
+        if footprint is None:
+            return self._planned(task, path)
+        at, turning = first_obstruction(
+            costmap.clearance_m, grid.frame.resolution_m, footprint.points_m, footprint.circles,
+            path, start.yaw_rad, goal.yaw_rad,
+        )  # fmt: skip
+        if at == CLEAR:
+            return self._planned(task, path)
+        x_m, y_m = grid.in_map(path[at : at + 1])[0]
+        what = "cannot turn" if turning else "does not fit"
+        return self._narrow(task, f"{what} at ({x_m:.2f}, {y_m:.2f})", (float(x_m), float(y_m)))
+
+    def _task(
+        self, grid: SearchGrid, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float
+    ) -> _Task:
+        start_cell, goal_cell = grid.cell(*start[:2]), grid.cell(*goal[:2])
+        assert start_cell is not None
+        assert goal_cell is not None
+        within_m = self._params.start_tolerance_m
+        if not grid.is_free(start_cell):
+            inside = grid.cells[start_cell] >= SOLID
+            free = nearest_free_cell(grid, *start[:2], within_m, in_sight=not inside)
+            if inside or free is None:
+                pose = None if free is None else SE2(*grid.center(free), start.yaw_rad)
+                raise occupied_start(costmap, start, within_m, pose)
+            start_cell = free
+        task = _Task(grid, costmap, start, goal, start_cell, goal_cell)
+        if self._fits(task):
+            return task
+        footprint = self._params.footprint
+        mark_region_anew(task, self._kept)
+        nearest = nearest_free_pose(
+            grid, costmap, footprint, goal, np.inf, self._kept.marks, OF_START
+        )
+        needs = "must leave room for the robot with this heading" if footprint else ""
+        if nearest is None or _distance_m(nearest, goal) > tolerance_m:
+            raise occupied_goal(costmap, goal, nearest, needs)
+        cell = grid.cell(*nearest[:2])
+        assert cell is not None
+        return replace(task, goal=nearest, goal_cell=cell)
+
+    def _fits(self, task: _Task) -> bool:
+        """Whether the robot can be at the goal."""
+        footprint, grid = self._params.footprint, task.grid
+        if footprint is None:
+            return grid.is_free(task.goal_cell)
+        if grid.cells[task.goal_cell] >= SOLID:
+            return False
+        return not hits(
+            task.costmap.clearance_m, grid.frame.resolution_m, footprint.points_m,
+            footprint.circles, *grid.at(*task.goal[:2]), task.goal.yaw_rad,
+        )  # fmt: skip
+
+    def _joined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
+        """The task with ends that are not seen to be in different regions of free cells."""
+        grid, kept = task.grid, self._kept
+        if not grid.is_free(task.goal_cell):
+            return task
+        start, goal = task.index(task.start_cell), task.index(task.goal_cell)
+        most = grid.cells.size // _SHARE_EXAMINED
+        if not are_apart(grid.cells, start, goal, most, kept.marks, kept.queue):
+            return task
+        return self._rejoined(task, tolerance_m, static)
+
+    def _rejoined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
+        """The task with another start or goal, as far as tolerances allow it; else raises."""
+        grid, kept = task.grid, self._kept
+        goal = task.index(task.goal_cell)
+        if not grid.is_free(grid.cell(*task.start[:2]) or task.start_cell):
+            # The nearest free cell may be in a pocket that the start is not.
+            kept.marks[:] = 0
+            mark_region(grid.cells, goal, OF_GOAL, kept.marks, kept.queue)
+            other = nearest_free_cell(
+                grid, *task.start[:2], self._params.start_tolerance_m, kept.marks, OF_GOAL, True
+            )
+            if other is not None:
+                return replace(task, start_cell=other)
+        if tolerance_m > 0.0:
+            mark_region_anew(task, kept)
+            near = nearest_free_pose(
+                grid, task.costmap, self._params.footprint, task.goal, tolerance_m,
+                kept.marks, OF_START,
+            )  # fmt: skip
+            cell = None if near is None else grid.cell(*near[:2])
+            if near is not None and cell is not None:
+                return replace(task, goal=near, goal_cell=cell)
+        fixed = None
+        if static is not None and static.frame == task.costmap.frame:
+            fixed = search_grid(static, 0.0, self._params.allow_unknown)
+        raise no_way(grid, task.costmap, fixed, self._query(task), kept)
+
+    def _query(self, task: _Task) -> Query:
+        footprint = self._params.footprint
+        needs = f"radius {task.costmap.robot_radius_m:.2f} m"
+        if footprint is not None:
+            needs = f"width {2.0 * footprint.half_width_m:.2f} m"
+        return Query(task.start, task.goal, task.start_cell, task.goal_cell, needs)
+
+    def _searched(self, task: _Task) -> Array:
+        """(n, 2) points of the path in cells."""
+        grid, start = task.grid, task.start
+        ends = Ends(task.start_cell, task.goal_cell, None, grid.at(*task.goal[:2]))
+        inside = grid.cell(*start[:2]) == task.start_cell
+        if inside:
+            ends = ends._replace(start_at=grid.at(*start[:2]))
+        path = free_path(grid, task.costmap, ends, self._params, self._price, self._kept)
+        return path if inside else np.concatenate([[grid.at(*start[:2])], path])
+
+    def _narrow(
+        self, task: _Task, reason: str, place_m: tuple[float, float] | None = None
+    ) -> PlannedPath:
+        """A path searched for with the footprint at every step."""
+        footprint, params = self._params.footprint, self._params
+        assert footprint is not None
+        found = through_narrow_places(
+            task.grid, task.costmap, footprint, task.start, task.goal, self._price, self._kept,
+            params.smoothing_iterations, params.allow_reverse, params.max_iterations,
+        )  # fmt: skip
+        if found is not None:
+            points, yaws_rad, backwards = found
+            path = self._planned(task, points)
+            return path if backwards is None else replace(path, yaws_rad=yaws_rad)
+        start, goal = task.start, task.goal
+        raise NavigationError(
+            ErrorCode.NO_VALID_PATH,
+            f"no way from ({start.x_m:.2f}, {start.y_m:.2f}) to ({goal.x_m:.2f}, {goal.y_m:.2f}): "
+            f"the robot's footprint {reason}",
+            place_m or (goal.x_m, goal.y_m),
+        )
+
+    def _planned(self, task: _Task, path: Array) -> PlannedPath:
+        resolution_m = task.grid.frame.resolution_m
+        # From a start in inflated cells the way out is free of obstacles, but not of inflation.
+        open_price = self._price.copy()
+        open_price[NARROW] = open_price[NARROW - 1]
+        cost = polyline_cost(task.grid.cells, SOLID, open_price, path)
+        points_m = task.grid.in_map(path)
+        points_m[0], points_m[-1] = task.start[:2], task.goal[:2]
+        planned = path_through(points_m, task.goal.yaw_rad)
+        return replace(planned, cost_m=float(cost) * resolution_m)
+
+
+def mark_region_anew(task: _Task, kept: Workspace) -> None:
+    """Mark the region of the start alone."""
+    kept.marks[:] = 0
+    mark_region(task.grid.cells, task.index(task.start_cell), OF_START, kept.marks, kept.queue)
+
+
+def _distance_m(one: SE2, other: SE2) -> float:
+    dx, dy = one.x_m - other.x_m, one.y_m - other.y_m
+    return float(np.sqrt(dx * dx + dy * dy))

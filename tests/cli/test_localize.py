@@ -1,0 +1,183 @@
+"""`mazebot localize` on logs that are written here."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from typer.testing import CliRunner
+
+from services.cli.app import app
+from services.common.config import ConfigError
+from services.common.frames import SE2
+from services.common.node import messages as msg
+from services.worldgen.map.map_files import write_map
+from tests.localization import offline
+
+RUNNER = CliRunner()
+HEADER = "time_s,odom_x_m,odom_y_m,odom_yaw_rad"
+
+
+class Drive:
+    """A drive of some seconds through the house: the map's file, odometry, ranges, the truth."""
+
+    def __init__(self, folder: Path, seconds: float = 12.0) -> None:
+        place = offline.shipped("sim_house")
+        rng = np.random.default_rng(3)
+        robot = offline.Robot(place, place.free_pose(rng), place.localization(1), rng)
+        self.start = robot.pose
+        self.map = write_map(folder, "house", place.cells, place.resolution_m, place.origin)
+        self.rows: list[tuple[int, SE2, np.ndarray | None]] = []
+        for i in range(round(seconds * 20)):
+            robot.wander()
+            self.rows.append((robot.now_ns, robot.odom, None if i % 2 == 0 else robot.ranges))
+        self.end = robot.pose
+
+    def csv(self, path: Path) -> Path:
+        beams = range(offline.BEAMS)
+        lines = [f"{HEADER}," + ",".join(f"range_{i}" for i in beams)]
+        for stamp_ns, odom, ranges in self.rows:
+            values = [f"{stamp_ns * 1e-9:.3f}", *(f"{value:.6f}" for value in odom)]
+            values += ["" if ranges is None else f"{ranges[i]:.3f}" for i in beams]
+            lines.append(",".join(values))
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    def mcap(self, folder: Path) -> Path:
+        store = msg.TYPESTORE
+        with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            odom = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+            scan = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
+            for stamp_ns, pose, ranges in self.rows:
+                message = msg.Odometry(
+                    msg.header(stamp_ns, "odom"),
+                    "base_footprint",
+                    msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36)),
+                    msg.TwistWithCovariance(
+                        msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)),
+                        np.zeros(36),
+                    ),
+                )
+                writer.write(odom, stamp_ns, store.serialize_cdr(message, odom.msgtype))
+                if ranges is not None:
+                    sweep = msg.LaserScan(
+                        msg.header(stamp_ns, "base_scan"), 0.0, 0.0, math.tau / 360, 0.0, 0.1,
+                        0.12, 3.5, ranges.astype(np.float32), np.zeros(0, np.float32),
+                    )  # fmt: skip
+                    writer.write(scan, stamp_ns, store.serialize_cdr(sweep, scan.msgtype))
+        return next(folder.glob("*.mcap"))
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    return Drive(tmp_path_factory.mktemp("map"))
+
+
+def told(*arguments: str) -> str:
+    result = RUNNER.invoke(app, ["localize", *arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def wrong(drive: Drive, *arguments: str) -> str:
+    with pytest.raises(ConfigError) as error:
+        told("--map", str(drive.map), *arguments)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def last_pose(text: str) -> SE2:
+    x_m, y_m, yaw_rad = text.strip().splitlines()[-1].split(",")[3:6]
+    return SE2(float(x_m), float(y_m), float(yaw_rad))
+
+
+class TestLogs:
+    def test_from_nothing_on_a_csv_file_with_a_picture(self, drive: Drive, tmp_path: Path) -> None:
+        log, picture = drive.csv(tmp_path / "log.csv"), tmp_path / "way.png"
+        text = told(
+            "--map", str(drive.map), "--log", str(log), "--global", "--draw", str(picture)
+        )  # fmt: skip
+        lines = text.splitlines()
+        assert lines[0].startswith("time_s,state,quality,x_m,y_m,yaw_rad,std_x_m")
+        assert len(lines) == 1 + sum(ranges is not None for _, _, ranges in drive.rows)
+        assert lines[1].split(",")[1] == "searching"
+        assert lines[-1].split(",")[1] == "localized"
+        assert last_pose(text).distance_m(drive.end) < 0.05
+        drawn = cv2.imread(str(picture))
+        assert drawn is not None
+        assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 4
+
+    def test_from_a_given_start_as_json(self, drive: Drive, tmp_path: Path) -> None:
+        log = drive.csv(tmp_path / "log.csv")
+        begin = [str(value) for value in drive.start @ SE2(0.1, 0.1, 0.1)]
+        text = told(
+            "--map", str(drive.map), "--log", str(log), "--start", *begin, "--json"
+        )  # fmt: skip
+        fixes = json.loads(text)
+        assert {fix["state"] for fix in fixes} == {"localized"}
+        assert SE2(*fixes[-1]["pose"]).distance_m(drive.end) < 0.05
+        assert np.array(fixes[-1]["covariance"]).shape == (3, 3)
+
+    def test_an_mcap_file_and_its_folder_give_the_same(self, drive: Drive, tmp_path: Path) -> None:
+        file = drive.mcap(tmp_path / "bag")
+        texts = [
+            told("--map", str(drive.map), "--log", str(path), "--global")
+            for path in (file, tmp_path / "bag")
+        ]
+        assert texts[0] == texts[1]
+        assert last_pose(texts[0]).distance_m(drive.end) < 0.05
+
+
+class TestMistakes:
+    def test_a_file_that_is_not_there(self, drive: Drive, tmp_path: Path) -> None:
+        assert "no such file" in wrong(drive, "--log", str(tmp_path / "none.csv"))
+
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("time,x,y,yaw\n", f"must be '{HEADER},range_0,range_1,...'"),
+            (f"{HEADER}\n", "0 columns of ranges"),
+            (f"{HEADER},range_1\n", "column 'range_1': must be range_0"),
+            (f"{HEADER},range_0\n", "has no rows"),
+            (f"{HEADER},range_0\n0,0,0\n", ":2: 3 values: must be 5"),
+            (f"{HEADER},range_0\n0,0,nan,0,1\n", ":2: odom_y_m: 'nan': must be a finite number"),
+            (f"{HEADER},range_0\n1,0,0,0,1\n1,0,0,0,1\n", ":3: time_s: 1: must be later than 1"),
+            (f"{HEADER},range_0\n0,0,0,0,far\n", "range_0: 'far': must be metres, inf or empty"),
+            (f"{HEADER},range_0\n0,0,0,0,\n", "has no scan with odometry"),
+        ],
+    )
+    def test_a_csv_file(self, drive: Drive, tmp_path: Path, text: str, said: str) -> None:
+        log = tmp_path / "log.csv"
+        log.write_text(text)
+        message = wrong(drive, "--log", str(log))
+        assert said in message
+        assert str(log) in message
+
+    def test_a_file_that_is_no_mcap(self, drive: Drive, tmp_path: Path) -> None:
+        log = tmp_path / "log.mcap"
+        log.write_bytes(b"nothing of the kind")
+        assert "is no MCAP file that can be read" in wrong(drive, "--log", str(log))
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            (["--global", "--start", "0", "0", "0"], "--global"),
+            (["--start", "0", "nan", "0"], "--start: 0.0 nan 0.0: must be finite numbers"),
+            (["--range-min", "4"], "--range-max: 3.5: must be > --range-min"),
+            (["--angle-increment", "0"], "--angle-increment"),
+            (["--draw", "/no/such/folder/way.png"], "--draw"),
+        ],
+    )
+    def test_an_option(self, drive: Drive, tmp_path: Path, options: list[str], said: str) -> None:
+        assert said in wrong(drive, "--log", str(drive.csv(tmp_path / "log.csv")), *options)
+
+    def test_a_map_that_is_not_there(self, tmp_path: Path, drive: Drive) -> None:
+        with pytest.raises(ConfigError, match=r"none\.yaml"):
+            told("--map", str(tmp_path / "none.yaml"), "--log", str(drive.csv(tmp_path / "l.csv")))

@@ -1,0 +1,147 @@
+"""A program drives the robot with Nav2's method names: in one process, and over Zenoh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from services.commander.navigator import Navigator, TaskResult
+from services.common.config import ConfigError
+from services.common.error_codes import ErrorCode
+from services.common.frames import wrap_angle
+from services.embedded.session import Session
+from tests.docs.stack import running_stack
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[Session]:
+    with Session("original", camera=False) as session:
+        yield session
+
+
+@pytest.fixture
+def navigator(session: Session) -> Iterator[Navigator]:
+    with Navigator.in_process(session) as navigator:
+        navigator.waitUntilNav2Active()
+        yield navigator
+        navigator.cancelTask()
+
+
+def finished(navigator: Navigator) -> TaskResult:
+    """The result of the task."""
+    while not navigator.isTaskComplete():
+        pass
+    return navigator.getResult()
+
+
+def test_a_pose_is_driven_to_with_feedback_on_the_way(
+    navigator: Navigator, session: Session
+) -> None:
+    assert navigator.goToPose((0.5, -0.6, 0.0))
+    assert navigator.getResult() is TaskResult.UNKNOWN
+    remaining_m = []
+    while not navigator.isTaskComplete():
+        feedback = navigator.getFeedback()
+        if feedback is not None:
+            assert feedback.action == "navigate_to_pose"
+            remaining_m.append(feedback.distance_remaining_m or 0.0)
+    assert navigator.getResult() is TaskResult.SUCCEEDED
+    assert navigator.getTaskError() == (0, "")
+    assert remaining_m[0] > remaining_m[-1]
+    truth = session.ground_truth()
+    assert abs(truth.x_m - 0.5) + abs(truth.y_m + 0.6) < 0.2
+
+
+def test_a_spin_turns_and_a_wait_waits(navigator: Navigator, session: Session) -> None:
+    before = session.ground_truth().yaw_rad
+    assert navigator.spin(1.0)
+    assert finished(navigator) is TaskResult.SUCCEEDED
+    assert wrap_angle(session.ground_truth().yaw_rad - before) == pytest.approx(1.0, abs=0.15)
+    start_s = session.now_s
+    assert navigator.wait(1.0)
+    assert finished(navigator) is TaskResult.SUCCEEDED
+    assert session.now_s - start_s >= 1.0
+
+
+def test_waypoints_are_visited_and_a_missed_one_is_told(navigator: Navigator) -> None:
+    assert navigator.followWaypoints([(0.3, -0.6), (99.0, 0.0), (0.6, -0.6)])
+    assert finished(navigator) is TaskResult.SUCCEEDED
+    result = navigator.getActionResult()
+    assert result is not None
+    assert [(one.index, one.error_code) for one in result.waypoints] == [
+        (1, ErrorCode.GOAL_OUTSIDE_MAP)
+    ]
+
+
+def test_a_task_is_cancelled_and_the_robot_stands(navigator: Navigator, session: Session) -> None:
+    assert navigator.goToPose(navigator.locations()["location3"])
+    for _ in range(15):
+        assert not navigator.isTaskComplete()
+    navigator.cancelTask()
+    assert finished(navigator) is TaskResult.CANCELED
+    session.run_for(1.0)
+    before = session.ground_truth()
+    session.run_for(0.5)
+    assert session.ground_truth().distance_m(before) < 0.005
+
+
+def test_a_paused_task_stands_and_goes_on(navigator: Navigator, session: Session) -> None:
+    assert navigator.goToPose(navigator.locations()["location1"])
+    for _ in range(10):
+        navigator.isTaskComplete()
+    navigator.pauseTask()
+    session.run_for(1.5)
+    before = session.ground_truth()
+    session.run_for(1.0)
+    assert session.ground_truth().distance_m(before) < 0.005
+    navigator.pauseTask(pause=False)
+    assert finished(navigator) is TaskResult.SUCCEEDED
+
+
+def test_an_occupied_goal_is_refused_with_the_nearest_free_pose(navigator: Navigator) -> None:
+    assert not navigator.goToPose((0.4, 0.5, 0.0))
+    code, text = navigator.getTaskError()
+    assert code == ErrorCode.GOAL_OCCUPIED
+    assert "\n" not in text
+    assert navigator.getResult() is TaskResult.FAILED
+
+
+def test_a_path_is_planned_without_driving(navigator: Navigator, session: Session) -> None:
+    before = session.ground_truth()
+    path = navigator.getPath((0.0, 0.0, 0.0), navigator.locations()["location1"], use_start=True)
+    assert path is not None
+    assert (path[0].x_m, path[0].y_m) == pytest.approx((0.0, 0.0))
+    assert navigator.getPath(None, (99.0, 0.0)) is None
+    assert navigator.getTaskError()[0] == ErrorCode.GOAL_OUTSIDE_MAP
+    assert session.ground_truth().distance_m(before) < 0.001
+
+
+def test_costmaps_can_be_cleared_and_read(navigator: Navigator, session: Session) -> None:
+    navigator.clearAllCostmaps()
+    navigator.clearCostmapAroundRobot(1.0)
+    session.run_for(1.0)
+    local, whole = navigator.getLocalCostmap(), navigator.getGlobalCostmap()
+    assert local is not None
+    assert whole is not None
+    assert (local.header.frame_id, whole.header.frame_id) == ("odom", "map")
+    assert local.info.width == 60
+
+
+@pytest.mark.parametrize("pose", [(float("nan"), 0.0), (1.0,), "ab"])
+def test_a_pose_that_is_none_is_one_line(navigator: Navigator, pose: object) -> None:
+    with pytest.raises((ConfigError, ValueError)) as caught:
+        navigator.goToPose(pose)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_the_same_program_drives_a_running_stack() -> None:
+    with running_stack() as endpoint, Navigator.connect(endpoint) as navigator:
+        navigator.waitUntilNav2Active()
+        assert navigator.goToPose((0.3, -0.5, 0.0))
+        assert finished(navigator) is TaskResult.SUCCEEDED
+        assert navigator.spin(-1.0)
+        assert finished(navigator) is TaskResult.SUCCEEDED
+        assert not navigator.goToPose((99.0, 0.0))
+        assert navigator.getTaskError()[0] == ErrorCode.GOAL_OUTSIDE_MAP

@@ -1,0 +1,593 @@
+"""Parameter files of Nav2: names of any distribution, types, ranges, and what becomes of each."""
+
+import typing
+
+import pytest
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.cli.known import model_of
+from services.common.config import ConfigError
+from services.common.load import sections
+from services.common.nav2_params import targets
+from services.common.nav2_params.entry import Entry
+from services.common.nav2_params.loader import Nav2Params, load_nav2_params
+from services.common.nav2_params.parameter import Namespace, check
+from services.common.nav2_params.renames import RENAMES
+from services.common.nav2_params.report import STATUSES, Report, Row, report
+from services.common.nav2_params.tables.nodes import NODES
+from services.common.root import ROOT
+from services.physics.config import PhysicsConfig
+from tests.common.nav2_files import DISTRIBUTIONS, shipped
+
+MODELS = {section: model_of(section) for section in sections()}
+
+
+class Critic(BaseModel):
+    enabled: bool = True
+    cost_weight: float = Field(1.0, ge=0)
+
+
+class Mppi(BaseModel):
+    batch_size: int = Field(2000, ge=50, le=20_000)
+    vx_max: float = 0.46
+    ax_max: float = 1.0
+    CostCritic: Critic = Critic()
+    TwirlingCritic: Critic = Critic(enabled=False)
+    GoalCritic: Critic = Critic()
+
+
+class Inflation(BaseModel):
+    inflation_radius: float = Field(0.7, gt=0)
+
+
+class Costmap(BaseModel):
+    inflation_layer: Inflation | None = None
+
+
+class Polygon(BaseModel):
+    min_points: int = 4
+    points: list[list[float]] = []
+
+
+class Monitor(BaseModel):
+    polygons: typing.Dict[str, Polygon] = {}  # noqa: UP006 - of either spelling
+
+
+class Smoother(BaseModel):
+    max_velocity: tuple[float, float, float] = (0.46, 0.0, 1.9)
+
+
+class Navigation(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    controller: typing.Literal["mppi", "regulated_pure_pursuit"] = "mppi"
+    mppi: Mppi = Mppi()
+    local_costmap: Costmap = Costmap()
+    global_costmap: Costmap = Costmap()
+    collision_monitor: Monitor = Monitor()
+    velocity_smoother: Smoother = Smoother()
+    xy_goal_tolerance: float = Field(0.06, gt=0)
+    dock_direction: str = ""
+
+
+class Localization(BaseModel):
+    sigma_hit: float = Field(0.04, gt=0)
+    min_particles: int = Field(500, ge=10)
+    max_particles: int = 2000
+    laser_max_range: float = 3.5
+    recovery_alpha_slow: float = Field(0.001, gt=0)
+    scan_topic: str = "scan"
+
+
+OURS: dict[str, type[BaseModel]] = {"navigation": Navigation, "localization": Localization}
+
+
+def load(**nodes: object) -> Nav2Params:
+    tree = {node: {"ros__parameters": values} for node, values in nodes.items()}
+    return load_nav2_params(yaml.safe_dump(tree, sort_keys=False), "my.yaml")
+
+
+def entry_of(params: Nav2Params, said: str) -> Entry:
+    (found,) = [entry for entry in params.entries if entry.said == said]
+    return found
+
+
+def row_of(told: Report, parameter: str) -> Row:
+    (found,) = [row for row in told.rows if f"{row.node}.{row.parameter}" == parameter]
+    return found
+
+
+def refused(text: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load_nav2_params(text, "my.yaml")
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+def test_the_file_of_every_distribution_loads_and_every_parameter_is_counted(
+    distribution: str,
+) -> None:
+    text = shipped(distribution)
+    told = report(load_nav2_params(text, "nav2_params.yaml"), MODELS)
+    assert len(told.rows) >= 200
+    assert sum(told.counts.values()) == len(told.rows)
+    assert set(told.counts) == set(STATUSES)
+    assert told.counts["used"] > 60
+    unknown = [f"{row.node}.{row.parameter}" for row in told.rows if row.status == "unknown"]
+    typo = ["docking_server.controller.simulation_step"]
+    assert unknown == ([] if distribution in {"humble", "iron"} else typo)
+    for section, values in told.settings.items():
+        # What comes of it is valid here.
+        MODELS[section].model_validate(values)
+
+
+def test_the_typo_in_the_shipped_file_is_unknown_and_the_right_name_is_given() -> None:
+    told = report(load_nav2_params(shipped("lyrical"), "nav2_params.yaml"), MODELS)
+    row = row_of(told, "docking_server.controller.simulation_step")
+    assert row.status == "unknown"
+    assert "did you mean controller.simulation_time_step?" in row.note
+
+
+def test_names_of_humble_become_those_of_today() -> None:
+    params = load_nav2_params(shipped("humble"), "nav2_params.yaml")
+    server = params.tree["controller_server"]
+    assert server["progress_checker_plugins"] == ["progress_checker"]
+    assert "progress_checker_plugin" not in server
+    behaviors = params.tree["behavior_server"]
+    assert behaviors["local_costmap_topic"] == "local_costmap/costmap_raw"
+    assert behaviors["local_frame"] == "odom"
+    assert behaviors["global_frame"] == "map"
+    assert behaviors["spin"]["plugin"] == "nav2_behaviors::Spin"
+    entry = entry_of(params, "behavior_server.costmap_topic")
+    assert entry.renamed
+    assert "costmap_topic up to Humble, now local_costmap_topic" in entry.note
+    assert "built-in nodes need no list" in entry_of(params, "bt_navigator.plugin_lib_names").note
+
+
+def test_the_recoveries_of_galactic_are_behaviors() -> None:
+    params = load(
+        recoveries_server={"recovery_plugins": ["turn"], "turn": {"plugin": "nav2_recoveries/Spin"}}
+    )
+    assert params.tree["behavior_server"]["behavior_plugins"] == ["turn"]
+    assert params.tree["behavior_server"]["turn"]["plugin"] == "nav2_behaviors::Spin"
+
+
+MPPI = {"plugin": "nav2_mppi_controller/MPPIController"}
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "name", "value"),
+    [
+        ("controller_server", {"FollowPath": MPPI | {"prune_distance": 1.7}},
+         "PathHandler.prune_distance", 1.7),
+        ("controller_server", {"FollowPath": MPPI | {"motion_model": "DiffDrive"}},
+         "FollowPath.motion_model", "diff_drive"),
+        ("controller_server", {"FollowPath": MPPI | {"critics": ["PathAngleCritic"],
+                               "PathAngleCritic": {"forward_preference": False}}},
+         "FollowPath.PathAngleCritic.mode", 1),
+        ("controller_server",
+         {"FollowPath": {"plugin": "nav2_regulated_pure_pursuit_controller/"
+                                   "RegulatedPurePursuitController", "desired_linear_vel": 0.3}},
+         "FollowPath.max_linear_vel", 0.3),
+        ("controller_server",
+         {"FollowPath": {"plugin": "nav2_graceful_controller::GracefulController",
+                         "final_rotation": False}},
+         "FollowPath.prefer_final_rotation", False),
+        ("collision_monitor",
+         {"polygons": ["Stop"], "Stop": {"type": "polygon", "max_points": 3,
+                                         "points": [0.3, 0.3, 0.3, -0.3, 0.0, 0.0]}},
+         "Stop.min_points", 4),
+        ("local_costmap", {"plugins": ["w"], "w": {"plugin": "nav2_costmap_2d::StaticLayer"},
+                           "map_topic": "/map"}, "w.map_topic", "/map"),
+        ("local_costmap", {"plugins": ["l"], "l": {"plugin": "nav2_costmap_2d::ObstacleLayer",
+                           "observation_sources": "a b", "b": {"obstacle_range": 2.0}}},
+         "l.b.obstacle_max_range", 2.0),
+        ("docking_server", {"dock_plugins": ["home"], "dock_backwards": True,
+                            "home": {"plugin": "opennav_docking::SimpleChargingDock"}},
+         "home.dock_direction", "backward"),
+        ("docking_server", {"dock_plugins": ["home"], "dock_backwards": False,
+                            "home": {"plugin": "opennav_docking::SimpleNonChargingDock"}},
+         "home.dock_direction", "forward"),
+        ("bt_navigator", {"error_code_names": ["follow_path_error_code"]},
+         "error_code_name_prefixes", ["follow_path"]),
+        ("bt_navigator", {"goals_blackboard_id": "all"},
+         "navigate_through_poses.goals_blackboard_id", "all"),
+        ("amcl", {"robot_model_type": "differential"}, "robot_model_type",
+         "nav2_amcl::DifferentialMotionModel"),
+        ("amcl", {"service_introspection_mode": "metadata"}, "introspection_mode", "metadata"),
+    ],
+)  # fmt: skip
+def test_an_old_name_stands_for_todays(
+    node: str, values: dict[str, object], name: str, value: object
+) -> None:
+    params = load(**{node: values})
+    (entry,) = [entry for entry in params.entries if entry.name == name]
+    assert (entry.value, entry.knowledge) == (value, "parameter")
+    assert entry.renamed
+    inner: typing.Any = params.tree[node]
+    for part in name.split("."):
+        inner = inner[part]
+    assert inner == value
+
+
+def test_the_name_of_today_wins_over_the_old_one() -> None:
+    told = report(
+        load(controller_server={
+            "controller_plugins": ["F"],
+            "F": {"plugin": "a::RegulatedPurePursuitController", "desired_linear_vel": 0.1,
+                  "max_linear_vel": 0.2},
+        }),
+        MODELS,
+    )  # fmt: skip
+    old = row_of(told, "controller_server.F.desired_linear_vel")
+    assert (old.status, old.note) == ("unsupported", "F.max_linear_vel is given too, and counts")
+
+
+def test_every_rename_is_of_a_known_node_and_on_the_page() -> None:
+    page = (ROOT / "docs" / "nav2-params.md").read_text()
+    for rename in RENAMES:
+        assert rename.node in {"", *NODES}, rename
+        assert rename.old != rename.new or rename.convert, rename
+        for name in (rename.plugin, rename.old, rename.new.rpartition("}.")[2]):
+            assert name.removeprefix("*.") in page, rename
+
+
+def test_defaults_of_nav2_stand_under_the_values_of_the_file() -> None:
+    params = load(
+        amcl={"sigma_hit": 0.1},
+        controller_server={"FollowPath": MPPI | {"temperature": 0.2}},
+        local_costmap={"plugins": ["o"], "o": {"plugin": "nav2_costmap_2d::ObstacleLayer",
+                                               "observation_sources": "front"}},
+    )  # fmt: skip
+    amcl = params.tree["amcl"]
+    assert (amcl["sigma_hit"], amcl["z_hit"], amcl["max_particles"]) == (0.1, 0.5, 2000)
+    mppi = params.tree["controller_server"]["FollowPath"]
+    assert (mppi["temperature"], mppi["batch_size"]) == (0.2, 1000)
+    assert mppi["CostCritic"]["cost_weight"] == 3.81
+    source = params.tree["local_costmap"]["o"]["front"]
+    assert (source["inf_is_valid"], source["clearing"]) == (False, False)
+    assert "inflation_layer" not in params.tree["local_costmap"]
+    assert "planner_server" not in params.tree
+
+
+def test_every_default_is_valid() -> None:
+    def visit(space: Namespace) -> None:
+        for row in space.parameters.values():
+            if row.default is not None:
+                check(row, row.default)
+        for group in space.groups:
+            for child in group.kinds.values():
+                visit(child)
+
+    for node in NODES.values():
+        visit(node)
+
+
+def test_words_for_launch_files_are_false_or_the_default() -> None:
+    params = load(
+        local_costmap={"filters": ["k"], "k": {"plugin": "nav2_costmap_2d::KeepoutFilter",
+                                               "enabled": "KEEPOUT_ZONE_ENABLED"}},
+        bt_navigator={"default_nav_to_pose_bt_xml": "$(find-pkg-share nav2_bt_navigator)/a.xml"},
+        amcl={"max_beams": "$(var beams)"},
+    )  # fmt: skip
+    enabled = entry_of(params, "local_costmap.k.enabled")
+    assert (enabled.value, enabled.unresolved) == (False, True)
+    assert "filled in by a launch file: taken as false" in enabled.note
+    assert entry_of(params, "bt_navigator.default_nav_to_pose_bt_xml").value is None
+    assert entry_of(params, "amcl.max_beams").value == 60
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ("amcl: {ros__parameters: {sigma_hit: -0.1}}",
+         "my.yaml:1: amcl.sigma_hit: -0.1: must be greater than 0"),
+        ("amcl:\n  ros__parameters:\n    max_beams: many",
+         "my.yaml:3: amcl.max_beams: 'many': must be an integer"),
+        ("amcl: {ros__parameters: {max_beams: 60.5}}", "60.5: must be an integer"),
+        ("amcl: {ros__parameters: {do_beamskip: 1}}", "1: must be true or false"),
+        ("amcl: {ros__parameters: {alpha1: .nan}}", "nan: must be a number"),
+        ("amcl: {ros__parameters: {z_hit: 1.5}}", "1.5: must be from 0 to 1"),
+        ("amcl: {ros__parameters: {sigma_hit: }}", "None: must be a number"),
+        ("amcl: {ros__parameters: {laser_model_type: beams}}",
+         "'beams': must be one of likelihood_field, likelihood_field_prob, beam"),
+        ("amcl: {ros__parameters: {min_particles: 3000}}",
+         "my.yaml:1: amcl.min_particles: 3000: must be at most max_particles, 2000"),
+        ("amcl: {ros__parameters: {min_particles: 30, max_particles: many}}",
+         "amcl.max_particles: 'many': must be an integer"),
+        ("velocity_smoother: {ros__parameters: {max_accel: [1.0, 2.0]}}",
+         "[1.0, 2.0]: must be a list of 3 numbers"),
+        ("velocity_smoother: {ros__parameters: {max_decel: [1.0, 0.0, -2.0]}}",
+         "each must be at most 0"),
+        ("local_costmap: {local_costmap: {ros__parameters: {width: 4.0}}}",
+         "local_costmap.width: 4.0: must be an integer"),
+        ("global_costmap: {global_costmap: {ros__parameters: {footprint: '[[0, 1], [1, 0]]'}}}",
+         "must be a text of at least 3 points"),
+        ("controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: "
+         "{plugin: 'nav2_mppi_controller::MPPIController', model_dt: 0.05}}}",
+         "FollowPath.model_dt: 0.05: must be at least the controller's period, 0.1 s"),
+        ("recoveries_server: {ros__parameters: {max_rotational_vel: -1.0}}",
+         "recoveries_server.max_rotational_vel: -1.0: must be at least 0"),
+        ("amcl: {alpha1: 0.2}", "my.yaml:1: amcl/alpha1: must be a mapping that holds"),
+        ("ros__parameters: {alpha1: 0.2}", "must stand below the name of a node"),
+        ("amcl: {ros__parameters: [1]}", "amcl: ros__parameters: must be a mapping"),
+        ("amcl: {ros__parameters: {alpha1: 0.2", "my.yaml:2: not YAML:"),
+        ("", "my.yaml: is empty"),
+        ("- 1", "my.yaml:1: must be a mapping that holds ros__parameters"),
+        ("amcl: {ros__parameters: {[1]: 2}}", "a name must be a text"),
+        ("a: &a {<<: *a}", "my.yaml:1: <<: must be followed by a mapping"),
+        ("a: &a {b: *a}", "must be a mapping that holds ros__parameters"),
+        ("amcl: {ros__parameters: &a {b: *a}}", "must be nested at most 40 deep"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line_with_file_line_name_value_and_what_would_be_right(
+    values: str, words: str
+) -> None:
+    assert words in refused(values)
+
+
+def test_several_mistakes_are_told_at_once_but_not_all() -> None:
+    said = refused(
+        "amcl: {ros__parameters: {alpha1: -1.0, alpha2: -1.0, alpha3: -1.0, alpha4: -1.0, "
+        "alpha5: -1.0}}"
+    )
+    assert said.count("must be at least 0") == 4
+    assert said.endswith("; and 1 more")
+
+
+def test_a_controller_that_is_not_taken_is_checked_too() -> None:
+    said = refused(
+        "controller_server: {ros__parameters: {controller_plugins: [A, B], "
+        "A: {plugin: 'a::MPPIController'}, B: {plugin: 'a::MPPIController', batch_size: 0}}}"
+    )
+    assert "controller_server.B.batch_size: 0: must be at least 1" in said
+
+
+def test_numbers_are_read_as_ros_reads_them() -> None:
+    params = load_nav2_params(
+        "smoother_server: {ros__parameters: {simple_smoother: {tolerance: 1e-10}}}\n"
+        "amcl: {ros__parameters: {alpha1: 1, initial_pose.x: 2}}",
+        "my.yaml",
+    )
+    assert params.tree["smoother_server"]["simple_smoother"]["tolerance"] == 1e-10
+    assert params.tree["amcl"]["alpha1"] == 1.0
+    assert params.tree["amcl"]["initial_pose"]["x"] == 2.0
+
+
+def test_namespaces_anchors_and_doubled_costmaps_are_read() -> None:
+    params = load_nav2_params(
+        "tb4: {amcl: {ros__parameters: &same {alpha1: 0.1}}}\n"
+        "/local_costmap/local_costmap: {ros__parameters: {width: 4}}\n"
+        "local_costmap: {local_costmap_client: {ros__parameters: {use_sim_time: true}}}\n"
+        "'/**': {ros__parameters: {use_sim_time: true, speed: 3}}\n"
+        "map_server: {ros__parameters: }\n",
+        "my.yaml",
+    )
+    assert params.tree["amcl"]["alpha1"] == 0.1
+    assert params.tree["local_costmap"]["width"] == 4
+    told = report(params, MODELS)
+    assert row_of(told, "local_costmap_client.use_sim_time").status == "used"
+    assert row_of(told, "/**.use_sim_time").status == "used"
+    assert row_of(told, "/**.speed").note == "is not read for all nodes: must stand below its node"
+
+
+def test_a_name_given_twice_is_said_and_the_last_one_counts() -> None:
+    params = load_nav2_params(
+        "amcl: {ros__parameters: {alpha1: 0.1}}\namcl: {ros__parameters: {alpha1: 0.3}}", "my.yaml"
+    )
+    (entry,) = params.entries
+    assert (entry.value, entry.leaf.line) == (0.3, 2)
+    assert "given twice" in entry.note
+
+
+def test_a_parameter_is_used_where_its_setting_exists_and_unsupported_where_not() -> None:
+    told = report(
+        load(
+            amcl={"sigma_hit": 0.1, "max_beams": 30, "scan_topic": "/scan", "map_topic": "/map",
+                  "global_frame_id": "world", "recovery_alpha_slow": 0.0}
+        ),
+        OURS,
+    )  # fmt: skip
+    rows = {row.parameter: row for row in told.rows}
+    assert (rows["sigma_hit"].status, rows["sigma_hit"].setting) == (
+        "used", "localization.sigma_hit",
+    )  # fmt: skip
+    assert (rows["max_beams"].status, rows["max_beams"].note) == (
+        "unsupported", "has no setting here",
+    )  # fmt: skip
+    assert rows["map_topic"].status == "used"
+    assert rows["global_frame_id"].note == "is always map here"
+    off = rows["recovery_alpha_slow"]
+    assert off.status == "unsupported"
+    assert off.note == "localization.recovery_alpha_slow must be greater than 0"
+    assert told.settings == {"localization": {"sigma_hit": 0.1, "scan_topic": "/scan"}}
+
+
+def test_nothing_is_said_where_the_models_do_not_know_the_section() -> None:
+    assert report(load(amcl={"sigma_hit": 0.1}), {}).settings == {}
+
+
+def test_limits_stay_within_the_robots_own() -> None:
+    told = report(
+        load(
+            controller_server={"FollowPath": MPPI | {"vx_max": 0.5, "ax_max": 0.8}},
+            velocity_smoother={"max_velocity": [0.3, 0.0, 2.5]},
+            amcl={"laser_max_range": 100.0},
+        ),
+        OURS,
+    )
+    speed = row_of(told, "controller_server.FollowPath.vx_max")
+    assert (speed.status, speed.note) == ("mapped", "taken as 0.46")
+    assert row_of(told, "controller_server.FollowPath.ax_max").status == "used"
+    assert told.settings["navigation"]["mppi"] == {"vx_max": 0.46, "ax_max": 0.8}
+    assert told.settings["navigation"]["velocity_smoother"]["max_velocity"] == [0.3, 0.0, 1.9]
+    assert told.settings["localization"] == {"laser_max_range": 3.5}
+    plant = PhysicsConfig()
+    assert plant.max_linear_speed_m_s == targets.MAX_SPEED_M_S
+
+
+def test_minus_one_leaves_the_lidars_own_range() -> None:
+    told = report(load(amcl={"laser_max_range": -1.0}), OURS)
+    (row,) = told.rows
+    assert (row.status, row.note) == ("mapped", "the default here has this meaning")
+    assert told.settings == {}
+
+
+def test_the_class_of_the_controller_chooses_ours() -> None:
+    told = report(load(controller_server={"FollowPath": MPPI}), OURS)
+    assert told.settings == {"navigation": {"controller": "mppi"}}
+    dwb = report(
+        load(controller_server={"FollowPath": {"plugin": "dwb_core::DWBLocalPlanner",
+                                               "max_vel_x": 0.22}}),
+        OURS,
+    )  # fmt: skip
+    plugin = row_of(dwb, "controller_server.FollowPath.plugin")
+    assert plugin.status == "unsupported"
+    assert "DWBLocalPlanner is not built in; built in are MPPIController" in plugin.note
+    assert dwb.settings == {"navigation": {"mppi": {"vx_max": 0.22}}}
+
+
+def test_only_the_first_controller_is_taken() -> None:
+    told = report(
+        load(controller_server={
+            "controller_plugins": ["Slow", "Fast"],
+            "Slow": MPPI | {"batch_size": 500}, "Fast": MPPI | {"batch_size": 3000},
+        }),
+        OURS,
+    )  # fmt: skip
+    assert told.settings["navigation"]["mppi"]["batch_size"] == 500
+    fast = row_of(told, "controller_server.Fast.batch_size")
+    assert (fast.status, fast.note) == (
+        "unsupported", "only Slow, the first in controller_plugins, is taken",
+    )  # fmt: skip
+
+
+def test_a_plugin_of_the_users_own_is_unsupported_and_not_unknown() -> None:
+    told = report(
+        load(controller_server={"FollowPath": {"plugin": "mine::Magic", "gain": 3}}), OURS
+    )
+    row = row_of(told, "controller_server.FollowPath.gain")
+    assert (row.status, row.note) == ("unsupported", "Magic is not built in")
+
+
+def test_the_rotation_shim_shares_its_namespace_with_the_controller_behind_it() -> None:
+    params = load(controller_server={"FollowPath": {
+        "plugin": "nav2_rotation_shim_controller::RotationShimController",
+        "primary_controller": "nav2_mppi_controller::MPPIController",
+        "angular_dist_threshold": 0.7, "batch_size": 700,
+    }})  # fmt: skip
+    assert entry_of(params, "controller_server.FollowPath.batch_size").knowledge == "parameter"
+    assert row_of(report(params, OURS), "controller_server.FollowPath.batch_size").status == "used"
+
+
+def test_critics_that_are_not_listed_are_off() -> None:
+    told = report(
+        load(controller_server={"FollowPath": MPPI | {
+            "GoalCritic": {"enabled": False},
+            "critics": ["CostCritic", "GoalCritic", "PathAlignCritic"],
+            "TwirlingCritic": {"cost_weight": 3.0},
+        }}),
+        OURS,
+    )  # fmt: skip
+    mppi = told.settings["navigation"]["mppi"]
+    assert mppi["CostCritic"]["enabled"] is True
+    assert mppi["TwirlingCritic"] == {"enabled": False}
+    assert mppi["GoalCritic"]["enabled"] is False
+    critics = row_of(told, "controller_server.FollowPath.critics")
+    assert (critics.status, critics.note) == ("mapped", "2 of 3 are on; without PathAlignCritic")
+    twirling = row_of(told, "controller_server.FollowPath.TwirlingCritic.cost_weight")
+    assert "TwirlingCritic is not in critics" in twirling.note
+
+
+def test_each_costmap_has_its_own_layers_and_each_polygon_its_own_settings() -> None:
+    layer = {"plugin": "nav2_costmap_2d::InflationLayer"}
+    told = report(
+        load(
+            local_costmap={"plugins": ["i"], "i": layer | {"inflation_radius": 0.5}},
+            global_costmap={"plugins": ["i"], "i": layer | {"inflation_radius": 0.9}},
+            collision_monitor={
+                "polygons": ["Near", "Far"],
+                "Near": {"type": "polygon", "points": "[[0.3, 0.2], [0.3, -0.2], [0, 0]]"},
+                "Far": {"type": "polygon", "min_points": 7},
+                "Spare": {"type": "circle", "radius": 0.5},
+            },
+        ),
+        OURS,
+    )
+    ours = told.settings["navigation"]
+    assert ours["local_costmap"]["inflation_layer"]["inflation_radius"] == 0.5
+    assert ours["global_costmap"]["inflation_layer"]["inflation_radius"] == 0.9
+    polygons = ours["collision_monitor"]["polygons"]
+    assert polygons["Near"]["points"] == [[0.3, 0.2], [0.3, -0.2], [0.0, 0.0]]
+    assert polygons["Far"]["min_points"] == 7
+    assert row_of(told, "local_costmap.plugins").status == "used"
+    spare = row_of(told, "collision_monitor.Spare.radius")
+    assert "Spare is not in polygons" in spare.note
+
+
+def test_two_values_for_one_setting_are_said() -> None:
+    class Flat(BaseModel):
+        inflation_radius: float = 0.7
+
+    layer = {"plugin": "nav2_costmap_2d::InflationLayer"}
+    told = report(
+        load(
+            local_costmap={"inflation_layer": layer | {"inflation_radius": 0.5}},
+            global_costmap={"inflation_layer": layer | {"inflation_radius": 0.9}},
+        ),
+        {"navigation": Flat},
+    )
+    assert told.settings == {"navigation": {"inflation_radius": 0.5}}
+    row = row_of(told, "global_costmap.inflation_layer.inflation_radius")
+    assert row.status == "unsupported"
+    assert "has its value from local_costmap.inflation_layer.inflation_radius" in row.note
+
+
+def test_a_name_with_many_meanings_is_not_taken_for_a_setting_of_the_whole_section() -> None:
+    class Flat(BaseModel):
+        enabled: bool = False
+        transform_tolerance: float = 0.1
+        failure_tolerance: float = 0.3
+
+    told = report(
+        load(
+            local_costmap={"inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer",
+                                               "enabled": True}},
+            global_costmap={"transform_tolerance": 0.5},
+            controller_server={"failure_tolerance": 0.7},
+        ),
+        {"navigation": Flat},
+    )  # fmt: skip
+    assert told.settings == {"navigation": {"failure_tolerance": 0.7}}
+
+
+def test_unknown_nodes_and_names_come_with_the_nearest_known_one() -> None:
+    told = report(load(amlc={"alpha1": 0.1}, amcl={"sigma_hits": 0.1}, ekf={"f": 1}), OURS)
+    notes = {row.node: (row.status, row.note) for row in told.rows}
+    assert notes["amlc"] == ("unknown", "no node of Nav2; did you mean amcl?")
+    assert notes["ekf"] == ("unknown", "no node of Nav2")
+    assert notes["amcl"][0] == "unknown"
+    assert "did you mean sigma_hit?" in notes["amcl"][1]
+
+
+def test_every_place_names_a_section_that_exists() -> None:
+    named = {place.partition(".")[0] for places in targets.PLACES.values() for place in places}
+    assert named <= {"navigation", "localization"}
+    used = {row.conversion for row in _all_rows()} - {""}
+    assert used == set(targets.CONVERSIONS)
+
+
+def _all_rows() -> list[typing.Any]:
+    found: list[typing.Any] = []
+
+    def visit(space: Namespace) -> None:
+        found.extend(space.parameters.values())
+        for group in space.groups:
+            for child in group.kinds.values():
+                visit(child)
+
+    for node in NODES.values():
+        visit(node)
+    return found

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2
+from services.navigation.behavior.goals import REQUESTED
+from services.navigation.control.collision import Velocity
+from services.navigation.planning.path import PlannedPath, path_through
+from tests.navigation.behavior.scripted_tree import Ticked
+from tests.navigation.behavior.simulated_robot import SimulatedRobot
+
+
+@pytest.mark.parametrize(
+    ("kind", "script", "ports", "answers", "ticked"),
+    [
+        ("Inverter", "RSF", {}, "RFS", 3),
+        ("ForceSuccess", "RFS", {}, "RSS", 3),
+        ("ForceFailure", "RFS", {}, "RFF", 3),
+        ("KeepRunningUntilFailure", "SRSF", {}, "RRRF", 4),
+        ("Repeat", "S", {"num_cycles": "3"}, "S", 3),
+        ("Repeat", "SRSF", {"num_cycles": "3"}, "RF", 4),
+        ("Repeat", "S", {"num_cycles": "-1"}, "RRR", 3),
+        ("RetryUntilSuccessful", "FFS", {"num_attempts": "3"}, "S", 3),
+        ("RetryUntilSuccessful", "F", {"num_attempts": "2"}, "F", 2),
+        ("RetryUntilSuccessful", "FFS", {"num_attempts": "-1"}, "RRS", 3),
+        ("SingleTrigger", "RSS", {}, "RSF", 2),
+        ("Timeout", "R", {"msec": "100"}, "RRF", 2),
+    ],
+)
+def test_a_decorator_turns_its_childs_answers(
+    kind: str, script: str, ports: dict[str, str], answers: str, ticked: int
+) -> None:
+    tree = Ticked(kind, script, robot=None, **ports)
+    assert tree.ticks(len(answers)) == answers
+    assert tree.ticked() == [ticked]
+
+
+def test_a_rate_controller_ticks_at_once_then_by_its_rate() -> None:
+    tree = Ticked("RateController", "S", hz="5.0")
+    # Every 50 ms; the period is 200 ms.
+    assert tree.ticks(9) == "SRRRSRRRS"
+    assert tree.ticked() == [3]
+
+
+def test_a_rate_controller_stays_with_a_child_that_runs() -> None:
+    tree = Ticked("RateController", "RRS", hz="1.0")
+    assert tree.ticks(4) == "RRSR"
+    assert tree.ticked() == [3]
+
+
+def test_a_rate_controller_that_was_halted_ticks_at_once() -> None:
+    tree = Ticked("RateController", "S", hz="1.0")
+    tree.ticks(3)
+    tree.node.halt()
+    assert tree.tick() == "S"
+
+
+def test_a_distance_controller_ticks_after_each_metre() -> None:
+    robot = SimulatedRobot()
+    tree = Ticked("DistanceController", "S", robot=robot, distance="1.0")
+    answers = ""
+    for step in range(25):
+        robot.robot.map_from_base = SE2(0.1 * step, 0.0, 0.0)
+        answers += tree.tick()
+    assert [i for i, one in enumerate(answers) if one == "S"] == [0, 10, 20]
+
+
+def test_a_speed_controller_plans_more_often_when_it_is_fast() -> None:
+    counts = []
+    for speed in (0.0, 0.4):
+        robot = SimulatedRobot()
+        robot.robot.velocity = Velocity(speed, 0.0)
+        tree = Ticked(
+            "SpeedController", "S", robot=robot, min_rate="0.5", max_rate="2.0", max_speed="0.4"
+        )
+        tree.ticks(200)
+        counts.append(tree.ticked()[0])
+    assert counts == [5, pytest.approx(20, abs=1)]
+
+
+def test_a_goal_updated_controller_ticks_for_each_new_goal() -> None:
+    tree = Ticked("GoalUpdatedController", "S")
+    tree.blackboard.set(REQUESTED, (SE2(1.0, 0.0, 0.0),))
+    assert tree.ticks(3) == "SRR"
+    tree.blackboard.set(REQUESTED, (SE2(2.0, 0.0, 0.0),))
+    assert tree.ticks(3) == "SRR"
+
+
+def test_a_goal_updater_takes_the_goal_from_the_topic_when_there_is_one() -> None:
+    robot = SimulatedRobot()
+    tree = Ticked(
+        "GoalUpdater", "S", robot=robot, input_goal="{goal}", output_goal="{updated_goal}"
+    )
+    tree.blackboard.set("goal", SE2(1.0, 0.0, 0.0))
+    tree.tick()
+    assert tree.blackboard.get("updated_goal") == SE2(1.0, 0.0, 0.0)
+    robot.goal_updates = (SE2(3.0, 0.0, 0.0),)
+    tree.tick()
+    assert tree.blackboard.get("updated_goal") == SE2(3.0, 0.0, 0.0)
+
+
+def straight(length_m: float, bend_m: float = 0.0) -> PlannedPath:
+    """A path to (2, 0) whose length is set by a detour."""
+    points = np.array([[2.0 - length_m, 0.0], [1.0, bend_m], [2.0, 0.0]])
+    return path_through(points, 0.0)
+
+
+def test_a_much_longer_path_near_the_goal_is_noticed_once() -> None:
+    robot = SimulatedRobot()
+    tree = Ticked("PathLongerOnApproach", "RS", robot=robot, path="{path}")
+    tree.blackboard.set("path", straight(2.0))
+    assert tree.ticks(2) == "SS"
+    assert tree.ticked() == [0]
+    tree.blackboard.set("path", straight(2.0, bend_m=3.0))
+    assert tree.ticks(3) == "RSS"
+    assert tree.ticked() == [2]
+
+
+def test_a_longer_path_to_a_far_or_another_goal_is_driven() -> None:
+    robot = SimulatedRobot()
+    tree = Ticked("PathLongerOnApproach", "R", robot=robot, path="{path}", prox_len="1.0")
+    tree.blackboard.set("path", straight(2.0))
+    tree.tick()
+    tree.blackboard.set("path", straight(2.0, bend_m=3.0))
+    assert tree.tick() == "S"

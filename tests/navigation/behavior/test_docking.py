@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from services.common.error_codes import ErrorCode
+from services.common.frames import SE2
+from services.navigation.behavior.context import MarkerPose, planar_marker
+from services.navigation.behavior.dock_estimate import DockEstimate, SightingParams
+from services.navigation.behavior.docking import (
+    DockingParams,
+    DockState,
+    Undocker,
+)
+from services.navigation.behavior.graceful_controller import GracefulParams, graceful_velocity
+from services.navigation.config import CONTROL_PERIOD_NS
+from services.navigation.control.collision import STOP
+from services.navigation.errors import NavigationError
+from tests.navigation.behavior.docking_robot import PERIOD_S, DockingRobot
+from tests.navigation.driving import Unicycle
+
+
+@pytest.mark.parametrize(
+    ("starts", "spread", "noise"),
+    [(20, (0.1, 0.1, 0.15), 1.0), (60, (0.3, 0.3, 0.5), 1.0), (20, (0.1, 0.1, 0.15), 2.0)],
+)
+def test_it_docks_from_60_starts_within_2_cm_aside_and_a_degree_and_a_half(
+    starts: int, spread: tuple[float, float, float], noise: float
+) -> None:
+    errors = np.array([DockingRobot(seed, spread, noise).dock_it() for seed in range(starts)])
+    assert np.abs(errors[:, 1]).max() < 0.02
+    assert np.hypot(errors[:, 0], errors[:, 1]).max() < 0.03
+    assert np.degrees(np.abs(errors[:, 2])).max() < 1.5
+
+
+def test_it_is_at_rest_within_its_speeds_and_says_its_states() -> None:
+    robot = DockingRobot(1)
+    robot.dock_it()
+    states = [step.state for step in robot.states]
+    assert states[0] is DockState.INITIAL_PERCEPTION
+    assert states[-1] is DockState.CONTROLLING
+    commands = np.array([step.velocity for step in robot.states])
+    p = robot.params
+    change = np.abs(np.diff(commands, axis=0)).max(0) / PERIOD_S
+    assert change[0] <= p.acceleration_m_s2 + 1e-9
+    assert change[1] <= p.angular_acceleration_rad_s2 + 1e-9
+    assert commands[:, 0].max() <= p.graceful.v_linear_max_m_s
+    # The last centimetres are slow: there is no bumper.
+    assert robot.states[-1].velocity == STOP
+
+
+def test_a_marker_that_is_never_seen_ends_the_docking_with_its_code() -> None:
+    robot = DockingRobot(1)
+    robot.blind = True
+    with pytest.raises(NavigationError, match="was seen 0 times in 8") as caught:
+        robot.dock_it()
+    assert caught.value.code is ErrorCode.FAILED_TO_DETECT_DOCK
+    # It looked to both sides, four times 8 s.
+    turns = [step.velocity.angular_rad_s for step in robot.states]
+    assert min(turns) < -0.4 < 0.4 < max(turns)
+    assert robot.now_ns * 1e-9 == pytest.approx(4 * 8.0, abs=0.5)
+
+
+def test_a_marker_out_of_sight_at_the_start_is_looked_for() -> None:
+    robot = DockingRobot(3)
+    robot.robot.map_from_base = robot.robot.map_from_base @ SE2(0.0, 0.0, 0.8)
+    error = robot.dock_it()
+    assert math.hypot(error.x_m, error.y_m) < 0.02
+
+
+def test_a_start_too_near_goes_back_to_the_staging_pose_first() -> None:
+    robot = DockingRobot(4)
+    robot.robot.map_from_base = robot.dock @ SE2(-0.2, 0.06, 0.1)
+    error = robot.dock_it()
+    assert DockState.RETRY in [step.state for step in robot.states]
+    assert abs(error.y_m) < 0.02
+
+
+def test_a_marker_lost_on_the_way_is_waited_for_and_found_again() -> None:
+    robot = DockingRobot(5)
+    while robot.error().x_m < -0.5:
+        robot.step()
+    robot.blind = True
+    while robot.states[-1].num_retries == 0:
+        robot.step()
+    assert robot.error().x_m < -0.2
+    robot.blind = False
+    error = robot.dock_it()
+    assert abs(error.y_m) < 0.02
+    assert robot.states[-1].num_retries == 1
+
+
+def test_a_dock_pushed_aside_meanwhile_is_docked_where_it_is_now() -> None:
+    robot = DockingRobot(6)
+    while robot.error().x_m < -0.25:
+        robot.step()
+    # The robot is shoved, which odometry does not see.
+    robot.robot.map_from_base = robot.robot.map_from_base @ SE2(0.0, 0.06, 0.0)
+    error = robot.dock_it()
+    assert abs(error.y_m) < 0.02
+    assert math.hypot(error.x_m, error.y_m) < 0.03
+
+
+def test_a_dock_that_was_missed_sideways_is_tried_again() -> None:
+    robot = DockingRobot(8)
+    while robot.error().x_m < -0.005:
+        robot.step()
+    robot.robot.map_from_base = robot.robot.map_from_base @ SE2(0.0, 0.04, 0.0)
+    error = robot.dock_it()
+    assert robot.states[-1].num_retries == 1
+    assert abs(error.y_m) < 0.02
+
+
+def test_a_wrong_sighting_is_left_out_until_there_are_many() -> None:
+    estimate = DockEstimate(SightingParams())
+    at = SE2(0.0, 0.0, 0.0)
+    for i in range(20):
+        estimate.add(MarkerPose(i, SE2(0.5, 0.0, 3.0), at))
+    estimate.add(MarkerPose(20, SE2(0.5, 0.0, 2.5), at))
+    assert estimate.odom_from_marker == pytest.approx(SE2(0.5, 0.0, 3.0))
+    for i in range(21, 40):
+        estimate.add(MarkerPose(i, SE2(0.6, 0.0, 2.5), at))
+    # The marker has moved, or the robot was pushed.
+    assert estimate.odom_from_marker == pytest.approx(SE2(0.6, 0.0, 2.5))
+
+
+def test_something_in_the_way_stops_the_approach() -> None:
+    robot = DockingRobot(7, time_to_collision=lambda v: 0.3 if v.linear_m_s > 0.0 else math.inf)
+    with pytest.raises(NavigationError, match="something is in the way") as caught:
+        robot.dock_it()
+    assert caught.value.code is ErrorCode.FAILED_TO_CONTROL
+    assert robot.states[-1].num_retries == 3
+
+
+def undock(stuck: bool = False, contact_s: float = math.inf) -> tuple[Unicycle, float]:
+    robot, undocker = Unicycle(SE2(1.0, 1.0, 0.5), stuck=stuck), Undocker(DockingParams(), 10.0)
+    for i in range(300):
+        step = undocker.step(
+            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, lambda _: contact_s
+        )
+        if step.done:
+            return robot, i * PERIOD_S
+        robot.drive(step.velocity, PERIOD_S)
+    raise AssertionError("never ended")
+
+
+def test_undocking_drives_straight_back_to_the_staging_pose() -> None:
+    robot, _ = undock()
+    at = SE2(1.0, 1.0, 0.5).inverse() @ robot.map_from_base
+    assert at.x_m == pytest.approx(-0.7, abs=0.05)
+    assert at.y_m == pytest.approx(0.0, abs=0.01)
+
+
+def test_undocking_that_cannot_go_on_ends_with_its_code() -> None:
+    with pytest.raises(NavigationError) as late:
+        undock(stuck=True)
+    # Nav2 says FAILED_TO_CONTROL for it.
+    assert late.value.code is ErrorCode.DOCKING_TIMEOUT
+    with pytest.raises(NavigationError) as blocked:
+        undock(contact_s=0.2)
+    assert blocked.value.code is ErrorCode.FAILED_TO_CONTROL
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.2, 0.6, -0.4), (0.0, -0.5, 1.0)])
+@pytest.mark.parametrize("backward", [False, True])
+def test_the_graceful_law_arrives_with_the_targets_heading(
+    start: tuple[float, float, float], backward: bool
+) -> None:
+    target = SE2(-1.5, 0.1, 0.0) if backward else SE2(1.5, 0.1, 0.0)
+    robot, params = Unicycle(SE2(*start)), GracefulParams()
+    for _ in range(1000):
+        to_target = robot.map_from_base.inverse() @ target
+        if math.hypot(to_target.x_m, to_target.y_m) < 0.03:
+            break
+        velocity = graceful_velocity(params, to_target, backward)
+        assert (velocity.linear_m_s < 0.0) is backward
+        assert abs(velocity.angular_rad_s) <= params.v_angular_max_rad_s + 1e-9
+        robot.drive(velocity, PERIOD_S)
+    assert robot.map_from_base.distance_m(target) < 0.03
+    assert abs(robot.map_from_base.yaw_rad) < 0.1
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.5, -1.0])
+def test_the_planar_pose_of_a_marker_faces_along_its_z_axis(yaw_rad: float) -> None:
+    out = (math.cos(yaw_rad), math.sin(yaw_rad), 0.0)
+    up = (0.0, 0.0, 1.0)
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = np.cross(up, out), up, out
+    matrix[:3, 3] = (1.0, 2.0, 0.3)
+    assert planar_marker(matrix) == pytest.approx(SE2(1.0, 2.0, yaw_rad))
+    with pytest.raises(ValueError, match="lies flat"):
+        planar_marker(np.eye(4))

@@ -1,0 +1,266 @@
+"""Both controllers drive: to goals in the house, through narrow places, and by what moves."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2, Array, wrap_angle
+from services.navigation.config import NavigationConfig
+from services.navigation.control.clearance_window import ClearanceWindow
+from services.navigation.control.collision import STOP, Surroundings, Velocity
+from services.navigation.control.controller import Controller, Robot
+from services.navigation.control.controllers import make_controller
+from services.navigation.control.mppi import MPPIController
+from services.navigation.control.track import Track
+from services.navigation.costmap.layered_costmap import Costmap, LayeredCostmap, frame_of
+from services.navigation.planning.path import PlannedPath, path_through, resample
+from tests.navigation.control.judge import Drive, drive
+from tests.navigation.driving import LOCATIONS, NO_ECHOES, START, Unicycle, house_costmap
+from tests.navigation.house_tour import wall_segments
+
+NAMES = ["mppi", "regulated_pure_pursuit"]
+OPEN_M = 4.0
+
+
+def made(name: str, seed: int = 1, **params: object) -> Controller:
+    return make_controller(name, params, Robot(), np.random.default_rng(seed))
+
+
+def room(*boxes_m: tuple[float, float, float, float]) -> tuple[Costmap, Array]:
+    """A room 4 m square from the origin on with boxes (x0, y0, x1, y1), and all their faces."""
+    cells = np.zeros((80, 80), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    faces = []
+    for x0, y0, x1, y1 in (*boxes_m, (0.0, 0.0, OPEN_M, OPEN_M)):
+        corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+        faces += [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    for x0, y0, x1, y1 in boxes_m:
+        cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
+    config = NavigationConfig()
+    frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
+    costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle()).master
+    return costmap, np.array(faces)
+
+
+def line(*points_m: tuple[float, float], yaw_rad: float = 0.0) -> PlannedPath:
+    return path_through(resample(np.array(points_m), 0.05), yaw_rad)
+
+
+@cache
+def to_location(name: str, location: str) -> Drive:
+    costmap = house_costmap(NavigationConfig()).master
+    noise = np.random.default_rng(1)
+    return drive(
+        made(name), costmap, Unicycle(START), LOCATIONS[location], wall_segments(), noise=noise
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_goals_in_the_house_are_reached_by_short_ways_and_without_a_touch(name: str) -> None:
+    told = to_location(name, "location3")
+    goal = LOCATIONS["location3"]
+    assert told.reached
+    assert told.spl > 0.97
+    assert min(told.clearances_m) > 0.08
+    assert told.seconds < 17.0
+    assert told.reversals() <= 3
+    assert told.poses[-1].distance_m(goal) < 0.06
+    assert abs(wrap_angle(told.poses[-1].yaw_rad - goal.yaw_rad)) < 0.06
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_commands_keep_the_limits_and_end_in_a_stop(name: str) -> None:
+    commands = np.array(to_location(name, "location3").commands)
+    assert np.abs(commands[:, 0]).max() <= 0.46 + 1e-9
+    assert np.abs(commands[:, 1]).max() <= 1.9 + 1e-9
+    change = np.abs(np.diff(commands, axis=0)) / 0.05
+    assert change[:, 0].max() <= 1.0 + 1e-6
+    assert change[:, 1].max() <= 2.0 + 1e-6
+    assert tuple(commands[-1]) == STOP
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("width_m", [0.5, 0.6])
+def test_a_corridor_that_the_robot_fits_is_driven_through_round_a_bend(
+    name: str, width_m: float
+) -> None:
+    low, high = 1.0 - width_m / 2.0, 1.0 + width_m / 2.0
+    left, right = 3.0 - width_m / 2.0, 3.0 + width_m / 2.0
+    costmap, faces = room((1.0, 0.0, 4.0, low), (1.0, high, left, 3.2), (right, low, 4.0, 3.2))
+    path = line((0.5, 1.0), (3.0, 1.0), (3.0, 3.5), yaw_rad=math.pi / 2)
+    robot = Unicycle(SE2(0.5, 1.03, 0.1))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=30.0)
+    assert told.reached
+    assert min(told.clearances_m) > 0.02
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_way_that_is_closed_stops_the_robot_before_it(name: str) -> None:
+    costmap, faces = room((2.5, 0.0, 2.7, 4.0))
+    path = line((0.5, 1.0), (3.5, 1.0))
+    robot = Unicycle(SE2(0.5, 1.0, 0.0))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=8.0)
+    assert not told.reached
+    assert min(told.clearances_m) > 0.0
+    assert abs(robot.velocity.linear_m_s) < 0.05
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_box_on_the_path_that_only_the_scan_sees_is_not_touched(name: str) -> None:
+    costmap, _ = room()
+    _, faces = room((1.9, 0.9, 2.1, 1.15))
+    path = line((0.5, 1.0), (3.5, 1.0))
+    robot = Unicycle(SE2(0.5, 1.0, 0.0))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=20.0)
+    assert min(told.clearances_m) > 0.0
+    if name == "mppi":
+        assert told.reached
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_robot_that_touches_a_wall_can_leave_it(name: str) -> None:
+    costmap, faces = room()
+    # Its front corner is 1 cm inside the first row of cells.
+    robot = Unicycle(SE2(0.5, 0.19, 0.0))
+    path = line((0.5, 0.19), (1.0, 0.5), (2.5, 1.0))
+    told = drive(made(name), costmap, robot, path.goal, faces, path=path, limit_s=20.0)
+    assert told.reached
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_goal_is_reached_only_when_the_robot_stands(name: str) -> None:
+    costmap, _ = room()
+    controller = made(name)
+    path = line((1.0, 1.0), (1.5, 1.0))
+    controller.set_path(path, same_goal=False)
+    still = Surroundings(path.goal, costmap, NO_ECHOES, velocity=Velocity(0.2, 0.0))
+    assert not any(controller.step(0.05, still).reached for _ in range(40))
+    stands = Surroundings(path.goal, costmap, NO_ECHOES, velocity=STOP)
+    assert controller.step(0.05, stands).reached
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_new_path_to_the_same_goal_keeps_what_was_reached(name: str) -> None:
+    costmap, _ = room()
+    controller = made(name)
+    path = line((1.0, 1.0), (1.5, 1.0), yaw_rad=1.0)
+    controller.set_path(path, same_goal=False)
+    controller.step(0.05, Surroundings(SE2(1.5, 1.0, 0.0), costmap, NO_ECHOES))
+    assert controller.xy_reached
+    controller.set_path(path, same_goal=True)
+    assert controller.xy_reached
+    controller.set_path(path, same_goal=False)
+    assert not controller.xy_reached
+    controller.stop()
+    assert controller.path is None
+    with pytest.raises(ValueError, match="no path"):
+        controller.step(0.05, Surroundings(SE2(1.5, 1.0, 0.0), costmap, NO_ECHOES))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_speed_limit_of_a_place_is_kept(name: str) -> None:
+    costmap, faces = room()
+    controller = made(name)
+    path = line((0.5, 1.0), (3.5, 1.0))
+    told = drive(
+        controller, costmap, Unicycle(SE2(0.5, 1.0, 0.0)), path.goal, faces, path=path,
+        limit_s=30.0, speed_limit_m_s=lambda now_s: 0.15 if now_s > 3.0 else math.inf,
+    )  # fmt: skip
+    speeds = np.array(told.commands)[:, 0]
+    assert told.reached
+    assert speeds[:60].max() > 0.35
+    assert speeds[70:].max() <= 0.15 + 1e-6
+
+
+def crossing(controller: Controller, predicted: bool) -> Drive:
+    """A post, 0.4 m/s, that meets the robot half way."""
+    costmap, faces = room()
+
+    def at(now_s: float) -> tuple[float, float]:
+        return 2.0, 3.2 - 0.4 * now_s
+
+    def segments(now_s: float) -> Array:
+        angles = np.arange(12) * math.tau / 12
+        around = np.stack([np.cos(angles), np.sin(angles)], axis=1) * 0.15 + np.array(at(now_s))
+        return np.concatenate([around, np.roll(around, -1, axis=0)], axis=1)
+
+    path = line((0.5, 1.0), (3.5, 1.0))
+    return drive(
+        controller, costmap, Unicycle(SE2(0.5, 1.0, 0.0)), path.goal, faces, path=path,
+        limit_s=20.0, extra=segments,
+        tracks=lambda now_s: (Track(1, *at(now_s), 0.0, -0.4, 0.15),) if predicted else (),
+    )  # fmt: skip
+
+
+def test_what_crosses_the_way_is_avoided_because_it_is_predicted() -> None:
+    told = crossing(made("mppi"), predicted=True)
+    assert told.reached
+    assert min(told.clearances_m) > 0.08
+    blind = crossing(made("mppi", prediction=False), predicted=True)
+    assert min(blind.clearances_m) < min(told.clearances_m)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    first, second, other = (
+        np.array(crossing(made("mppi", seed, batch_size=300), True).commands) for seed in (4, 4, 5)
+    )
+    assert first.tobytes() == second.tobytes()
+    assert first.tobytes() != other.tobytes()
+
+
+def test_a_smaller_batch_is_counted_and_drives_too() -> None:
+    controller = made("mppi")
+    assert isinstance(controller, MPPIController)
+    controller.batch_size = 500
+    assert (controller.batch_size, controller.shortfalls) == (500, 1)
+    controller.batch_size = 1_000_000
+    assert (controller.batch_size, controller.shortfalls) == (2000, 1)
+    controller.batch_size = 1
+    assert controller.batch_size >= 50
+    assert crossing(controller, predicted=True).reached
+
+
+@pytest.mark.parametrize(
+    ("periods", "tracks", "optimised"), [(1, 0, 12), (2, 0, 6), (2, 1, 12), (3, 0, 4)]
+)
+def test_one_optimisation_is_for_several_periods_where_nothing_moves(
+    periods: int, tracks: int, optimised: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costmap, _ = room()
+    controller = made("mppi", periods_per_optimisation=periods, batch_size=200)
+    assert isinstance(controller, MPPIController)
+    controller.set_path(line((0.5, 1.0), (3.5, 1.0)), same_goal=False)
+    robot, updates = Unicycle(SE2(0.5, 1.0, 0.0)), 0
+    before = ClearanceWindow.update
+
+    def counted(window: ClearanceWindow, around: Surroundings, without_tracks: bool) -> None:
+        nonlocal updates
+        updates += 1
+        before(window, around, without_tracks)
+
+    monkeypatch.setattr(ClearanceWindow, "update", counted)
+    seen = (Track(1, 3.5, 3.5, 0.1, 0.1, 0.15),) * tracks
+    for _ in range(12):
+        around = Surroundings(robot.map_from_base, costmap, NO_ECHOES, tracks=seen)
+        robot.drive(controller.step(0.05, around).velocity, 0.05)
+    assert updates == optimised
+    assert robot.velocity.linear_m_s > 0.3
+
+
+def test_the_best_rollouts_can_be_drawn() -> None:
+    costmap, _ = room()
+    controller = made("mppi")
+    assert isinstance(controller, MPPIController)
+    assert controller.trajectories() is None
+    controller.set_path(line((0.5, 1.0), (3.5, 1.0)), same_goal=False)
+    controller.step(0.05, Surroundings(SE2(0.5, 1.0, 0.0), costmap, NO_ECHOES))
+    drawn = controller.trajectories(count=12)
+    assert drawn is not None
+    assert drawn.points_m.shape == (12, 57, 2)
+    assert drawn.points_m[:, 0] == pytest.approx(np.tile([0.5, 1.0], (12, 1)))
+    assert (np.diff(drawn.costs) >= 0.0).all()
+    assert drawn.optimal_m[-1, 0] > 1.0

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2
+from services.navigation.control.collision import STOP, Velocity
+from services.navigation.control.goal_checker import GoalChecker, GoalCheckerParams
+from services.navigation.control.path_handler import PathHandler, PathHandlerParams
+from services.navigation.planning.path import path_through
+
+GOAL = SE2(1.0, 0.0, 0.0)
+SLOW, FAST = Velocity(0.005, 0.02), Velocity(0.05, 0.0)
+
+
+def checker(**params: object) -> GoalChecker:
+    return GoalChecker(GoalCheckerParams.model_validate(params))
+
+
+def test_success_needs_position_heading_and_standstill() -> None:
+    goal = checker()
+    near, turned, far = SE2(0.97, 0.0, 0.0), SE2(0.97, 0.0, 0.2), SE2(0.9, 0.0, 0.0)
+    assert not goal.check_position(far, GOAL, 0.1)
+    assert not goal.is_goal_reached(far, GOAL, STOP)
+    assert goal.check_position(near, GOAL, 0.03)
+    assert not goal.is_goal_reached(turned, GOAL, STOP)
+    assert not goal.is_goal_reached(near, GOAL, FAST)
+    assert goal.is_goal_reached(near, GOAL, SLOW)
+
+
+def test_a_goal_that_the_path_passes_before_its_end_is_not_reached() -> None:
+    assert not checker().check_position(GOAL, GOAL, 3.0)
+    assert checker(path_length_tolerance=5.0).check_position(GOAL, GOAL, 3.0)
+
+
+def test_a_position_once_reached_stays_reached_within_the_buffer() -> None:
+    stateful, stateless = checker(), checker(stateful=False)
+    out = SE2(0.91, 0.0, 0.0)
+    for goal in (stateful, stateless):
+        assert goal.check_position(GOAL, GOAL, 0.0)
+    assert stateful.check_position(out, GOAL, 0.1)
+    assert not stateless.check_position(out, GOAL, 0.1)
+    assert not stateful.check_position(SE2(0.8, 0.0, 0.0), GOAL, 0.2)
+    stateful.check_position(GOAL, GOAL, 0.0)
+    stateful.reset()
+    assert not stateful.xy_reached
+
+
+def test_the_opposite_heading_counts_where_that_is_asked_for() -> None:
+    back = SE2(1.0, 0.0, math.pi - 0.01)
+    assert abs(checker().yaw_error_rad(back, GOAL)) > 3.0
+    assert checker(symmetric_yaw_tolerance=True).yaw_error_rad(back, GOAL) == pytest.approx(0.01)
+
+
+def bent_path() -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return np.array([(0.1 * i, 0.0) for i in range(11)] + [(1.0, 0.1 * i) for i in range(1, 21)])
+
+
+def test_the_local_path_begins_at_the_foot_of_the_robot_and_is_cut() -> None:
+    path = path_through(bent_path(), 0.0)
+    handler = PathHandler(PathHandlerParams(prune_distance=1.5))
+    handler.set_path(path)
+    pose = SE2(0.53, 0.2, 0.0)
+    assert handler.advance(path, pose) == pytest.approx(2.5, abs=0.06)
+    local = handler.local(path, pose, 0.05)
+    assert local.points_m[0] == pytest.approx((0.53, 0.0))
+    assert local.points_m[-1] == pytest.approx((1.0, 1.03))
+    assert local.remaining_m == pytest.approx(2.47)
+    assert not local.ends
+    steps = np.linalg.norm(np.diff(local.points_m, axis=0), axis=1)
+    assert steps.max() <= local.spacing_m + 1e-9
+
+
+def test_the_robot_is_looked_for_ahead_only_and_not_across_a_loop() -> None:
+    path = path_through(bent_path(), 0.0)
+    handler = PathHandler(PathHandlerParams(max_robot_pose_search_dist=0.5))
+    handler.set_path(path)
+    handler.advance(path, SE2(0.4, 0.0, 0.0))
+    assert handler.index == 4
+    # The far leg comes nearer to this place, but is more than half a metre of path away.
+    handler.advance(path, SE2(0.99, 1.5, 0.0))
+    assert handler.index == 9
+    handler.advance(path, SE2(0.2, 0.0, 0.0))
+    assert handler.index == 9
+
+
+def test_the_end_of_the_path_is_a_path_still() -> None:
+    path = path_through(bent_path(), 0.0)
+    handler = PathHandler(PathHandlerParams(max_robot_pose_search_dist=5.0))
+    handler.set_path(path)
+    handler.advance(path, SE2(1.0, 2.1, 0.0))
+    local = handler.local(path, SE2(1.0, 2.1, 0.0), 0.05)
+    assert local.ends
+    assert local.remaining_m == 0.0
+    assert len(local.points_m) >= 2
