@@ -7,6 +7,11 @@ import logging
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
+
+# The same examples each time, and no test that fails because the machine is busy.
+settings.register_profile("mazebot", deadline=None, derandomize=True)
+settings.load_profile("mazebot")
 
 
 def pytest_collection_finish() -> None:

@@ -26,9 +26,7 @@ from services.common.garbage import collections_held_off, settled
 from services.common.node.executive import Executive, MemoryTransport
 from services.common.root import ROOT
 from services.embedded.demo import FIRST_STEP, DemoOptions, build_nodes
-from services.navigation.control.regulated_pure_pursuit import (
-    RegulatedPurePursuitController as Controller,
-)
+from services.navigation.control.mppi import MPPIController as Controller
 from services.navigation.planning.planner import Planner
 from services.perception.detect import Detector
 

@@ -260,7 +260,7 @@ class BringupNode(Node):
         """
         if self._evaluation is None:
             return None
-        verdicts = {goal.goal_stamp_ns: goal for goal in self._evaluation.goals}
+        verdicts = {goal.goal_stamp_ns: goal for goal in self._evaluation.goals if not goal.goal_id}
         ours = [verdicts.get(result.goal_stamp_ns) for result in self._results]
         # The recorder knows only the names of locations, not those of a default tour.
         goals = tuple(

@@ -6,7 +6,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from services.common.goal_table import HEADINGS, error_lines, goal_rows
+from services.common.goal_table import HEADINGS, error_lines, failure_lines, goal_rows
 from services.common.node.documents import Evaluation
 
 
@@ -22,4 +22,5 @@ def tour_table(evaluation: Evaluation) -> str:
     with console.capture() as capture:
         console.print(table)
     lines = [line.rstrip() for line in capture.get().splitlines() if line.strip()]
-    return "\n".join([*lines, *(f" {line}" for line in error_lines(evaluation))])
+    said = [*failure_lines(evaluation.goals), *error_lines(evaluation)]
+    return "\n".join([*lines, *(f" {line}" for line in said)])

@@ -15,6 +15,7 @@ import typer
 from services.cli import entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
 from services.cli.completion import run_names, topic_names, world_names, written_topic_names
+from services.cli.drive import behaviors, teleop, waypoints
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.common.config import ConfigError
@@ -222,7 +223,7 @@ def goal(
 
     Ctrl-C cancels the goal, and so does the end of --timeout: the robot stops.
     """
-    from services.cli.goal import send_goal  # noqa: PLC0415
+    from services.cli.drive.goal import send_goal  # noqa: PLC0415
 
     raise typer.Exit(send_goal(connect, (x, y, yaw), timeout_s, as_json))
 
@@ -230,7 +231,7 @@ def goal(
 @app.command()
 def cancel(as_json: Json = False, connect: Connect = _ROUTER) -> None:
     """Cancel the current goal of a running stack: the robot stops."""
-    from services.cli.goal import cancel_goal  # noqa: PLC0415
+    from services.cli.drive.goal import cancel_goal  # noqa: PLC0415
 
     cancel_goal(connect, as_json)
 
@@ -342,6 +343,12 @@ def recordings_view(
 entities.register(app)
 app.command()(plan.plan)
 app.command()(localize.localize)
+app.command()(waypoints.waypoints)
+app.command()(behaviors.dock)
+app.command()(behaviors.undock)
+app.command()(behaviors.spin)
+app.command()(behaviors.backup)
+app.command()(teleop.teleop)
 
 
 def parse_bool(option: str, text: str) -> bool:

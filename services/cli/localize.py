@@ -11,23 +11,29 @@ import typer
 
 from services.cli.localize_log import ScanForm, read_log
 from services.cli.localize_run import HEADER, WAFFLE_LIDAR_M, run
-from services.cli.options import Json, print_json
+from services.cli.options import ROUTER, Connect, Json, print_json
 from services.common.config import ConfigError
 from services.common.frames import SE2
 
 
 def localize(
-    map_file: Annotated[Path, typer.Option("--map", help="the map's YAML file, as Nav2's")],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="the map's YAML file, as Nav2's")
+    ] = None,
     log_file: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             "--log",
             help="CSV with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,...; "
             "*.mcap or a folder of rosbag2 with /odom and /scan",
         ),
-    ],
+    ] = None,
     everywhere: Annotated[
-        bool, typer.Option("--global", help="start from nothing; so it does without --start")
+        bool,
+        typer.Option(
+            "--global",
+            help="start from nothing; without --map and --log: the robot of a running stack",
+        ),
     ] = False,
     start: Annotated[
         tuple[float, float, float] | None,
@@ -52,9 +58,36 @@ def localize(
     ] = None,
     range_min: Annotated[float, typer.Option(help="m; its least range")] = 0.12,
     range_max: Annotated[float, typer.Option(help="m; its longest range")] = 3.5,
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", min=0.1, help="seconds to wait for a running robot's pose"),
+    ] = None,
     as_json: Json = False,
+    connect: Connect = ROUTER,
 ) -> None:
-    """Localise on a recorded log: print the pose at each scan, and whether it is trusted."""
+    """Localise on a recorded log, or let the robot of a running stack find itself.
+
+    With --map and --log, print the pose at each scan, and whether it is trusted.
+
+    With --global alone, let the robot of a running stack find itself on the whole map, and wait
+    until it has. It moves if it has to. Ctrl-C ends the waiting, not the search.
+    """
+    if map_file is None and log_file is None:
+        if not everywhere:
+            raise ConfigError(
+                "localize: must be given --map and --log, or --global for a running robot"
+            )
+        for option, value in (("--start", start), ("--draw", draw), ("--lidar", lidar)):
+            if value is not None:
+                raise ConfigError(f"{option}: must be given with --map and --log")
+        from services.cli.drive.find_robot import find_robot  # noqa: PLC0415 - loads Zenoh
+
+        raise typer.Exit(find_robot(connect, timeout_s, as_json))
+    if map_file is None or log_file is None:
+        missing, given = ("--map", "--log") if map_file is None else ("--log", "--map")
+        raise ConfigError(f"{missing}: must be given beside {given}")
+    if timeout_s is not None:
+        raise ConfigError("--timeout: must be given without --map and --log")
     from services.worldgen.map.map_files import read_map  # noqa: PLC0415 - loads images
 
     if everywhere and start is not None:

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from services.cli.command import App
-from services.cli.options import DICTIONARY_FILES, Json
+from services.cli.options import Json
 from services.common.config import ConfigError
+from services.common.node.documents import DICTIONARY_FILES
 
 KINDS = ("panel", "cube")
 

@@ -19,9 +19,10 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from services.cli.camera_file import CalibratedCamera, read_camera_file
 from services.cli.markers_drawing import draw_markers
-from services.cli.options import DICTIONARY_FILES, print_json
+from services.cli.options import print_json
 from services.common.config import ConfigError
 from services.common.frames import position_and_quaternion
+from services.common.node.documents import DICTIONARY_FILES
 from services.common.world.marker_dictionary import read_dictionary
 from services.perception.detect import dictionary_names
 from services.perception.photo import PhotoMarker, markers_in_photo

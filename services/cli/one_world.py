@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 
-from services.common.bus.bus import BusConfig, BusUnavailableError, open_session, subscribe
+from services.common.bus.bus import BusConfig, BusUnavailableError, open_session, subscribed
 from services.common.bus.health import is_alive
 from services.common.node.topics import WORLD
 
@@ -27,9 +27,8 @@ def world_runs(endpoint: str, prefix: str = "") -> bool:
     except BusUnavailableError:
         return False
     heard = threading.Event()
-    subscription = subscribe(session, WORLD, lambda *_: heard.set(), prefix)
-    runs = heard.wait(WORLD_PATIENCE_S)
-    del subscription
+    with subscribed(session, WORLD, lambda *_: heard.set(), prefix):
+        runs = heard.wait(WORLD_PATIENCE_S)
     session.close()  # type: ignore[no-untyped-call]
     return runs
 

@@ -14,8 +14,6 @@ import typer
 from services.common.config import ConfigError
 
 RESOURCE_PATHS = ("MAZEBOT_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH")
-DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
-"""Endings of files of custom ArUco dictionaries."""
 ROUTER = "tcp/127.0.0.1:7447"
 Connect = Annotated[
     str,

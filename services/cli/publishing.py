@@ -16,7 +16,7 @@ from services.cli.session import connected
 from services.cli.sim import stats_now
 from services.cli.topic import named_topic
 from services.common.bus import wire
-from services.common.bus.bus import Bus, alive, subscribe
+from services.common.bus.bus import Bus, alive, subscribed
 from services.common.config import ConfigError, ServiceConfig
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from services.common.known_settings import unknown_name
@@ -68,17 +68,16 @@ def publish_messages(
             )
         outbox = Bus(session, person, Inbox(person)).outbox(person)
         now_ns = [round(stats_now(session, "topic pub").sim_time_s * 1e9)]
-        clock = subscribe(session, CLOCK, lambda payload, _: _follow(now_ns, payload))
         sent, next_s = 0, time.monotonic()
-        while times is None or sent < times:
-            time.sleep(max(next_s - time.monotonic(), 0.0))
-            next_s += 1.0 / rate_hz
-            outbox.now_ns = now_ns[0]
-            outbox.put(topic, message_at(topic, content, now_ns[0]))
-            sent += 1
-            sys.stdout.write(f"published {sent} on {topic.name}\n")
-            sys.stdout.flush()
-        del clock
+        with subscribed(session, CLOCK, lambda payload, _: _follow(now_ns, payload)):
+            while times is None or sent < times:
+                time.sleep(max(next_s - time.monotonic(), 0.0))
+                next_s += 1.0 / rate_hz
+                outbox.now_ns = now_ns[0]
+                outbox.put(topic, message_at(topic, content, now_ns[0]))
+                sent += 1
+                sys.stdout.write(f"published {sent} on {topic.name}\n")
+                sys.stdout.flush()
 
 
 def _follow(now_ns: list[int], payload: bytes) -> None:

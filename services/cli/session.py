@@ -13,8 +13,9 @@ from services.common.node.documents import World
 if TYPE_CHECKING:
     import zenoh
 
-    from services.common.node.topics import Query
+    from services.common.node.topics import Query, Topic
 
+M = TypeVar("M")
 Q = TypeVar("Q")
 A = TypeVar("A")
 
@@ -52,17 +53,23 @@ def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float
 
 def world_that_runs(session: zenoh.Session, timeout_s: float) -> World:
     """The world of the stack. Raises ConfigError where none is received."""
-    from services.common.bus import wire  # noqa: PLC0415
-    from services.common.bus.bus import subscribe  # noqa: PLC0415
     from services.common.node.topics import WORLD  # noqa: PLC0415
 
+    return first_message(session, WORLD, timeout_s, "no world")
+
+
+def first_message(
+    session: zenoh.Session, topic: Topic[M], timeout_s: float, missing: str = "no message"
+) -> M:
+    """The first message on a topic. Raises ConfigError where none is received, or a wrong one."""
+    from services.common.bus import wire  # noqa: PLC0415
+    from services.common.bus.bus import subscribed  # noqa: PLC0415
+
     come: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    subscription = subscribe(session, WORLD, lambda payload, _: come.put(payload))
     try:
-        return wire.decode(WORLD, come.get(timeout=timeout_s))
+        with subscribed(session, topic, lambda payload, _: come.put(payload)):
+            return wire.decode(topic, come.get(timeout=timeout_s))
     except queue.Empty:
-        raise ConfigError(f"{WORLD.name}: no world within {timeout_s:g} s") from None
+        raise ConfigError(f"{topic.name}: {missing} within {timeout_s:g} s") from None
     except wire.WireError as error:
-        raise ConfigError(f"{WORLD.name}: {error}") from error
-    finally:
-        del subscription
+        raise ConfigError(f"{topic.name}: {error}") from error

@@ -98,17 +98,18 @@ def stats(
     connect: Connect = ROUTER,
 ) -> None:
     """Print time, real time factor, hashes and the rates of the sensors."""
-    from services.common.bus.bus import subscribe  # noqa: PLC0415 - loads Zenoh
+    from services.common.bus.bus import subscribed  # noqa: PLC0415 - loads Zenoh
     from services.common.node.topics import DIAGNOSTICS  # noqa: PLC0415
 
     told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    with stack.connected(connect) as session:
-        subscription = subscribe(session, DIAGNOSTICS, lambda payload, _: told.put(payload))
+    with (
+        stack.connected(connect) as session,
+        subscribed(session, DIAGNOSTICS, lambda payload, _: told.put(payload)),
+    ):
         first, first_s = stats_now(session, "sim stats"), time.monotonic()
         time.sleep(RATES_WINDOW_S)
         last, last_s = stats_now(session, "sim stats"), time.monotonic()
         rates_hz = _rates(told)
-        del subscription
     factor: float | None = None
     if first.epoch == last.epoch and first.world_hash == last.world_hash:
         factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)

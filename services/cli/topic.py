@@ -20,7 +20,7 @@ from services.cli.options import print_json
 from services.cli.session import connected
 from services.cli.sim import paused
 from services.common.bus import wire
-from services.common.bus.bus import alive, subscribe, topic_named
+from services.common.bus.bus import alive, subscribed, topic_named
 from services.common.config import ConfigError
 from services.common.node.documents import Document
 from services.common.node.topics import BY_NAME, EDGE, TOPICS, Topic
@@ -87,11 +87,10 @@ def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> No
     topic = named_topic(name)
     times_s: list[float] = []
     with connected(endpoint) as session:
-        subscription = subscribe(session, topic, lambda *_: times_s.append(time.monotonic()))
-        end_s = time.monotonic() + window_s
-        while time.monotonic() < end_s:
-            time.sleep(min(0.1, window_s))
-        del subscription
+        with subscribed(session, topic, lambda *_: times_s.append(time.monotonic())):
+            end_s = time.monotonic() + window_s
+            while time.monotonic() < end_s:
+                time.sleep(min(0.1, window_s))
         if len(times_s) < 2:
             count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
             raise _too_few(session, topic, f"{count} in {window_s:g} s")
@@ -126,16 +125,15 @@ def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) 
     payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     count = 0
     with connected(endpoint) as session:
-        subscription = subscribe(session, topic, lambda payload, _: payloads.put(payload))
-        end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s and not (once and count):
-            try:
-                payload = payloads.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            _print_message(topic, payload, as_json)
-            count += 1
-        del subscription
+        with subscribed(session, topic, lambda payload, _: payloads.put(payload)):
+            end_s = time.monotonic() + timeout_s
+            while time.monotonic() < end_s and not (once and count):
+                try:
+                    payload = payloads.get(timeout=0.1)
+                except queue.Empty:
+                    continue
+                _print_message(topic, payload, as_json)
+                count += 1
         if not count:
             raise _too_few(session, topic, f"no message in {timeout_s:g} s")
 

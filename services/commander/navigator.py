@@ -18,6 +18,7 @@ import logging
 import uuid
 from collections.abc import Callable, Sequence
 from enum import Enum
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -40,16 +41,21 @@ from services.common.node.topics import (
     COMPUTE_PATH,
     GLOBAL_COSTMAP,
     INITIAL_POSE,
+    INPUT_AT_WAYPOINT,
+    LOAD_MAP,
     LOCAL_COSTMAP,
     NAVIGATION_STATUS,
     PAUSE_GOAL,
+    PHOTO,
     REINITIALIZE_GLOBAL_LOCALIZATION,
     SEND_GOAL,
+    SMOOTH_PATH,
     TOGGLE_COLLISION_MONITOR,
     WORLD,
     Topic,
 )
 from services.embedded.session import Session
+from services.worldgen.recipe.problems import WorldError
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """The router of a stack on this machine."""
@@ -58,11 +64,14 @@ PoseLike = msg.PoseStamped | Planar | SE2 | Sequence[float]
 """A pose in the map: a PoseStamped, or x, y in metres and yaw in radians (0 where left out)."""
 
 _WATCH: tuple[Topic[Any], ...] = (
-    ACTION_FEEDBACK, AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, WORLD,
+    ACTION_FEEDBACK, AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
 )  # fmt: skip
 _KEEP: tuple[Topic[Any], ...] = (ACTION_RESULT,)
 _TICK_S = 0.1
 """`isTaskComplete` lets this much time pass, as Nav2's does."""
+_NO_MAP, _BAD_MAP_DATA, _BAD_MAP_METADATA = 1, 2, 3
+"""Results of nav2_msgs/srv/LoadMap."""
+_MAP_TAKEN_NS = 1_000_000_000
 _LOG = logging.getLogger("navigator")
 
 
@@ -156,12 +165,17 @@ class Navigator:
         return self._send(act.NavigateThroughPoses(poses=through, behavior_tree=behavior_tree))
 
     def followWaypoints(
-        self, poses: Sequence[PoseLike], number_of_loops: int = 0, goal_index: int = 0
+        self,
+        poses: Sequence[PoseLike],
+        number_of_loops: int = 0,
+        goal_index: int = 0,
+        tasks: Sequence[act.WaypointTask] = (),
     ) -> bool:
-        """Drive to each pose and stop there."""
+        """Drive to each pose, stop there and do its task; without tasks, stand for 0.2 s."""
         return self._send(
             act.FollowWaypoints,
             poses=tuple(_planar(pose) for pose in poses),
+            tasks=tuple(tasks),
             number_of_loops=number_of_loops,
             goal_index=goal_index,
         )
@@ -260,6 +274,19 @@ class Navigator:
         if self._goal_id and self._result is None:
             self._ask(CANCEL_GOAL, CancelGoal(goal_id=self._goal_id))
 
+    def inputAtWaypoint(self) -> None:
+        """Give the input for which the robot waits at a waypoint.
+
+        Raises ConfigError where it follows none.
+        """
+        reply = self._ask(INPUT_AT_WAYPOINT, act.Empty())
+        if reply.error:
+            raise ConfigError(reply.error)
+
+    def getPhoto(self) -> msg.CompressedImage | None:
+        """The newest picture taken at a waypoint, as PNG; None before the first."""
+        return self._connection.latest(PHOTO)
+
     def pauseTask(self, pause: bool = True) -> None:
         """Pause the task, with the robot stopped, or resume it."""
         self._ask(PAUSE_GOAL, act.PauseGoal(pause=pause))
@@ -344,6 +371,60 @@ class Navigator:
         )
         self._error = (reply.error_code, reply.error_msg)
         return None if reply.error_code else list(reply.path)
+
+    def smoothPath(
+        self,
+        path: Sequence[PoseLike],
+        smoother_id: str = "",
+        max_duration: float = 2.0,
+        check_for_collision: bool = False,
+    ) -> list[Planar] | None:
+        """A path, smoothed; None: see `getTaskError`.
+
+        `max_duration` has no effect: the smoother's passes are limited, by `smoothing_iterations`.
+        """
+        reply = self._ask(
+            SMOOTH_PATH,
+            act.SmoothPath(
+                path=tuple(_planar(pose) for pose in path),
+                smoother_id=smoother_id,
+                check_for_collisions=check_for_collision,
+            ),
+        )
+        self._error = (reply.error_code, reply.error_msg)
+        return None if reply.error_code else list(reply.path)
+
+    def changeMap(self, map_filepath: str | Path) -> bool:
+        """Let a map of map_server's form take the place of the world's, by its YAML file here.
+
+        A task ends, and localisation begins anew. Where it cannot be used, `getTaskError` gives
+        the number of nav2_msgs/srv/LoadMap, and the cause.
+        """
+        from services.worldgen.map.map_exchange import document_of_map  # noqa: PLC0415
+        from services.worldgen.map.map_files import read_map  # noqa: PLC0415 - loads images
+
+        path = Path(map_filepath)
+        if not path.is_file():
+            self._error = (_NO_MAP, f"{path}: no such file")
+            return False
+        try:
+            chart = read_map(path)
+        except WorldError as error:
+            image = any(problem.field == "image" for problem in error.problems)
+            self._error = (_BAD_MAP_DATA if image else _BAD_MAP_METADATA, str(error))
+            return False
+        reply = self._ask(LOAD_MAP, document_of_map(chart))
+        self._error = (reply.result, reply.error)
+        if reply.result:
+            return False
+        # Until navigation has taken the map; it stays active where it is the same one.
+        end_ns = self._connection.now_ns() + _MAP_TAKEN_NS
+        while self._connection.now_ns() < end_ns:
+            status = self._connection.latest(NAVIGATION_STATUS)
+            if status is not None and not status.navigation_active:
+                break
+            self._connection.let_pass(0.05)
+        return True
 
     def clearAllCostmaps(self) -> None:
         """Forget all obstacles that are not in the map and not seen now."""

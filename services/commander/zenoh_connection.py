@@ -7,12 +7,15 @@ import threading
 import time
 import uuid
 from collections import deque
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from services.common.bus import bus, wire
 from services.common.config import ConfigError
 from services.common.node.node import Envelope
 from services.common.node.topics import CLOCK, Query, Topic
+
+if TYPE_CHECKING:
+    import zenoh
 
 M = TypeVar("M")
 Q = TypeVar("Q")
@@ -58,6 +61,11 @@ class ZenohConnection:
             bus.subscribe(self._session, topic, functools.partial(self._take, name))
             for name, topic in topics.items()
         ]
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The session with the router."""
+        return self._session
 
     def _take(self, name: str, data: bytes, _: Envelope) -> None:
         with self._news:
@@ -125,6 +133,8 @@ class ZenohConnection:
 
     def close(self) -> None:
         """See Connection."""
+        for subscription in self._subscriptions:
+            subscription.undeclare()
         self._subscriptions.clear()
         self._publishers.clear()
         self._session.close()  # type: ignore[no-untyped-call]

@@ -17,6 +17,7 @@ HEADINGS = (
     "goal error m",
     "goal error deg",
     "contacts",
+    "recoveries",
 )
 NOT_MEASURED = "-"
 
@@ -25,7 +26,7 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
     """One row a goal, one cell a heading."""
     return [
         (
-            goal.name,
+            task_name(goal),
             "yes" if goal.reached else f"no ({goal.error_code})",
             f"{goal.time_s:.1f}",
             f"{goal.path_length_m:.2f}",
@@ -34,8 +35,26 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
             measured(goal.goal_error_m, 3),
             measured(_degrees(goal.goal_error_rad), 1),
             str(goal.contacts),
+            str(goal.recoveries),
         )
         for goal in goals
+    ]
+
+
+def task_name(goal: GoalReport) -> str:
+    """The goal's name, after what was to be done there if that was not just to drive there."""
+    action = goal.action.replace("_", " ")
+    if goal.action == "navigate_to_pose":
+        return goal.name
+    return action if goal.name == goal.action else f"{action}: {goal.name}"
+
+
+def failure_lines(goals: Iterable[GoalReport]) -> list[str]:
+    """Why goals were not reached, a line each, where navigation said why."""
+    return [
+        f"{task_name(goal)}: error {goal.error_code}: {goal.error_msg}"
+        for goal in goals
+        if goal.error_msg
     ]
 
 
@@ -43,11 +62,13 @@ def error_lines(evaluation: Evaluation) -> list[str]:
     """The figures of the whole run: errors, contacts and the markers seen."""
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
     p95_deg = _degrees(error_rad.p95)
+    honest = evaluation.localization.inside_95_percent
     lines = [
         "localisation error: no estimate"
         if error_m.mean is None
         else f"localisation error: mean {measured(error_m.mean, 3)} m, "
-        f"p95 {measured(error_m.p95, 3)} m, p95 {measured(p95_deg, 2)} deg",
+        f"p95 {measured(error_m.p95, 3)} m, p95 {measured(p95_deg, 2)} deg"
+        + ("" if honest is None else f"; {honest:.0%} inside their 95 % ellipses"),
         f"contacts: {len(evaluation.contacts)}",
     ]
     counts = sorted(evaluation.markers_seen.items())

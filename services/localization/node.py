@@ -30,6 +30,7 @@ from services.common.node.topics import (
     AMCL_POSE,
     DETECTIONS,
     ENTITIES,
+    GLOBAL_LOCALIZATION_REQUEST,
     INITIAL_POSE,
     LOCALIZATION_STATUS,
     MAP,
@@ -102,6 +103,17 @@ class LocalizationNode(Node):
         if self._localization is None or not self._started:
             return {}
         return {TF.name: 1e9 / STEP_PERIOD_NS, AMCL_POSE.name: 1e9 / _AMCL_POSE_PERIOD_NS}
+
+    def facts(self) -> dict[str, str]:
+        """The state, how well the scans match the map, and the number of particles."""
+        localization = self._localization
+        if localization is None:
+            return {"state": self._state()}
+        return {
+            "state": self._state(),
+            "quality": f"{localization.quality:.2f}",
+            "particles": str(len(localization.particles())),
+        }
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages, publish pose and status."""
@@ -304,6 +316,9 @@ class LocalizationNode(Node):
                 continue
             self._localization.global_localization()
             request.respond(Reply())
+        asked = inbox.new(GLOBAL_LOCALIZATION_REQUEST)
+        if asked and self._localization is not None and self.waiting_for() is None:
+            self._localization.global_localization()
 
     def _state(self) -> State:
         localization = self._localization

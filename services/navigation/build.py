@@ -1,20 +1,25 @@
-"""Puts navigation together for one map: robot, behaviours, tracker and collision monitor."""
+"""Puts navigation together for one map: robot, behaviours, tracker, velocity smoother and collision
+monitor.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from services.common import portable
 from services.common.frames import SE2, Array
 from services.common.node import messages as msg
 from services.common.world.costmap import Cells
 from services.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
-from services.navigation.behavior.context import MarkerPose
+from services.navigation.behavior.context import MarkerPose, planar_marker
 from services.navigation.behavior.docking import DockingParams
 from services.navigation.behavior.search_motion import SearchMotionParams
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from services.navigation.control.batch_pace import BatchPace
 from services.navigation.control.collision_monitor import (
     Action,
     CollisionMonitor,
@@ -22,9 +27,10 @@ from services.navigation.control.collision_monitor import (
 )
 from services.navigation.control.controllers import make_controller
 from services.navigation.control.tracking import ObstacleTracker
+from services.navigation.control.velocity_smoother import VelocitySmoother
 from services.navigation.costmap.footprint import WAFFLE
 from services.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
-from services.navigation.messages import marker_pose_in_base
+from services.navigation.costmap.zones import Zones
 from services.navigation.planners import make_planner
 from services.navigation.robot import RobotContext
 
@@ -38,10 +44,12 @@ class Drive:
     robot: RobotContext
     navigator: BtNavigator
     tracker: ObstacleTracker
+    smoother: VelocitySmoother
     monitor: CollisionMonitor
     docking: DockingParams
     search: SearchMotionParams
     cells: Cells
+    pace: BatchPace = field(default_factory=lambda: BatchPace(CONTROL_PERIOD_NS))
     monitor_told: tuple[Action, str] = (Action.DO_NOTHING, "")
     """Action and polygon of the monitor's state last published."""
 
@@ -61,12 +69,19 @@ class Drive:
             best = max(detection.results, key=lambda result: float(result.hypothesis.score))
             name = best.hypothesis.class_id
             camera_from_marker = msg.matrix_from_pose(best.pose.pose)
-            sighting = marker_pose_in_base(base_from_camera, camera_from_marker)
-            self.robot.markers[name] = MarkerPose(stamp_ns, sighting, odom)
+            base_from_marker = portable.product(base_from_camera, camera_from_marker)
+            with suppress(ValueError):
+                # One that lies flat is no dock.
+                sighting = planar_marker(base_from_marker)
+                self.robot.markers[name] = MarkerPose(stamp_ns, sighting, odom)
 
 
 def made_drive(
-    config: NavigationConfig, frame: GridFrame, cells: Cells, random: np.random.Generator
+    config: NavigationConfig,
+    frame: GridFrame,
+    cells: Cells,
+    random: np.random.Generator,
+    zones: Zones | None = None,
 ) -> Drive:
     """Navigation for a map.
 
@@ -75,11 +90,14 @@ def made_drive(
         frame: position of the cells.
         cells: (rows, columns) int8 occupancy, 100 occupied, -1 unknown.
         random: the controllers' source of random numbers.
+        zones: keepout zones and speed limits on the same grid; None: there are none.
 
     Raises ConfigError where a controller or a tree that is named cannot be used.
     """
     footprint = WAFFLE.padded(config.footprint_padding)
     costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle(), footprint=WAFFLE)
+    if zones is not None:
+        costmap.set_keepout(zones.costs(costmap.master.inscribed_radius_m))
     local = LocalCostmap(
         frame.resolution_m, config.inflation(), config.obstacle(),
         (config.local_costmap_size, config.local_costmap_size), WAFFLE,
@@ -93,13 +111,16 @@ def made_drive(
         name: make_controller(name, config.controller_params_of(name), config.robot(), random)
         for name in dict.fromkeys((config.controller, "mppi", "regulated_pure_pursuit"))
     }
-    robot = RobotContext(config.robot_params(footprint), costmap, local, planners, controllers)
+    robot = RobotContext(
+        config.robot_params(footprint), costmap, local, planners, controllers, zones
+    )
     params = BtNavigatorParams(
         localization_tolerance_s=config.localization_tolerance,
         control_period_s=CONTROL_PERIOD_NS * 1e-9,
     )
     return Drive(
         robot, BtNavigator(params, robot), ObstacleTracker(config.tracker),
+        VelocitySmoother(config.smoother_params()),
         CollisionMonitor(
             CollisionMonitorParams(source_timeout_s={"scan": config.sensor_timeout}), WAFFLE
         ),

@@ -4,6 +4,8 @@ angle in radians.
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from services.common.config import ServiceConfig
@@ -14,6 +16,10 @@ from services.navigation.control.goal_checker import GoalCheckerParams
 from services.navigation.control.progress_checker import ProgressParams
 from services.navigation.control.regulated_pure_pursuit import RegulatedPurePursuitParams
 from services.navigation.control.tracking import TrackerParams
+from services.navigation.control.velocity_smoother import (
+    VelocitySmootherConfig,
+    VelocitySmootherParams,
+)
 from services.navigation.costmap.footprint import WAFFLE, Footprint
 from services.navigation.costmap.layered_costmap import InflationParams, ObstacleParams
 from services.navigation.planning.planner import PlannerParams
@@ -42,7 +48,10 @@ class NavigationConfig(ServiceConfig):
         3.0, gt=0, description="m; rays clear obstacles up to this range"
     )
     obstacle_static_margin: float = Field(
-        0.2, ge=0, description="m; a return this near to a wall of the map marks no obstacle"
+        0.2,
+        ge=0,
+        description="m; a return this near to a wall of the map marks no obstacle; where the pose "
+        "is known well, it has to be nearer",
     )
 
     planner: str = Field(
@@ -86,6 +95,10 @@ class NavigationConfig(ServiceConfig):
     )
     max_angular_accel: float = Field(
         2.0, gt=0, description="rad/s2; highest angular acceleration; the robot's own limit is 2"
+    )
+    velocity_smoother: VelocitySmootherConfig = Field(
+        default_factory=VelocitySmootherConfig,
+        description="limits of every command, also of a person's, before the collision monitor",
     )
     lookahead_time: float = Field(
         0.8, gt=0, description="s; the lookahead distance is this times the speed"
@@ -159,6 +172,22 @@ class NavigationConfig(ServiceConfig):
         description="s; how long a goal is held, and the robot searches itself, while it is lost",
     )
     local_costmap_size: float = Field(3.0, gt=0, le=20, description="m; side of the local costmap")
+    keepout_mask: str = Field(
+        "",
+        description="map_server YAML file of a keepout mask: 100 is forbidden, less costs in "
+        "proportion; empty: none but the world's zones",
+    )
+    speed_mask: str = Field(
+        "",
+        description="map_server YAML file of a speed mask; empty: no limits but the world's",
+    )
+    speed_mask_type: Literal[1, 2] = Field(
+        1, description="what the speed mask gives: 1 percent of the highest speed, 2 m/s"
+    )
+    speed_mask_base: float = Field(
+        100.0, description="limit = speed_mask_base + speed_mask_multiplier * value of the mask"
+    )
+    speed_mask_multiplier: float = Field(-1.0, description="see speed_mask_base")
     tracker: TrackerParams = Field(
         default_factory=TrackerParams, description="tracking of obstacles that move"
     )
@@ -202,6 +231,10 @@ class NavigationConfig(ServiceConfig):
             ),
         )
 
+    def smoother_params(self) -> VelocitySmootherParams:
+        """Parameters of the velocity smoother."""
+        return self.velocity_smoother.params(self.max_linear_accel, self.max_angular_accel)
+
     def robot_params(self, footprint: Footprint) -> RobotParams:
         """Limits of the robot's control."""
         return RobotParams(
@@ -209,6 +242,7 @@ class NavigationConfig(ServiceConfig):
             failure_tolerance_s=self.failure_tolerance,
             path_improvement=self.path_improvement,
             tolerance_m=self.tolerance,
+            max_speed_m_s=self.desired_linear_vel,
             footprint=footprint,
             default_planner=self.planner,
             default_controller=self.controller,
@@ -217,6 +251,7 @@ class NavigationConfig(ServiceConfig):
                 required_movement_angle_rad=self.required_movement_angle,
                 movement_time_allowance_s=self.movement_time_allowance,
             ),
+            smoothing_iterations=self.smoothing_iterations,
         )
 
     def controller_params_of(

@@ -16,9 +16,10 @@ from services.navigation.build import Drive, made_drive
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from services.navigation.control.collision import STOP, Velocity
 from services.navigation.control.collision_kernels import compile_collision_kernels
-from services.navigation.control.collision_monitor import SourcePoints
+from services.navigation.control.collision_monitor import SourcePoints, moved_points
 from services.navigation.control.mppi_kernels import compile_mppi_kernels
 from services.navigation.costmap.layered_costmap import frame_of, scan_points
+from services.navigation.costmap.obstacle_layer import denoised_ranges
 from services.navigation.errors import NavigationError
 from services.navigation.planning.warm_up import run_planning_kernels
 from services.navigation.robot import View
@@ -57,7 +58,8 @@ def _drive(drive: Drive) -> None:
     ranges = np.full(360, 1.2, np.float32)
     ranges[40:60] = 0.6
     step = math.tau / 360
-    points_m = scan_points(_NOWHERE, ranges, 0.0, step, 0.1, 3.5)
+    points_m = scan_points(_NOWHERE, denoised_ranges(ranges), 0.0, step, 0.1, 3.5)
+    points_m = moved_points(points_m, _NOWHERE, _NOWHERE)
     for i in range(3):
         now_ns = i * CONTROL_PERIOD_NS
         robot.local_costmap.move(SE2(0.1 * i, 0.0, 0.0))

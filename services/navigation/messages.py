@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from services.common import portable, portable_kernels
 from services.common.error_codes import ErrorCode
-from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2, Array
+from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2, Array, wrap_angle
 from services.common.node import action_documents as act
 from services.common.node import messages as msg
 from services.common.node.documents import NavigationResult, Planar
+from services.common.world.costmap import Cells
 from services.navigation.behavior import actions
 from services.navigation.behavior.actions import Request, TaskFeedback, TaskResult, TaskStatus
 from services.navigation.behavior.context import ClearRequest
+from services.navigation.behavior.docks import CameraView
+from services.navigation.behavior.tree import NodeSnapshot
 from services.navigation.control.collision import Velocity
 from services.navigation.control.collision_monitor import MonitorState
-from services.navigation.costmap.layered_costmap import LayeredCostmap
+from services.navigation.control.mppi import Trajectories
+from services.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap
 from services.navigation.errors import NavigationError
 from services.navigation.planning.path import PlannedPath, path_through
 
@@ -32,6 +37,16 @@ _ACTIONS = {
     "DockRobot": "dock_robot",
     "UndockRobot": "undock_robot",
 }
+_MOTIONS = {
+    "Spin": {"spin_dist": SE2(0.0, 0.0, 1.0)},
+    "BackUp": {"backup_dist": SE2(-1.0, 0.0, 0.0)},
+    "DriveOnHeading": {"dist_to_travel": SE2(1.0, 0.0, 0.0)},
+}
+"""The port that says how far a behaviour moves the robot, and where a unit of it leads."""
+_STEPS_A_POINT = 4
+"""A rollout is drawn with a point for as many of its steps: 0.2 s of driving is nearly straight."""
+_ROLLOUTS_Z_M = 0.03
+_ROLLOUT_WIDTH_M = 0.006
 _STATUS = {TaskStatus.SUCCEEDED: "succeeded", TaskStatus.CANCELED: "canceled"}
 
 
@@ -69,6 +84,14 @@ def path_poses(path: PlannedPath) -> tuple[Planar, ...]:
     )
 
 
+def camera_view(info: msg.CameraInfo, base_from_camera: Array) -> CameraView | None:
+    """What a camera sees; None where its intrinsics are of no pinhole camera."""
+    fx, fy, cx, cy = (float(info.k[index]) for index in (0, 4, 2, 5))
+    if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0.0 and fy > 0.0):
+        return None
+    return CameraView(base_from_camera, (fx, fy), (cx, cy), (info.width, info.height))
+
+
 def costmap_message(now_ns: int, costmap: LayeredCostmap, frame_id: str) -> msg.OccupancyGrid:
     """The costmap with all its layers."""
     frame = costmap.frame
@@ -81,21 +104,12 @@ def costmap_message(now_ns: int, costmap: LayeredCostmap, frame_id: str) -> msg.
     )
 
 
-def marker_pose(a_from_marker: Array) -> SE2:
-    """Pose of a wall marker's foot: its x axis points out of the marker's face.
-
-    `a_from_marker`: rigid (4, 4), the marker's z axis out of its face.
-    """
-    return SE2(
-        float(a_from_marker[0, 3]),
-        float(a_from_marker[1, 3]),
-        portable_kernels.atan2(float(a_from_marker[1, 2]), float(a_from_marker[0, 2])),
-    )
-
-
-def marker_pose_in_base(base_from_camera: Array, camera_from_marker: Array) -> SE2:
-    """A sighting of a marker in the robot's frame; both rigid (4, 4)."""
-    return marker_pose(portable.product(base_from_camera, camera_from_marker))
+def mask_message(now_ns: int, frame: GridFrame, cells: Cells | None) -> msg.OccupancyGrid:
+    """A filter's mask in the map, (rows, columns) int8; None: an empty one."""
+    if cells is None:
+        cells = np.zeros((frame.rows, frame.columns), np.int8)
+    origin = SE2(frame.origin_x_m, frame.origin_y_m, 0.0)
+    return msg.occupancy_grid(now_ns, frame.resolution_m, origin, cells)
 
 
 def request_of(goal: act.ActionGoal) -> Request:
@@ -107,7 +121,11 @@ def request_of(goal: act.ActionGoal) -> Request:
         return actions.NavigateThroughPoses(poses, goal.behavior_tree)
     if isinstance(goal, act.FollowWaypoints):
         poses = tuple(pose.se2() for pose in goal.poses)
-        return actions.FollowWaypoints(poses, goal.number_of_loops, goal.goal_index)
+        works = tuple(
+            actions.WaypointWork(task.wait_s, task.photo, task.input_timeout_s)
+            for task in goal.tasks
+        )
+        return actions.FollowWaypoints(poses, goal.number_of_loops, goal.goal_index, works)
     if isinstance(goal, act.FollowPath):
         return _follow_path(goal)
     if isinstance(goal, act.Spin):
@@ -132,13 +150,19 @@ def request_of(goal: act.ActionGoal) -> Request:
     return actions.undock_robot(goal.max_undocking_time_s)
 
 
+def planned_path(poses: Sequence[Planar], code: ErrorCode) -> PlannedPath:
+    """A path through poses, with the heading of the last one at its end.
+
+    Raises NavigationError with this code for fewer than two.
+    """
+    if len(poses) < 2:
+        raise NavigationError(code, f"path of {len(poses)} poses: must be at least 2")
+    points = np.array([[pose.x_m, pose.y_m] for pose in poses])
+    return path_through(points, poses[-1].yaw_rad)
+
+
 def _follow_path(goal: act.FollowPath) -> actions.FollowPath:
-    if len(goal.path) < 2:
-        raise NavigationError(
-            ErrorCode.INVALID_PATH, f"path of {len(goal.path)} poses: must be at least 2"
-        )
-    points = np.array([[pose.x_m, pose.y_m] for pose in goal.path])
-    path = path_through(points, goal.path[-1].yaw_rad)
+    path = planned_path(goal.path, ErrorCode.INVALID_PATH)
     return actions.FollowPath(
         path,
         goal.controller_id,
@@ -177,8 +201,33 @@ def result_document(goal_stamp_ns: int, result: TaskResult) -> NavigationResult:
     )
 
 
-def result_action(goal_id: str, result: TaskResult) -> act.ActionResult:
-    """How an action ended."""
+def goal_of(request: Request, docks: Mapping[str, SE2]) -> SE2 | None:
+    """Where a request should end, in the map; None where it says nothing of that."""
+    if isinstance(request, actions.NavigateToPose):
+        return request.pose
+    if isinstance(request, actions.NavigateThroughPoses | actions.FollowWaypoints):
+        return request.poses[-1] if request.poses else None
+    if isinstance(request, actions.FollowPath):
+        return request.path.goal
+    if request.action != "DockRobot":
+        return None
+    pose = request.ports["dock_pose"]
+    return pose if isinstance(pose, SE2) else docks.get(str(request.ports["dock_id"]))
+
+
+def displacement_of(request: Request) -> SE2 | None:
+    """Where a request without a goal in the map should end, seen from where it begins."""
+    if not isinstance(request, actions.SingleAction):
+        return None
+    for port, unit in _MOTIONS.get(request.action, {}).items():
+        size = float(str(request.ports[port]))
+        return SE2(unit.x_m * size, unit.y_m * size, wrap_angle(unit.yaw_rad * size))
+    return SE2(0.0, 0.0, 0.0) if request.action == "Wait" else None
+
+
+def result_action(goal_id: str, result: TaskResult, docks: Mapping[str, SE2]) -> act.ActionResult:
+    """How an action ended; `docks`: poses of the docked robot."""
+    goal, displacement = goal_of(result.request, docks), displacement_of(result.request)
     return act.ActionResult(
         goal_id=goal_id,
         action=_ACTIONS[result.request.action],
@@ -197,11 +246,15 @@ def result_action(goal_id: str, result: TaskResult) -> act.ActionResult:
             )
             for one in result.waypoint_statuses
         ),
+        goal=None if goal is None else planar_document(goal),
+        displacement=None if displacement is None else planar_document(displacement),
     )
 
 
-def feedback_document(goal_id: str, feedback: TaskFeedback, paused: bool) -> act.ActionFeedback:
-    """Progress of an action."""
+def feedback_document(
+    goal_id: str, feedback: TaskFeedback, paused: bool, goal: SE2 | None = None
+) -> act.ActionFeedback:
+    """Progress of an action towards its goal in the map, if it has one."""
     action = feedback.action
     drives = action in ("NavigateToPose", "NavigateThroughPoses", "FollowWaypoints", "FollowPath")
     through = action in ("NavigateThroughPoses", "FollowWaypoints")
@@ -223,7 +276,47 @@ def feedback_document(goal_id: str, feedback: TaskFeedback, paused: bool) -> act
         docking_state=feedback.docking_state.name.lower() if docks else None,
         num_retries=feedback.num_retries if docks else None,
         paused=paused,
+        goal=None if goal is None else planar_document(goal),
     )
+
+
+def tree_document(action: str, nodes: Sequence[NodeSnapshot]) -> act.BehaviorTreeLog:
+    """The tree of an action, by its Nav2 name; empty: none runs."""
+    return act.BehaviorTreeLog(
+        action=_ACTIONS[action] if action else "",
+        nodes=tuple(
+            act.BehaviorTreeNode(
+                name=one.name, kind=one.kind, status=one.status.value, depth=one.depth
+            )
+            for one in nodes
+        ),
+    )
+
+
+def trajectories_message(now_ns: int, drawn: Trajectories) -> msg.MarkerArray:
+    """Rollouts as lines, from green for the cheapest to red for the dearest, and the chosen one in
+    white above them.
+    """
+    every = slice(None, None, _STEPS_A_POINT)
+    shares = np.linspace(0.0, 1.0, len(drawn.costs)).tolist()
+    markers = [
+        msg.line_strip(
+            now_ns, MAP_FRAME, "rollouts", number, _lifted(points[every], _ROLLOUTS_Z_M),
+            _ROLLOUT_WIDTH_M, (min(1.0, 2.0 * share), min(1.0, 2.0 - 2.0 * share), 0.0, 1.0),
+        )
+        for number, (points, share) in enumerate(zip(drawn.points_m, shares, strict=True))
+    ]  # fmt: skip
+    markers.append(
+        msg.line_strip(
+            now_ns, MAP_FRAME, "optimal", 0, _lifted(drawn.optimal_m[every], 2 * _ROLLOUTS_Z_M),
+            3 * _ROLLOUT_WIDTH_M, (1.0, 1.0, 1.0, 1.0),
+        )
+    )  # fmt: skip
+    return msg.marker_array(markers)
+
+
+def _lifted(points_m: Array, z_m: float) -> Array:
+    return np.column_stack([points_m, np.full(len(points_m), z_m)])
 
 
 def monitor_document(state: MonitorState) -> act.CollisionMonitorState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -17,8 +18,8 @@ from services.common.frames import (
     SCAN_FRAME,
     SE2,
     Array,
-    pose_matrix,
     se2_from_matrix,
+    wrap_angle,
 )
 from services.common.node import action_documents as act
 from services.common.node import messages as msg
@@ -35,6 +36,9 @@ from services.common.node.simulation_watch import SimulationWatch
 from services.common.node.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
+    AMCL_POSE,
+    BEHAVIOR_TREE,
+    CAMERA_INFO,
     CANCEL_GOAL,
     CLEAR_COSTMAP,
     CMD_VEL,
@@ -44,7 +48,10 @@ from services.common.node.topics import (
     DETECTIONS,
     ENTITIES,
     GLOBAL_COSTMAP,
+    GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
+    INPUT_AT_WAYPOINT,
+    KEEPOUT_FILTER_MASK,
     LOCAL_COSTMAP,
     LOCALIZATION_STATUS,
     MAP,
@@ -52,43 +59,76 @@ from services.common.node.topics import (
     NAVIGATION_STATUS,
     ODOM,
     PAUSE_GOAL,
+    PHOTO,
+    PHOTO_REQUEST,
     PLAN,
     SCAN,
     SEND_GOAL,
     SIMULATION_STATS,
+    SMOOTH_PATH,
+    SPEED_FILTER_MASK,
     TF,
     TF_STATIC,
     TOGGLE_COLLISION_MONITOR,
+    TRAJECTORIES,
     WORLD,
 )
-from services.common.world.costmap import MAX_MAP_CELLS, straightened
-from services.navigation.behavior.actions import NavigateToPose, TaskFeedback, TaskResult
+from services.common.world.costmap import MAX_MAP_CELLS, Cells, straightened
+from services.navigation.behavior.actions import (
+    FollowWaypoints,
+    NavigateToPose,
+    TaskFeedback,
+    TaskResult,
+)
 from services.navigation.behavior.bt_navigator import BtNavigator
 from services.navigation.behavior.search_motion import SearchMotion
+from services.navigation.behavior.tree import NodeSnapshot
+from services.navigation.behavior.tree_log import TreeLog
+from services.navigation.behavior.waypoints import WaypointExchange
 from services.navigation.build import Drive, made_drive
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from services.navigation.control.batch_pace import Batched
 from services.navigation.control.collision import STOP, Velocity
-from services.navigation.control.collision_monitor import MonitorState, SourcePoints, moved_points
-from services.navigation.costmap.layered_costmap import LayeredCostmap, frame_of, scan_points
+from services.navigation.control.collision_monitor import (
+    NOTHING_MOVES,
+    MonitorState,
+    SourcePoints,
+    moved_points,
+    moving_in_base,
+)
+from services.navigation.control.mppi import MPPIController
+from services.navigation.costmap.layered_costmap import (
+    GridFrame,
+    LayeredCostmap,
+    frame_of,
+    scan_points,
+)
 from services.navigation.costmap.obstacle_layer import denoised_ranges
+from services.navigation.costmap.zones import Zones, zones_of
 from services.navigation.errors import NavigationError
 from services.navigation.kernels import compile_kernels
+from services.navigation.mask_files import masks_of
 from services.navigation.messages import (
+    camera_view,
     clear_requests,
     costmap_message,
     feedback_document,
+    goal_of,
     goal_result,
-    marker_pose,
+    mask_message,
     monitor_document,
     path_message,
     path_poses,
     planar_document,
+    planned_path,
     request_of,
     result_action,
     result_document,
+    trajectories_message,
+    tree_document,
     twist_message,
 )
-from services.navigation.robot import View
+from services.navigation.robot import RobotContext, View
 
 _LOG = logging.getLogger("navigation")
 
@@ -96,8 +136,15 @@ _STATUS_PERIOD_NS = 500_000_000
 _FEEDBACK_PERIOD_NS = 200_000_000
 _COSTMAP_PERIOD_NS = 1_000_000_000
 _LOCAL_COSTMAP_PERIOD_NS = 500_000_000
+_TREE_PERIOD_NS = 200_000_000
+_TRAJECTORIES_PERIOD_NS = 500_000_000
 _TELEOP_NS = 300_000_000
 """A command of a person counts for this long."""
+_STATIC_MARGIN_M = 0.05
+_SIGMAS = 3.0
+"""An echo is a wall's within a cell of it and so many standard deviations of the pose."""
+_JUMP_M, _JUMP_RAD = 0.3, 0.3
+"""A correction of the pose by more than this is a jump."""
 _MOST_GOALS_TRIED = 4
 """Of goals that arrive together: planning a path to each takes milliseconds."""
 _NOWHERE = SE2(0.0, 0.0, 0.0)
@@ -136,12 +183,17 @@ class NavigationNode(Node):
         self._static_frames = FrameTree()
         self._base_from_scan: SE2 | None = None
         self._base_from_camera: Array | None = None
+        self._camera: msg.CameraInfo | None = None
         self._drive: Drive | None = None
         self._localization: LocalizationStatus | None = None
         self._map_from_odom: tuple[int, SE2] | None = None
         """The newest correction of odometry, with its stamp."""
+        self._pose_std_m: float | None = None
+        """Of the pose in the map, along the axis of which less is known."""
         self._odom: tuple[int, SE2] | None = None
         self._velocity = STOP
+        self._smoothed_ns = 0
+        """When the velocity smoother was asked last."""
         self._echoes: _Echoes | None = None
         self._teleop: tuple[int, Velocity] | None = None
         self._search: SearchMotion | None = None
@@ -152,10 +204,17 @@ class NavigationNode(Node):
         self._status: tuple[bool, bool, str, SE2 | None, int] | None = None
         """The status last published, without the distance remaining."""
         self._monitor_state: MonitorState | None = None
+        self._tree_log = TreeLog()
+        self._tree_told: tuple[str, tuple[NodeSnapshot, ...]] | None = None
+        """The action and its tree last published."""
         self._due_ns: dict[str, int] = {}
         self._costmap_shown = -1
+        self._masks = masks_of(config)
+        self._zones_shown: Zones | None = None
         self._current: _Current | None = None
         self._results: list[tuple[_Current, TaskResult]] = []
+        self._photo_asked_ns: int | None = None
+        """When the picture was asked for that is yet to come."""
         compile_kernels(config)
 
     def waiting_for(self) -> str | None:
@@ -176,6 +235,23 @@ class NavigationNode(Node):
             return "localisation to converge"
         return None
 
+    def facts(self) -> dict[str, str]:
+        """What navigation does, the controller that was used last, and, after control periods were
+        missed, how many trajectories it tries.
+        """
+        drive = self._drive
+        if drive is None:
+            return {"state": "idle"}
+        robot, request = drive.robot, drive.navigator.request
+        names = [name for name, one in robot.controllers.items() if one is robot.controller]
+        said = {
+            "state": "idle" if request is None else drive.state(),
+            "controller": ", ".join(names),
+        }
+        if drive.pace.missed and isinstance(robot.controller, Batched):
+            said["trajectories tried"] = str(robot.controller.batch_size)
+        return said
+
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages, run one control period, publish commands and status."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
@@ -191,6 +267,7 @@ class NavigationNode(Node):
         for twist in inbox.new(CMD_VEL_TELEOP):
             wanted = Velocity(twist.twist.linear.x, twist.twist.angular.z)
             self._teleop = (now_ns, wanted)
+        self._take_photos(inbox)
         self._look(now_ns)
         self._take_goals(now_ns, inbox)
         self._answer(now_ns, inbox)
@@ -221,6 +298,9 @@ class NavigationNode(Node):
             self._base_from_camera = self._static_frames.chain(
                 BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME
             )
+            self._know_docks()
+        for info in inbox.new(CAMERA_INFO):
+            self._take_camera(info)
 
     def _take_map(self, now_ns: int, grid: msg.OccupancyGrid, inbox: Inbox) -> None:
         origin = msg.se2_from_pose(grid.info.origin)
@@ -231,9 +311,7 @@ class NavigationNode(Node):
             # Planning needs the rows along the axes of the map's frame.
             origin, cells = straightened(grid.info.resolution, origin, cells)
             frame = frame_of(grid.info.resolution, origin, cells)
-            drive = made_drive(
-                self._config, frame, cells, random_generator(self._watch.seed, "navigation/control")
-            )
+            drive = self._made_drive(frame, cells)
         except (ValueError, ConfigError) as error:
             inbox.reject(MAP, "not a map to drive in")
             _LOG.error("map: %s", error)
@@ -246,33 +324,50 @@ class NavigationNode(Node):
             frame.columns, frame.rows, frame.resolution_m,
         )  # fmt: skip
 
+    def _take_camera(self, info: msg.CameraInfo) -> None:
+        """Keep the intrinsics, which come with each image and hardly ever change."""
+        old = self._camera
+        if old is not None and (old.width, old.height) == (info.width, info.height):
+            if np.array_equal(old.k, info.k):
+                return
+        self._camera = info
+        self._know_docks()
+
     def _know_docks(self) -> None:
         """Each marker of the world is a dock, by its id and by its name."""
         if self._drive is None or self._entities is None or self._world is None:
             return
-        docks = self._drive.robot.docks
-        docks.clear()
         if self._entities.world_hash != self._world.hash:
+            self._drive.robot.docks.learn((), None)
             return
-        marker_from_dock = self._drive.docking.marker_from_dock
-        for entity in self._entities.markers:
-            docked = marker_pose(pose_matrix(entity)) @ marker_from_dock
-            docks[entity.name] = docks[str(entity.marker_id)] = docked
+        view = None
+        if self._camera is not None and self._base_from_camera is not None:
+            view = camera_view(self._camera, self._base_from_camera)
+        self._drive.robot.docks.learn(self._entities.markers, view)
 
     def _begin_anew(self, now_ns: int, code: ErrorCode, why: str) -> None:
         """Abort the task, and drop all measurements and what was made of them."""
         self._abort(now_ns, code, why)
         if self._drive is None:
             return
-        cells, frame = self._drive.cells, self._drive.robot.costmap.frame
-        random = random_generator(self._watch.seed, "navigation/control")
-        self._drive = made_drive(self._config, frame, cells, random)
+        self._drive = self._made_drive(self._drive.robot.costmap.frame, self._drive.cells)
         self._know_docks()
+
+    def _made_drive(self, frame: GridFrame, cells: Cells) -> Drive:
+        """Navigation for a map, with the zones of the world and of the masks."""
+        random = random_generator(self._watch.seed, "navigation/control")
+        world, masks = self._world, self._masks
+        zones = zones_of(
+            frame, self._config.desired_linear_vel,
+            world.keepout_zones if world is not None else (),
+            world.speed_limits if world is not None else (), masks.keepout, masks.speed,
+        )  # fmt: skip
+        return made_drive(self._config, frame, cells, random, zones)
 
     def _abort(self, now_ns: int, code: ErrorCode, why: str) -> None:
         """Abort the task and drop all measurements."""
-        self._odom = self._echoes = self._map_from_odom = None
-        self._teleop = self._search = None
+        self._odom = self._echoes = self._map_from_odom = self._pose_std_m = None
+        self._teleop = self._search = self._photo_asked_ns = None
         self._velocity = STOP
         self._was_active = False
         self._due_ns.clear()
@@ -297,7 +392,20 @@ class NavigationNode(Node):
                 stamp_ns = msg.ns_from_time(entry.header.stamp)
                 if self._watch.is_of_this_run(stamp_ns, TF, inbox):
                     matrix = msg.matrix_from_transform(entry.transform)
-                    self._map_from_odom = (stamp_ns, se2_from_matrix(matrix))
+                    self._correct(stamp_ns, se2_from_matrix(matrix))
+        for claim in inbox.new(AMCL_POSE):
+            if self._watch.is_of_this_run(msg.ns_from_time(claim.header.stamp), AMCL_POSE, inbox):
+                variances = claim.pose.covariance[0], claim.pose.covariance[7]
+                self._pose_std_m = math.sqrt(max(*variances, 0.0))
+
+    def _correct(self, stamp_ns: int, map_from_odom: SE2) -> None:
+        """Take a correction of odometry. After a jump, what is tracked in the map is elsewhere."""
+        if self._map_from_odom is not None and self._odom is not None and self._drive is not None:
+            before, now = (one @ self._odom[1] for one in (self._map_from_odom[1], map_from_odom))
+            turn_rad = abs(wrap_angle(now.yaw_rad - before.yaw_rad))
+            if now.distance_m(before) > _JUMP_M or turn_rad > _JUMP_RAD:
+                self._drive.tracker.clear()
+        self._map_from_odom = (stamp_ns, map_from_odom)
 
     def _take_scans(self, inbox: Inbox) -> None:
         """Read the scans, oldest first: the costmaps, the moving obstacles and the echoes."""
@@ -325,19 +433,28 @@ class NavigationNode(Node):
             scan.range_min, now_ns=stamp_ns, map_from_base=odom_from_base,
         )  # fmt: skip
         if not self._localized():
+            drive.tracker.clear()
             return
         map_from_base = self._map_from_base()
         static = drive.robot.costmap.static
+        margin_m = self._static_margin_m()
         drive.tracker.update(
             stamp_ns * 1e-9, moved_points(points_m, map_from_base, _NOWHERE),
-            static.distance_m, static.frame,
+            static.distance_m, static.frame, margin_m,
         )  # fmt: skip
         moving = [(t.x_m, t.y_m, t.radius_m) for t in drive.tracker.moving(stamp_ns * 1e-9)]
         drive.robot.costmap.update(
             map_from_base @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
             scan.range_min, now_ns=stamp_ns, map_from_base=map_from_base,
-            moving_m=np.array(moving, np.float64).reshape(-1, 3),
+            moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
         )  # fmt: skip
+
+    def _static_margin_m(self) -> float:
+        """How near to a wall of the map an echo is taken for the wall's: by the pose's error."""
+        most_m = self._config.obstacle_static_margin
+        if self._pose_std_m is None:
+            return most_m
+        return min(_STATIC_MARGIN_M + _SIGMAS * self._pose_std_m, most_m)
 
     def _take_detections(self, inbox: Inbox) -> None:
         """Keep the newest sighting of each marker, for docking."""
@@ -349,6 +466,17 @@ class NavigationNode(Node):
             if not self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 continue
             drive.see_markers(stamp_ns, seen, camera, self._odom[1])
+
+    def _take_photos(self, inbox: Inbox) -> None:
+        """Count the picture that was asked for at a waypoint."""
+        for photo in inbox.new(PHOTO):
+            stamp_ns = msg.ns_from_time(photo.header.stamp)
+            asked_ns = self._photo_asked_ns
+            if self._drive is None or asked_ns is None or stamp_ns < asked_ns:
+                continue
+            if self._watch.is_of_this_run(stamp_ns, PHOTO, inbox):
+                self._photo_asked_ns = None
+                self._drive.navigator.exchange.photos += 1
 
     def _map_from_base(self) -> SE2:
         """The robot's pose, once odometry and its correction are known."""
@@ -384,6 +512,7 @@ class NavigationNode(Node):
                 np.empty((0, 2)) if echoes is None else self._echoes_now(echoes),
                 self._drive.tracker.moving(now_ns * 1e-9),
                 teleop[1] if teleop and now_ns - teleop[0] <= _TELEOP_NS else None,
+                self._drive.tracker.turning(),
             )
         )
 
@@ -450,8 +579,12 @@ class NavigationNode(Node):
             cancel.respond(self._cancel(now_ns, ask.goal_stamp_ns, ask.goal_id))
         for pause in inbox.requests(PAUSE_GOAL):
             pause.respond(self._pause(pause.message.pause))
+        for given in inbox.requests(INPUT_AT_WAYPOINT):
+            given.respond(self._input())
         for path in inbox.requests(COMPUTE_PATH):
             path.respond(self._compute_path(path.message))
+        for smooth in inbox.requests(SMOOTH_PATH):
+            smooth.respond(self._smooth_path(smooth.message))
         for clear in inbox.requests(CLEAR_COSTMAP):
             clear.respond(self._clear_costmap(clear.message))
         for toggle in inbox.requests(TOGGLE_COLLISION_MONITOR):
@@ -507,6 +640,13 @@ class NavigationNode(Node):
             self._drive.navigator.resume()
         return act.Reply()
 
+    def _input(self) -> act.Reply:
+        """An input for the robot that waits at a waypoint."""
+        if self._drive is None or not isinstance(self._drive.navigator.request, FollowWaypoints):
+            return act.Reply(error="no waypoints are being followed")
+        self._drive.navigator.exchange.inputs += 1
+        return act.Reply()
+
     def _compute_path(self, ask: act.ComputePath) -> act.ComputePathReply:
         try:
             drive = self._ready_drive()
@@ -523,6 +663,17 @@ class NavigationNode(Node):
             )
         return act.ComputePathReply(path=path_poses(path), length_m=path.length_m)
 
+    def _smooth_path(self, ask: act.SmoothPath) -> act.SmoothPathReply:
+        try:
+            path = self._ready_drive().robot.smooth_path(
+                planned_path(ask.path, ErrorCode.SMOOTHER_INVALID_PATH),
+                ask.smoother_id,
+                ask.check_for_collisions,
+            )
+        except NavigationError as error:
+            return act.SmoothPathReply(error_code=int(error.code), error_msg=error.message)
+        return act.SmoothPathReply(path=path_poses(path))
+
     def _clear_costmap(self, ask: act.ClearCostmap) -> act.Reply:
         try:
             drive = self._ready_drive()
@@ -537,13 +688,25 @@ class NavigationNode(Node):
         command: Velocity | None = None
         if passes and self._drive is not None and self._odom is not None:
             command = self._wanted(now_ns, self._drive, self._drive.navigator)
+            if self._drive.robot.controlled:
+                self._drive.pace.step(now_ns, self._drive.robot.controller)
+            else:
+                self._drive.pace.rest()
             if self._drive.robot.new_path is not None:
                 outbox.put(PLAN, path_message(now_ns, self._drive.robot.new_path))
+            command = self._smoothed(now_ns, self._drive, command)
+            self._ask_for_photo(now_ns, outbox, self._drive.navigator.exchange)
             if command is not None:
                 command = self._watched(now_ns, self._drive, command)
+        if self._drive is not None and self._drive.robot.wants_global_localization:
+            self._drive.robot.wants_global_localization = False
+            outbox.put(GLOBAL_LOCALIZATION_REQUEST, act.Empty())
         stands = self._current is None or passes
         if command is None and self._moving and stands:
             command = STOP
+            if self._drive is not None:
+                # No ramp follows a stop that was sent while time stood still.
+                self._drive.smoother.reset()
         if command is not None:
             self._moving = command != STOP
             outbox.put(CMD_VEL, twist_message(now_ns, command))
@@ -551,8 +714,15 @@ class NavigationNode(Node):
             if current.stamp_ns is not None:
                 outbox.put(NAVIGATION_RESULT, result_document(current.stamp_ns, result))
             else:
-                outbox.put(ACTION_RESULT, result_action(current.goal_id, result))
+                docks = self._drive.robot.docks.docked() if self._drive is not None else {}
+                outbox.put(ACTION_RESULT, result_action(current.goal_id, result, docks))
         self._results.clear()
+
+    def _ask_for_photo(self, now_ns: int, outbox: Outbox, exchange: WaypointExchange) -> None:
+        index, exchange.photo_wanted_at = exchange.photo_wanted_at, None
+        if index is not None:
+            self._photo_asked_ns = now_ns
+            outbox.put(PHOTO_REQUEST, act.PhotoRequest(waypoint=index, stamp_ns=now_ns))
 
     def _wanted(self, now_ns: int, drive: Drive, navigator: BtNavigator) -> Velocity | None:
         """What behaviours or a person want in this period; None: nothing."""
@@ -566,6 +736,8 @@ class NavigationNode(Node):
         pose_ns = now_ns if self._map_from_odom is None else self._map_from_odom[0]
         echoes_ns = self._echoes.stamp_ns if self._echoes is not None else self._odom[0]
         if now_ns - min(self._odom[0], echoes_ns, pose_ns) > self._config.sensor_timeout * 1e9:
+            # What it would meet on the way of a ramp is not known.
+            drive.smoother.reset()
             return STOP
         self._ended(navigator.step(now_ns))
         if searching and drive.robot.view.map_from_base is None and navigator.hold != "paused":
@@ -585,15 +757,31 @@ class NavigationNode(Node):
         """Whether a person has asked for global localisation: the robot moves without a goal."""
         return self._localization is not None and self._localization.state == "searching"
 
+    def _smoothed(self, now_ns: int, drive: Drive, command: Velocity | None) -> Velocity | None:
+        """What the velocity smoother makes of a command; where there is none, a ramp to a stop."""
+        smoother = drive.smoother
+        if command is None and smoother.last == STOP:
+            return None
+        elapsed_s = (now_ns - self._smoothed_ns) * 1e-9
+        # A late step is followed by one in time: less than a period after it.
+        if not 0.0 < elapsed_s < CONTROL_PERIOD_NS * 1e-9:
+            elapsed_s = CONTROL_PERIOD_NS * 1e-9
+        self._smoothed_ns = now_ns
+        smoother.take(now_ns, STOP if command is None else command)
+        return smoother.step(now_ns, elapsed_s, self._velocity)
+
     def _watched(self, now_ns: int, drive: Drive, command: Velocity) -> Velocity:
-        """The command that may be sent: by the velocity smoother and the collision monitor."""
+        """The command that may be sent, by the collision monitor."""
         assert drive.robot.view is not None
         echoes = self._echoes
         sources = {}
         if echoes is not None:
             sources["scan"] = SourcePoints(echoes.stamp_ns, drive.robot.view.echoes_m)
         drive.monitor.enabled = drive.robot.monitor_enabled
-        watched = drive.monitor.step(now_ns, command, self._velocity, sources)
+        pose = drive.robot.view.map_from_base
+        # Without a pose, tracks in the map cannot be told from where the robot is.
+        moving = NOTHING_MOVES if pose is None else moving_in_base(drive.robot.view.tracks, pose)
+        watched = drive.monitor.step(now_ns, command, self._velocity, sources, moving)
         self._monitor_state = watched.state
         return watched.velocity
 
@@ -603,6 +791,7 @@ class NavigationNode(Node):
         if drive is None:
             self._tell_status(now_ns, outbox, None)
             return
+        self._tell_zones(now_ns, outbox, drive.robot)
         self._tell_costmap(now_ns, outbox, drive.robot.costmap)
         if self._echoes is not None and self._is_due("local", now_ns, _LOCAL_COSTMAP_PERIOD_NS):
             local = drive.robot.local_costmap
@@ -611,14 +800,30 @@ class NavigationNode(Node):
         if state is not None and drive.monitor_told != (state.action, state.polygon_name):
             drive.monitor_told = (state.action, state.polygon_name)
             outbox.put(COLLISION_MONITOR_STATE, monitor_document(state))
+        self._tell_tree(now_ns, outbox, drive.navigator)
+        self._tell_trajectories(now_ns, outbox, drive.robot)
         feedback = drive.navigator.feedback(now_ns)
         if feedback is not None and self._current is not None:
             if self._is_due("feedback", now_ns, _FEEDBACK_PERIOD_NS):
-                paused = drive.navigator.paused
-                outbox.put(
-                    ACTION_FEEDBACK, feedback_document(self._current.goal_id, feedback, paused)
-                )
+                request, paused = drive.navigator.request, drive.navigator.paused
+                goal = None if request is None else goal_of(request, drive.robot.docks.docked())
+                told = feedback_document(self._current.goal_id, feedback, paused, goal)
+                outbox.put(ACTION_FEEDBACK, told)
         self._tell_status(now_ns, outbox, feedback)
+
+    def _tell_zones(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
+        """Publish masks of the zones; of zones that are no more, an empty one."""
+        frame, zones, shown = robot.costmap.frame, robot.zones, self._zones_shown
+        if zones is shown:
+            return
+        self._zones_shown = zones
+        if any(each is not None and each.keepout.size for each in (zones, shown)):
+            keepout = zones.keepout if zones is not None and zones.keepout.size else None
+            outbox.put(KEEPOUT_FILTER_MASK, mask_message(now_ns, frame, keepout))
+        if any(each is not None and each.limits_m_s.size for each in (zones, shown)):
+            highest_m_s = self._config.desired_linear_vel
+            speeds = zones.speed_values(highest_m_s) if zones is not None else None
+            outbox.put(SPEED_FILTER_MASK, mask_message(now_ns, frame, speeds))
 
     def _tell_costmap(self, now_ns: int, outbox: Outbox, costmap: LayeredCostmap) -> None:
         if costmap.revision == self._costmap_shown:
@@ -626,6 +831,25 @@ class NavigationNode(Node):
         if self._is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
             self._costmap_shown = costmap.revision
             outbox.put(GLOBAL_COSTMAP, costmap_message(now_ns, costmap, MAP_FRAME))
+
+    def _tell_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
+        self._tree_log.add(navigator.snapshot())
+        if not self._is_due("tree", now_ns, _TREE_PERIOD_NS):
+            return
+        action = navigator.request.action if navigator.request is not None else ""
+        tree = action, self._tree_log.take()
+        if tree != self._tree_told:
+            self._tree_told = tree
+            outbox.put(BEHAVIOR_TREE, tree_document(*tree))
+
+    def _tell_trajectories(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
+        controller = robot.controller
+        if not robot.controlled or not isinstance(controller, MPPIController):
+            return
+        if self._is_due("trajectories", now_ns, _TRAJECTORIES_PERIOD_NS):
+            drawn = controller.trajectories()
+            if drawn is not None:
+                outbox.put(TRAJECTORIES, trajectories_message(now_ns, drawn))
 
     def _tell_status(self, now_ns: int, outbox: Outbox, feedback: TaskFeedback | None) -> None:
         drive = self._drive

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -12,11 +13,13 @@ from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.navigation.behavior.context import (
     ClearRequest,
+    Dock,
     FollowRequest,
     MarkerPose,
     PathCheck,
     TrackingFeedback,
 )
+from services.navigation.behavior.docks import Docks
 from services.navigation.behavior.path_parts import joined, nearest_index, piece, pose_on
 from services.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from services.navigation.control.controller import Controller
@@ -31,21 +34,35 @@ from services.navigation.costmap.layered_costmap import (
     LayeredCostmap,
     LocalCostmap,
 )
+from services.navigation.costmap.path_check import new_collisions
+from services.navigation.costmap.zones import Zones
 from services.navigation.errors import NavigationError
+from services.navigation.planning.ends import nearest_free_pose
 from services.navigation.planning.interface import GlobalPlanner
 from services.navigation.planning.path import PlannedPath
 from services.navigation.planning.planner import Planner
+from services.navigation.planning.search_grid import search_grid
+from services.navigation.planning.smoother import smoothed
 
 _LOG = logging.getLogger("navigation")
 _LOOK_AHEAD_S = 2.0
 NAV2_DEFAULTS = ("GridBased", "FollowPath")
+SMOOTHERS = ("", "simple_smoother", "SmoothPath")
+"""Names in Nav2's parameters and trees; all stand for the one that there is."""
 """What Nav2's trees and parameter files call their planner and their controller: here, whatever is
 configured.
 """
 _MIN_ECHOES = 3
 """Fewer echoes are noise."""
+_GIVES_WAY_M = 1.2
+_GIVES_WAY_M_S = 0.1
+_GIVES_WAY_NS = 15_000_000_000
+"""For so long a robot may stand, or drive slowly, with a moving obstacle this near."""
 _ON_PATH_CELLS = 3.0
 """A path is kept only while the robot is this near to it."""
+_LIMIT_DECEL_M_S2 = 0.5
+"""The robot brakes this strongly before a speed limit (Nav2's max_decel of the speed filter)."""
+_LATE_PERIODS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +76,14 @@ class RobotParams:
     """A path that is still free is replaced only by one shorter by this fraction."""
     tolerance_m: float
     """A goal that is occupied is replaced by the nearest free place within this."""
+    max_speed_m_s: float
+    """The controllers' highest."""
     footprint: Footprint
     default_planner: str
     default_controller: str
     progress: ProgressParams
+    smoothing_iterations: int = 100
+    """Most passes of the path smoother."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +99,8 @@ class View:
     """(n, 2) float64, the newest scan's echoes in the current base frame."""
     tracks: tuple[Track, ...] = ()
     teleop: Velocity | None = None
+    turning: tuple[Track, ...] = ()
+    """Obstacles that stand and are expected to turn back."""
 
 
 @dataclass
@@ -91,10 +114,11 @@ class RobotContext:
     local_costmap: LocalCostmap
     planners: Mapping[str, GlobalPlanner]
     controllers: Mapping[str, Controller]
-    docks: dict[str, SE2] = field(default_factory=dict)
-    """Pose of the docked robot in the map, by the dock's name."""
+    zones: Zones | None = None
+    """Keepout zones, which the costmap has as well, and speed limits; None: there are none."""
+    docks: Docks = field(default_factory=Docks)
     markers: dict[str, MarkerPose] = field(default_factory=dict)
-    """The newest sighting of each dock's marker."""
+    """The newest sighting of each marker, by its id."""
     view: View | None = None
     command: Velocity | None = None
     """What behaviours want in this step; None: nothing."""
@@ -113,6 +137,8 @@ class RobotContext:
         self._kept: PlannedPath | None = None
         self._blocked_since_ns: int | None = None
         self._controlled_ns = 0
+        self._forbidden = self.zones.forbidden if self.zones is not None else None
+        self._gives_way_since_ns: int | None = None
 
     def begin(self, view: View) -> None:
         """Begin a step."""
@@ -129,8 +155,31 @@ class RobotContext:
         view = self._view()
         return Surroundings(
             self.pose(), self.costmap.master, view.echoes_m, self.params.footprint, view.tracks,
-            view.velocity, min_echoes=_MIN_ECHOES,
+            view.velocity, min_echoes=_MIN_ECHOES, speed_limit_m_s=self._speed_limit_m_s(),
+            forbidden=self._forbidden, turning=view.turning,
         )  # fmt: skip
+
+    def _speed_limit_m_s(self) -> float:
+        """The highest speed here from which the robot can brake before every lower limit on its
+        path.
+        """
+        if self.zones is None:
+            return math.inf
+        pose, path = self.pose(), self._followed
+        limit_m_s = float(self.zones.limits_at(np.array([pose[:2]]))[0])
+        if path is None:
+            return limit_m_s
+        first = nearest_index(path, pose)
+        # A command is obeyed in the period after it, and the pose is as old as that again.
+        late_m = abs(self.velocity().linear_m_s) * _LATE_PERIODS * self.params.control_period_s
+        # The nearest point of the path may be behind the robot.
+        late_m += self.zones.frame.resolution_m
+        ahead_m = np.maximum(path.along_m[first:] - path.along_m[first] - late_m, 0.0)
+        highest_m_s = self.params.max_speed_m_s
+        near = ahead_m <= 0.5 * highest_m_s * highest_m_s / _LIMIT_DECEL_M_S2
+        limits_m_s = self.zones.limits_at(path.points_m[first:][near])
+        squares = limits_m_s * limits_m_s + 2.0 * _LIMIT_DECEL_M_S2 * ahead_m[near]
+        return min(limit_m_s, float(np.sqrt(squares.min(initial=math.inf))))
 
     def _view(self) -> View:
         assert self.view is not None
@@ -156,7 +205,7 @@ class RobotContext:
         planner = self._planner("")
         at = self.pose()
         for goal in goals:
-            at = planner.plan(self.costmap.static, at, goal, self.params.tolerance_m).goal
+            at = self._leg(planner, at, goal, static_only=True).goal
 
     def compute_path(self, start: SE2 | None, goals: Sequence[SE2], planner_id: str) -> PlannedPath:
         """See NavigationContext."""
@@ -176,14 +225,42 @@ class RobotContext:
             self._kept = path
         return path
 
-    def _leg(self, planner: GlobalPlanner, start: SE2, goal: SE2) -> PlannedPath:
+    def _leg(
+        self, planner: GlobalPlanner, start: SE2, goal: SE2, static_only: bool = False
+    ) -> PlannedPath:
+        """A path to one goal; raises NavigationError, which names a keepout zone at the goal."""
+        static, master = self._costmaps_from(start, goal)
+        costmap = static if static_only else master
         tolerance_m = self.params.tolerance_m
-        if isinstance(planner, Planner):
-            # With the map alone too, it names the obstacle that is in the way.
-            return planner.plan(
-                self.costmap.master, start, goal, tolerance_m, static=self.costmap.static
-            )
-        return planner.plan(self.costmap.master, start, goal, tolerance_m)
+        try:
+            if isinstance(planner, Planner) and not static_only:
+                # With the map alone too, it names the obstacle that is in the way.
+                return planner.plan(costmap, start, goal, tolerance_m, static=static)
+            return planner.plan(costmap, start, goal, tolerance_m)
+        except NavigationError as error:
+            zone = self.zones.keepout_at(*goal[:2]) if self.zones is not None else None
+            if zone is None or error.code != ErrorCode.GOAL_OCCUPIED:
+                raise
+            raise _forbidden_goal(goal, zone, error.nearest_free) from error
+
+    def _costmaps_from(self, start: SE2, goal: SE2) -> tuple[Costmap, Costmap]:
+        """The static and the combined costmap for a path from a place: where that is in a keepout
+        zone, it can be left.
+
+        Raises NavigationError for a goal in the same zone.
+        """
+        costmap, zones = self.costmap, self.zones
+        if zones is None or zones.keepout_at(*start[:2]) is None:
+            return costmap.static, costmap.master
+        costs = zones.costs(costmap.master.inscribed_radius_m, leaving_m=start[:2])
+        assert costs is not None
+        static, master = costmap.with_keepout(costs)
+        zone, cell = zones.keepout_at(*goal[:2]), master.frame.cell(*goal[:2])
+        if zone is not None and cell is not None and costs[cell] < LETHAL_OBSTACLE:
+            grid = search_grid(costmap.master, self.params.footprint.half_width_m, False)
+            near = nearest_free_pose(grid, costmap.master, self.params.footprint, goal, math.inf)
+            raise _forbidden_goal(goal, zone, near)
+        return static, master
 
     def _is_as_good(self, path: PlannedPath) -> bool:
         """Whether the path before leads to the same goal, is free, and hardly longer."""
@@ -200,29 +277,44 @@ class RobotContext:
             return False
         return not self.collisions(piece(kept, index, len(kept.points_m)), PathCheck())
 
+    def smooth_path(
+        self, path: PlannedPath, smoother_id: str, check_for_collisions: bool
+    ) -> PlannedPath:
+        """The path, smoothed. Raises NavigationError with Nav2's codes of SmoothPath."""
+        if smoother_id not in SMOOTHERS:
+            raise NavigationError(
+                ErrorCode.INVALID_SMOOTHER,
+                f"smoother_id: {smoother_id!r:.60}: must be empty or one of "
+                f"{', '.join(filter(None, SMOOTHERS))}",
+            )
+        costmap = self.costmap.master
+        safe_m = self.params.footprint.circumscribed_radius_m
+        smooth = smoothed(
+            costmap, path, costmap.frame.resolution_m, safe_m, self.params.smoothing_iterations
+        )
+        for index in range(len(smooth.points_m)) if check_for_collisions else ():
+            pose = pose_on(smooth, index)
+            cost = costmap.cost_at(pose.x_m, pose.y_m)
+            if cost >= INSCRIBED_INFLATED_OBSTACLE or self._touches(costmap, pose):
+                raise NavigationError(
+                    ErrorCode.SMOOTHED_PATH_IN_COLLISION,
+                    f"the smoothed path touches an obstacle at ({pose.x_m:.2f}, {pose.y_m:.2f})",
+                    (pose.x_m, pose.y_m),
+                )
+        return smooth
+
     def collisions(self, path: PlannedPath, check: PathCheck) -> tuple[SE2, ...]:
         """See NavigationContext. What the static map has in the way already is no collision: a path
         may begin near a wall.
         """
-        found = []
-        for index in range(len(path.points_m)):
-            if 0.0 <= check.max_lookahead_distance_m < float(path.along_m[index]):
-                break
-            pose = pose_on(path, index)
-            if not self._is_blocked(self.costmap.master, pose, check.max_cost):
-                continue
-            if self._is_blocked(self.costmap.static, pose, check.max_cost):
-                continue
-            found.append(pose)
-            if check.stop_at_first_collision:
-                break
-        return tuple(found)
-
-    def _is_blocked(self, costmap: Costmap, pose: SE2, max_cost: int) -> bool:
-        cost = costmap.cost_at(pose.x_m, pose.y_m)
-        if max_cost < INSCRIBED_INFLATED_OBSTACLE:
-            return cost >= max_cost
-        return cost >= INSCRIBED_INFLATED_OBSTACLE or self._touches(costmap, pose)
+        end = len(path.points_m)
+        if check.max_lookahead_distance_m >= 0.0:
+            end = int(np.searchsorted(path.along_m, check.max_lookahead_distance_m, side="right"))
+        found = new_collisions(
+            self.costmap.master, self.costmap.static, self.params.footprint, path.points_m[:end],
+            path.yaws_rad, check.max_cost, check.stop_at_first_collision,
+        )  # fmt: skip
+        return tuple(pose_on(path, index) for index in found.tolist())
 
     def _touches(self, costmap: Costmap, pose: SE2) -> bool:
         footprint, frame = self.params.footprint, costmap.frame
@@ -284,7 +376,10 @@ class RobotContext:
         made = self._controller.step(elapsed_s, self.around())
         pose = self.pose()
         where = f"at ({pose.x_m:.2f}, {pose.y_m:.2f})"
-        if not made.blocked:
+        if self._gives_way(now_ns, made.velocity):
+            self._blocked_since_ns = None
+            self._progress.reset()
+        elif not made.blocked:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
@@ -303,6 +398,22 @@ class RobotContext:
             raise NavigationError(ErrorCode.FAILED_TO_MAKE_PROGRESS, f"{stuck.text} {where}")
         self.command, self.controlled = made.velocity, True
         return TrackingFeedback(made.reached, made.distance_remaining_m)
+
+    def _gives_way(self, now_ns: int, velocity: Velocity) -> bool:
+        """Whether the robot stands because something that moves is near: for a while, that is no
+        failure.
+        """
+        pose, view = self.pose(), self._view()
+        near = any(
+            math.hypot(each.x_m - pose.x_m, each.y_m - pose.y_m) < _GIVES_WAY_M
+            for each in (*view.tracks, *view.turning)
+        )
+        if not near or abs(velocity.linear_m_s) > _GIVES_WAY_M_S:
+            self._gives_way_since_ns = None
+            return False
+        if self._gives_way_since_ns is None:
+            self._gives_way_since_ns = now_ns
+        return now_ns - self._gives_way_since_ns <= _GIVES_WAY_NS
 
     def drive(self, velocity: Velocity) -> None:
         """See NavigationContext."""
@@ -356,21 +467,17 @@ class RobotContext:
         """See NavigationContext."""
         return self._view().teleop
 
-    def marker(self, dock_id: str) -> MarkerPose | None:
+    def marker(self, marker_id: str) -> MarkerPose | None:
         """See NavigationContext."""
-        if dock_id:
-            return self.markers.get(dock_id)
-        seen = sorted(self.markers.values(), key=lambda one: -one.stamp_ns)
-        return seen[0] if seen else None
+        return self.markers.get(marker_id)
 
-    def dock(self, dock_id: str) -> SE2:
+    def dock(self, dock_id: str) -> Dock:
         """See NavigationContext."""
-        if dock_id not in self.docks:
-            known = ", ".join(sorted(self.docks)) or "none"
-            raise NavigationError(
-                ErrorCode.DOCK_NOT_IN_DB, f"dock {dock_id!r:.60}: must be one of {known}"
-            )
-        return self.docks[dock_id]
+        return self.docks.by_name(dock_id)
+
+    def dock_at(self, map_from_dock: SE2) -> Dock:
+        """See NavigationContext."""
+        return self.docks.at(map_from_dock)
 
     def is_localized(self) -> bool:
         """See NavigationContext."""
@@ -394,3 +501,14 @@ class RobotContext:
                 f"planner {name!r:.60}: must be one of {', '.join(sorted(self.planners))}",
             )
         return self.planners[name]
+
+
+def _forbidden_goal(goal: SE2, zone: str, nearest_free: SE2 | None) -> NavigationError:
+    at = f"goal ({goal.x_m:.2f}, {goal.y_m:.2f})"
+    instead = ""
+    if nearest_free is not None:
+        instead = f"; the nearest free pose is ({nearest_free.x_m:.2f}, {nearest_free.y_m:.2f})"
+    return NavigationError(
+        ErrorCode.GOAL_OCCUPIED, f"{at} is in {zone}: must be outside of it{instead}",
+        (goal.x_m, goal.y_m), nearest_free,
+    )  # fmt: skip

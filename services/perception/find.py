@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,6 +67,7 @@ class MarkerFinder:
         self._config = config
         self._registered: dict[str, dict[int, _Registered]] = {}
         self._detectors: dict[str, Detector] = {}
+        self._books: dict[str, cv2.aruco.Dictionary | None] = {}
         self._before: dict[str, frozenset[int]] = {}
         self._spared: dict[str, int] = {}
         """Pictures left without a second pass, by dictionary"""
@@ -90,19 +92,22 @@ class MarkerFinder:
         marker_id: int,
         side_m: float,
         map_from_marker: Array | None = None,
+        book: cv2.aruco.Dictionary | None = None,
     ) -> None:
         """Look for a marker whose black square has this side.
 
         `map_from_marker`, (4, 4), is its pose, x to its right and z out of its face, of which
-        height and tilt are checked; None: they are not.
+        height and tilt are checked; None: they are not. `book` is the dictionary, if it is not one
+        of OpenCV's.
 
         Raises ValueError if OpenCV has no dictionary of this name.
         """
         config = self._config
-        if dictionary not in self._detectors:
+        if dictionary not in self._detectors or self._books.get(dictionary) is not book:
             second = Threshold(config.second_window_px, config.second_contrast)
+            self._books[dictionary] = book
             self._detectors[dictionary] = Detector(
-                dictionary,
+                dictionary if book is None else book,
                 config.threshold_window_px,
                 config.threshold_contrast,
                 second if config.second_pass else None,

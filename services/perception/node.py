@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 
+import cv2
 import numpy as np
 
 from services.common import portable
@@ -24,15 +25,19 @@ from services.common.node.topics import (
     DETECTIONS,
     ENTITIES,
     MAP_DETECTIONS,
+    PHOTO,
+    PHOTO_REQUEST,
     TF,
     TF_STATIC,
     WORLD,
     Topic,
 )
 from services.common.pose_history import PoseHistory
+from services.common.world.marker_picture import own_dictionaries
 from services.perception.config import PerceptionConfig
 from services.perception.detect import dictionary_exists, grey_from_rgb
 from services.perception.find import Found, MarkerFinder, Name
+from services.perception.picture import png_from_rgb
 from services.perception.pose import Camera
 
 _INFOS_KEPT = 10
@@ -63,10 +68,14 @@ class PerceptionNode(Node):
         self._config = config
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
+        self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
+        """The world's own"""
         self._ignored: dict[str, int] = {}
         """How often, by key in /diagnostics"""
         self._infos: dict[int, msg.CameraInfo] = {}
         self._image: msg.Image | None = None
+        self._photo_wanted_ns: int | None = None
+        """A picture of this time or later is to be published."""
         self._published = False
         self._static_frames = FrameTree()
         self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
@@ -86,6 +95,8 @@ class PerceptionNode(Node):
         self._take_transforms(inbox)
         for info in inbox.new(CAMERA_INFO):
             self._take_info(info, inbox)
+        for request in inbox.new(PHOTO_REQUEST):
+            self._photo_wanted_ns = request.stamp_ns
         images = inbox.new(CAMERA_IMAGE)
         if self._image is not None:
             images.insert(0, self._image)
@@ -118,6 +129,7 @@ class PerceptionNode(Node):
         world = inbox.latest(WORLD)
         if world is not None and world.hash != self.world_hash:
             self.world_hash = world.hash
+            self._dictionaries = own_dictionaries(world.dictionaries)
             self._published = False
             self._forget_pictures()
         entities = inbox.latest(ENTITIES)
@@ -132,7 +144,7 @@ class PerceptionNode(Node):
 
     def _forget_pictures(self) -> None:
         """Drop images and transforms, which are from the simulation before."""
-        self._image = None
+        self._image = self._photo_wanted_ns = None
         self._infos.clear()
         self._odom_from_base.clear()
         self._map_from_odom = None
@@ -141,12 +153,13 @@ class PerceptionNode(Node):
 
     def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
         name = entity.dictionary
-        if not dictionary_exists(name):
+        book = self._dictionaries.get(name)
+        if book is None and not dictionary_exists(name):
             inbox.reject(ENTITIES, "unknown dictionary")
             _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
             return
         map_from_marker = pose_matrix(entity)
-        self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker)
+        self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker, book)
 
     def _take_transforms(self, inbox: Inbox) -> None:
         for transforms in inbox.new(TF_STATIC):
@@ -190,6 +203,7 @@ class PerceptionNode(Node):
         if image.step < 3 * image.width or image.width * image.height == 0:
             inbox.reject(CAMERA_IMAGE, "rows shorter than the width")
             return
+        self._publish_photo(image, outbox)
         found = self._find(image, info)
         stamp_ns, frame = msg.ns_from_time(image.header.stamp), image.header.frame_id
         outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
@@ -197,6 +211,19 @@ class PerceptionNode(Node):
         if map_from_camera is not None:
             outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
         self._published = True
+
+    def _publish_photo(self, image: msg.Image, outbox: Outbox) -> None:
+        """Publish the image where navigation wants a picture, and it is not of before that."""
+        wanted_ns = self._photo_wanted_ns
+        if wanted_ns is None or msg.ns_from_time(image.header.stamp) < wanted_ns:
+            return
+        self._photo_wanted_ns = None
+        photo = msg.CompressedImage(
+            header=image.header,
+            format="rgb8; png compressed",
+            data=png_from_rgb(image.data, image.height, image.width, image.step),
+        )
+        outbox.put(PHOTO, photo)
 
     def _find(self, image: msg.Image, info: msg.CameraInfo) -> list[Found]:
         if not self._finder.registered:

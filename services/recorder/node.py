@@ -13,6 +13,7 @@ from services.common.node import documents as doc
 from services.common.node.frame_tree import FrameNames, FrameTree
 from services.common.node.node import Envelope, Inbox, Node, Outbox
 from services.common.node.topics import (
+    ACTION_RESULT,
     ASSETS,
     CONTACTS,
     DESIRED_ENTITIES,
@@ -63,6 +64,7 @@ _EARLY: tuple[Topic[Any], ...] = (
     ROSOUT,
     GOAL_POSE,
     NAVIGATION_RESULT,
+    ACTION_RESULT,
     CONTACTS,
 )
 """Messages that are queued until there is a run."""
@@ -157,7 +159,7 @@ class RecorderNode(Node):
         told_ns = [round(message.sim_time_s * 1e9) for message, _ in stats]
         begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
         now_ns = self._beginnings.now_ns
-        ended = inbox.pending(NAVIGATION_RESULT)
+        ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
         later: list[tuple[Topic[Any], _Arrival]] = []
         for topic in read_by(self.name):
             for arrival in stats if topic is SIMULATION_STATS else inbox.arrivals(topic):

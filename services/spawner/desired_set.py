@@ -27,7 +27,7 @@ from services.common.node.documents import (
 )
 from services.common.world.assets import assets_of
 from services.common.world.furnish import MAX_MARKERS
-from services.common.world.marker_picture import identity_problem
+from services.common.world.marker_picture import identity_problem, own_dictionaries
 from services.common.world.placement import Placement, panel_of
 from services.spawner.entity_assets import decoded
 
@@ -85,6 +85,7 @@ class DesiredSet:
         self._files = dict(textures)
         """By sha256."""
         self._world = world
+        self._dictionaries = own_dictionaries(world.dictionaries)
         self._placement = placement
         self._known = set(assets_of(world))
         self.refused = hung.refused
@@ -269,7 +270,8 @@ class DesiredSet:
             raise _RefusedError(f"marker_id: {entity.marker_id}: must be 0 to 100000")
         problem = identity_problem(
             Marker(id=entity.marker_id, dictionary=entity.dictionary, wall="", side="left",
-                   height_m=0.0)
+                   height_m=0.0),
+            self._dictionaries.get(entity.dictionary),
         )  # fmt: skip
         same = next((one.name for one in markers if one.marker_id == entity.marker_id), "")
         if not problem and same:

@@ -6,12 +6,14 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
+from services.common.node.action_documents import LoadMap, LoadMapReply
 from services.common.node.documents import WorldRequest, WorldStatus
 from services.common.node.messages import occupancy_grid
 from services.common.node.node import Inbox, Node, Outbox
-from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from services.common.node.topics import ASSETS, LOAD_MAP, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
 from services.common.world.assets import asset_message
 from services.worldgen.config import WorldgenConfig
+from services.worldgen.map.map_exchange import MapDataError, map_of_document
 from services.worldgen.recipe.loader import LoadedWorld, load_world
 from services.worldgen.recipe.problems import WorldError
 
@@ -41,6 +43,8 @@ class WorldgenNode(Node):
                 _log.error("%s", self._error)
             status = WorldStatus(request=request, world_hash=self.world_hash, error=self._error)
             outbox.put(WORLD_STATUS, status)
+        for wanted in inbox.requests(LOAD_MAP):
+            wanted.respond(self._load_map(wanted.message, outbox))
 
     def waiting_for(self) -> str | None:
         """A valid request."""
@@ -72,6 +76,18 @@ class WorldgenNode(Node):
             f"world_name: {asked.name!r} ({_about(loaded)}): must be the world that is running, "
             f"{running.name!r} ({_about(self._running)}): stop that one first (docker compose down)"
         )
+
+    def _load_map(self, wanted: LoadMap, outbox: Outbox) -> LoadMapReply:
+        """Publish a map in place of the world's own."""
+        if self._running is None:
+            return LoadMapReply(result=255, error=f"worldgen waits for {self.waiting_for()}")
+        try:
+            chart = map_of_document(wanted)
+        except MapDataError as error:
+            return LoadMapReply(result=2, error=str(error))
+        outbox.put(MAP, occupancy_grid(0, chart.resolution_m, chart.origin, chart.cells))
+        _log.info("Loaded a map of %d x %d cells", wanted.columns, wanted.rows)
+        return LoadMapReply()
 
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
         world = loaded.world

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -48,6 +48,9 @@ _TINTS: tuple[Rgb, ...] = (
     (220, 40, 210), (140, 120, 0), (95, 75, 235), (160, 70, 30), (0, 100, 60), (190, 0, 95),
 )  # fmt: skip
 """Colours of markers, in turn."""
+_KEEPOUT: Rgb = (205, 30, 45)
+_SLOW: Rgb = (200, 110, 0)
+_HATCH_M = 0.1
 _SHIFT = 4
 """Fractional bits of a pixel, in OpenCV's drawing functions."""
 _MAX_OUTLINED = 40
@@ -113,6 +116,8 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     for room in world.rooms:
         ring = fine.at(np.array([*room.polygon_m, room.polygon_m[0]]))
         _dashed(draw, ring, (120, 124, 130), scale)
+    for polygon_m, _, colour, slope in _zones(world):
+        _hatched(draw, fine, polygon_m, colour, slope)
     for wall in world.walls:
         _wall(draw, fine, wall, colours)
     canvas = Image.fromarray(_bodies(np.asarray(canvas).copy(), fine, bodies, colours))
@@ -125,6 +130,35 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     plan = canvas.resize(view.size_px, Image.Resampling.BOX)
     _labels(plan, view, world, entities)
     return np.asarray(_framed(plan, view, _figures(loaded, entities, seen), world))
+
+
+def _zones(world: World) -> Iterator[tuple[Array, str, Rgb, float]]:
+    """Corners, name, colour and slope of the hatching of keepout zones and speed limits."""
+    for zone in world.keepout_zones:
+        yield np.array(zone.polygon_m), f"keepout: {zone.name}", _KEEPOUT, 1.0
+    for slow in world.speed_limits:
+        limit = f"{slow.percent or 0.0:g} %"
+        if slow.speed_limit_m_s is not None:
+            limit = f"{slow.speed_limit_m_s:g} m/s"
+        yield np.array(slow.polygon_m), f"{limit}: {slow.name}", _SLOW, -1.0
+
+
+def _hatched(
+    draw: ImageDraw.ImageDraw, view: View, polygon_m: Array, colour: Rgb, slope: float
+) -> None:
+    """A polygon's outline, and lines across it at 45 degrees."""
+    area = shapely.make_valid(shapely.Polygon(polygon_m))
+    left, low, right, high = area.bounds
+    reach_m = right - left + high - low
+    for across_m in np.arange(0.0, reach_m, _HATCH_M):
+        x_m = right - across_m if slope > 0.0 else left + across_m
+        line = shapely.LineString([(x_m, low), (x_m + slope * reach_m, low + reach_m)])
+        for part in shapely.get_parts(shapely.intersection(area, line)):
+            ends = shapely.get_coordinates(part)
+            if len(ends) > 1:
+                draw.line(view.at(ends), colour, _OVERSAMPLING)
+    ring = view.at(np.vstack([polygon_m, polygon_m[:1]]))
+    draw.line(ring, colour, 2 * _OVERSAMPLING)
 
 
 def plan_png(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> bytes:
@@ -458,6 +492,8 @@ def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Mark
     reach = max(1.2 * ROBOT_RADIUS_M * view.px_m, 10.0) + size
     spots = _around((x, y), reach, world.start.yaw_rad)
     _write(draw, spots, "start", small, _START, taken, view.size_px)
+    for polygon_m, name, colour, _ in _zones(world):
+        _write(draw, view.at(_within(polygon_m)), name, small, _dark(colour), taken, view.size_px)
     large = _font(1.15 * size)
     for room in world.rooms:
         spots = view.at(_within(np.array(room.polygon_m)))

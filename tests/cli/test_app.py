@@ -163,7 +163,7 @@ def test_without_a_stack_the_router_is_named() -> None:
 
 
 def test_a_router_without_a_robot_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.cli.goal.PATIENCE_S", 0.5)
+    monkeypatch.setattr("services.cli.drive.task.PATIENCE_S", 0.5)
     with running_router() as endpoint:
         done = mazebot("goal", "1", "-2", "0", "--connect", endpoint)
     assert_one_line(done, "no navigation service")

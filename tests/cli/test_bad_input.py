@@ -107,6 +107,35 @@ demo --config value.yaml : value.yaml|renderer|vulkan
 demo --config type.yaml : type.yaml|scan_rate_hz|fast
 demo --config nan.yaml : nan.yaml|scan_noise_m|nan
 plan --map nowhere.yaml --start 0,0 --goal 1,1 : nowhere.yaml|No such file
+localize : --map|--log|--global
+localize --log log.csv : --map|--log
+localize --map map.yaml : --log|--map
+localize --global --start 0 0 0 : --start|--map
+localize --global --timeout 0 : --timeout|0
+localize --map map.yaml --log log.csv --timeout 3 : --timeout|--map
+waypoints : FILE|NAME
+waypoints nowhere.yaml : nowhere.yaml|No such file
+waypoints broken.yaml : broken.yaml:2|not YAML
+waypoints text.yaml : text.yaml|hello|mapping
+waypoints section.yaml : section.yaml|physcis|waypoints
+waypoints hall section.yaml : section.yaml|only argument
+waypoints '' : empty
+waypoints hall --loops -1 : --loops|-1
+waypoints hall --photos file.txt : --photos|file.txt|folder
+waypoints hall --timeout x : --timeout|x
+dock --timeout 0 : --timeout|0
+dock a b : b
+undock now : now
+spin nan : ANGLE|nan|finite
+spin left : ANGLE|left
+spin 1 --time-allowance -1 : --time-allowance|-1
+backup 0 : DISTANCE|0
+backup -0.1 : DISTANCE|-0.1
+backup inf : DISTANCE|inf
+backup 0.1 --speed nan : --speed|nan
+teleop : standard input|terminal
+teleop --speed 3 : --speed|3|0.46
+teleop --turn 0 : --turn|0
 localize --map nowhere.yaml --log log.csv : nowhere.yaml|No such file
 demo --params nowhere.yaml : nowhere.yaml|No such file
 demo --params nav2.yaml : nav2.yaml:1|amcl.sigma_hit|0.0|greater than 0

@@ -68,11 +68,9 @@ class Navigation:
             subscribe(self.session, CMD_VEL, self._take_command),
             self._answer(SIMULATION_CONTROL, lambda _: SimulationControlReply(stats=STATS)),
             self._answer(CANCEL_GOAL, self._cancel),
-            *(
-                self.session.liveliness().declare_token(alive_key(name, "a"))
-                for name in ("navigation", "physics")
-            ),
+            self.session.liveliness().declare_token(alive_key("physics", "a")),
         ]
+        self.token = self.session.liveliness().declare_token(alive_key("navigation", "a"))
 
     def _answer(self, query: Any, respond: Any) -> Any:
         def answer(asked: zenoh.Query) -> None:

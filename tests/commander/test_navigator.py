@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from services.commander.navigator import Navigator, TaskResult
 from services.common.config import ConfigError
 from services.common.error_codes import ErrorCode
 from services.common.frames import wrap_angle
+from services.common.node import messages as msg
+from services.common.node.topics import CMD_VEL_TELEOP, CONTACTS, MAP
 from services.embedded.session import Session
+from services.worldgen.map.map_files import write_map
 from tests.docs.stack import running_stack
 
 
@@ -133,6 +138,73 @@ def test_a_pose_that_is_none_is_one_line(navigator: Navigator, pose: object) -> 
     with pytest.raises((ConfigError, ValueError)) as caught:
         navigator.goToPose(pose)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+def test_a_person_at_the_keyboard_drives_and_is_stopped_before_a_wall(
+    navigator: Navigator, session: Session
+) -> None:
+    before = session.ground_truth()
+
+    def drive(linear_m_s: float, seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            header = msg.header(round(session.now_s * 1e9), "base_footprint")
+            linear, angular = msg.Vector3(linear_m_s, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)
+            session.put(CMD_VEL_TELEOP, msg.TwistStamped(header, msg.Twist(linear, angular)))
+            session.run_for(0.1)
+
+    drive(0.2, 1.0)
+    assert session.ground_truth().distance_m(before) > 0.1
+    with session.watching(CONTACTS) as contacts:
+        drive(0.4, 8.0)
+        stood = session.ground_truth()
+        drive(0.4, 1.0)
+    assert contacts == []
+    assert session.ground_truth().distance_m(stood) < 0.02
+
+
+def test_a_path_is_smoothed(navigator: Navigator) -> None:
+    corner = [(0.0, 0.0), (0.3, 0.0), (0.3, -0.3)]
+    path = navigator.smoothPath(corner)
+    assert path is not None
+    assert len(path) > len(corner)
+    assert navigator.smoothPath(corner, "nope") is None
+    assert navigator.getTaskError()[0] == ErrorCode.INVALID_SMOOTHER
+
+
+def test_a_map_takes_the_place_of_the_worlds(
+    navigator: Navigator, session: Session, tmp_path: Path
+) -> None:
+    before = session.latest(MAP)
+    assert before is not None
+    cells = np.array(msg.cells_from_grid(before), np.int8)
+    # Where a wall was drawn in, no path leads.
+    cells[:, :] = np.where(cells == 100, 100, 0)
+    origin = msg.se2_from_pose(before.info.origin)
+    resolution_m = before.info.resolution
+    column = int((0.45 - origin.x_m) / resolution_m)
+    cells[:, column] = 100
+    file = write_map(tmp_path, "closed", cells, resolution_m, origin)
+    assert navigator.changeMap(file), navigator.getTaskError()
+    navigator.waitUntilNav2Active()
+    after = session.latest(MAP)
+    assert after is not None
+    assert not msg.same_grid(after, before)
+    assert navigator.getPath((0.0, 0.0), (1.2, -0.6), use_start=True) is None
+    assert navigator.getTaskError()[0] == ErrorCode.NO_VALID_PATH
+    own = write_map(tmp_path, "own", np.array(msg.cells_from_grid(before)), resolution_m, origin)
+    assert navigator.changeMap(own)
+    navigator.waitUntilNav2Active()
+    for name, text, result in (
+        ("nowhere.yaml", None, 1),
+        ("bad.yaml", own.read_text().replace("own.pgm", "nope.pgm"), 2),
+        ("worse.yaml", own.read_text().replace("resolution:", "resolution: x"), 3),
+    ):
+        if text is not None:
+            (tmp_path / name).write_text(text)
+        assert not navigator.changeMap(tmp_path / name)
+        code, said = navigator.getTaskError()
+        assert (code, "\n" in said) == (result, False)
+        assert name in said
 
 
 @pytest.mark.slow

@@ -201,6 +201,8 @@ SAMPLES: dict[Topic[Any], Any] = {
     table.PARTICLE_CLOUD: msg.PoseArray(HEADER, [POSE, POSE]),
     table.GLOBAL_COSTMAP: GRID,
     table.LOCAL_COSTMAP: GRID,
+    table.KEEPOUT_FILTER_MASK: GRID,
+    table.SPEED_FILTER_MASK: GRID,
     table.CMD_VEL_TELEOP: msg.TwistStamped(HEADER, TWIST),
     table.COLLISION_MONITOR_STATE: act.CollisionMonitorState(
         action="approach",
@@ -210,12 +212,35 @@ SAMPLES: dict[Topic[Any], Any] = {
         nearest_m=(0.2, 0.0),
         reason="7 points of scan 0.20 m away",
     ),
+    table.BEHAVIOR_TREE: act.BehaviorTreeLog(
+        action="navigate_to_pose",
+        nodes=(
+            act.BehaviorTreeNode(name="NavigateRecovery", kind="RecoveryNode", status="RUNNING"),
+            act.BehaviorTreeNode(name="FollowPath", kind="FollowPath", status="FAILURE", depth=1),
+        ),
+    ),
+    table.TRAJECTORIES: msg.marker_array(
+        [
+            msg.line_strip(
+                STAMP_NS,
+                "map",
+                "rollouts",
+                3,
+                np.array([[0.0, 0.0, 0.1], [1.0, 0.5, 0.1]]),
+                0.01,
+                (1.0, 0.5, 0.0, 1.0),
+            )
+        ]
+    ),
     table.ACTION_FEEDBACK: act.ActionFeedback(
         goal_id="a-1", action="navigate_to_pose", distance_remaining_m=2.0
     ),
+    table.PHOTO_REQUEST: act.PhotoRequest(waypoint=1, stamp_ns=1_500_000_000),
+    table.PHOTO: msg.CompressedImage(HEADER, "rgb8; png compressed", np.arange(9, dtype=np.uint8)),
     table.ACTION_RESULT: act.ActionResult(
         goal_id="a-1", action="spin", status="succeeded", start_time_s=0.0, end_time_s=1.0
     ),
+    table.GLOBAL_LOCALIZATION_REQUEST: act.Empty(),
     table.PLAN: msg.Path(HEADER, [msg.PoseStamped(HEADER, POSE)]),
     table.CMD_VEL: msg.TwistStamped(HEADER, TWIST),
     table.LOCALIZATION_STATUS: doc.LocalizationStatus(state="localized", quality=0.97, epoch=1),

@@ -17,6 +17,7 @@ from services.common.nav2_params.renames import RENAMES
 from services.common.nav2_params.report import STATUSES, Report, Row, report
 from services.common.nav2_params.tables.nodes import NODES
 from services.common.root import ROOT
+from services.navigation.config import NavigationConfig
 from services.physics.config import PhysicsConfig
 from tests.common.nav2_files import DISTRIBUTIONS, shipped
 
@@ -591,3 +592,24 @@ def _all_rows() -> list[typing.Any]:
     for node in NODES.values():
         visit(node)
     return found
+
+
+def test_masks_and_the_velocity_smoother_are_those_of_navigation() -> None:
+    told = report(
+        load(
+            velocity_smoother={"max_velocity": [0.3, 0.0, 2.5], "max_accel": [2.5, 0.0, 3.2],
+                               "scale_velocities": True},
+            keepout_filter_mask_server={"yaml_filename": "keepout.yaml"},
+            speed_filter_mask_server={"yaml_filename": "speed.yaml"},
+            keepout_costmap_filter_info_server={"type": 0, "base": 0.0, "multiplier": 1.0},
+            speed_costmap_filter_info_server={"type": 2, "base": 0.0, "multiplier": 0.01},
+        ),
+        {"navigation": NavigationConfig},
+    )  # fmt: skip
+    config = NavigationConfig(**told.settings["navigation"])
+    smoother = config.smoother_params()
+    assert (smoother.max_velocity, smoother.max_accel) == ((0.3, 1.9), (1.0, 2.0))
+    assert smoother.scale_velocities
+    assert (config.keepout_mask, config.speed_mask) == ("keepout.yaml", "speed.yaml")
+    assert (config.speed_mask_type, config.speed_mask_multiplier) == (2, 0.01)
+    assert {row.status for row in told.rows} <= {"used", "mapped"}

@@ -21,7 +21,7 @@ TOUR = ("--world-name", "sim_house_enhanced", "--goal", "[0.5, 0.0, 0.0]")
 
 
 @contextmanager
-def running_stack(pace: str = "2") -> Iterator[str]:
+def running_stack(pace: str = "2", camera: bool = False) -> Iterator[str]:
     """The endpoint of a stack in the enhanced world, active, with its first goal reached.
 
     Raises AssertionError, with what the services said, where it does not come up.
@@ -37,7 +37,8 @@ def running_stack(pace: str = "2") -> Iterator[str]:
             command = [sys.executable, "-m", f"services.{name}", *flags]
             return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
-        processes = [start(name, *flags) for name, flags in FLAGS.items()]
+        flags_of = {**FLAGS, "physics": ()} if camera else FLAGS
+        processes = [start(name, *flags) for name, flags in flags_of.items()]
         try:
             code = start("bringup", *TOUR).wait(timeout=90)
             log.seek(0)

@@ -3,12 +3,14 @@ would take minutes; none is left out.
 """
 
 import os
+import pty
 import re
 import shlex
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -23,13 +25,14 @@ from services.common.node.topics import SIMULATION_CONTROL
 from services.common.root import ROOT
 from tests.cli.test_localize import Drive
 from tests.common.nav2_files import shipped
-from tests.docs.pages import Example, commands
+from tests.docs.pages import Example, blocks, commands
 from tests.docs.stack import running_stack
 from tests.perception.scene import CAMERA, camera_from_marker, render
 
 COMMANDS = commands()
 ON_A_STACK = {
     *("goal", "cancel", "sim", "spawn", "move", "remove", "entities", "topic", "waypoints"),
+    *("spin", "backup", "dock", "undock", "teleop"),
 }
 ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view")
 SHORTER = {"--count 100": "--count 2"}
@@ -54,7 +57,8 @@ def program(example: Example) -> list[str]:
 def kind(example: Example) -> str:
     words = program(example)
     if words[0] == "mazebot":
-        return "stack" if words[1] in ON_A_STACK else "alone"
+        running = words[1] in ON_A_STACK or words[1:] == ["localize", "--global"]
+        return "stack" if running else "alone"
     return words[0]
 
 
@@ -114,9 +118,35 @@ def run(command: str, folder: Path, **more: str) -> str:
     for long, short in SHORTER.items():
         command = command.replace(long, short)
     endless = any(words in command for words in ENDLESS)
+    with keyboard("q") if "teleop" in command else nullcontext() as terminal:
+        return _ended(command, endless, folder, terminal, **more)
+
+
+@contextmanager
+def keyboard(key: str) -> Iterator[int]:
+    """A terminal at which a key is pressed again and again."""
+    master, slave = pty.openpty()
+    done = threading.Event()
+
+    def press() -> None:
+        while not done.wait(0.1):
+            os.write(master, key.encode())
+
+    person = threading.Thread(target=press)
+    person.start()
+    try:
+        yield slave
+    finally:
+        done.set()
+        person.join()
+        os.close(master)
+        os.close(slave)
+
+
+def _ended(command: str, endless: bool, folder: Path, terminal: int | None, **more: str) -> str:
     process = subprocess.Popen(
         ["bash", "-c", f"exec {command}"],
-        cwd=folder, env=environment(**more),
+        cwd=folder, env=environment(**more), stdin=terminal,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     try:
@@ -149,14 +179,17 @@ def test_a_command_that_needs_nothing_else_works(example: Example, folder: Path)
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
-    with running_stack() as running:
+    with running_stack(camera=True) as running:
         yield running
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_a_running_stack_does_what_each_command_says(
     endpoint: str, tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
+    (tour,) = (block.text for block in blocks("yaml") if block.text.startswith("waypoints:"))
+    (tmp_path / "tour.yaml").write_text(tour)
     page = None
     for example in some("stack"):
         with subtests.test(str(example)):

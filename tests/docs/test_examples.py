@@ -13,11 +13,18 @@ from tests.docs.pages import Example, blocks
 from tests.docs.stack import running_stack
 
 PYTHON = blocks("python")
+LONG = {"controllers.md", "navigator.md", "own-controller.md"}
+"""Pages whose programs drive for a minute."""
+IN_PROCESS = [
+    pytest.param(one, marks=[pytest.mark.slow] if one.page.name in LONG else [], id=str(one))
+    for one in PYTHON
+    if "zenoh.open" not in one.text
+]
 
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
-    with running_stack() as running:
+    with running_stack(pace="1") as running:
         yield running
 
 
@@ -35,9 +42,7 @@ def run(code: str, folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    "example", [one for one in PYTHON if "zenoh.open" not in one.text], ids=str
-)
+@pytest.mark.parametrize("example", IN_PROCESS)
 def test_a_program_in_the_pages_runs(example: Example, tmp_path: Path) -> None:
     said = run(example.text, tmp_path)
     if "wall_follower" in example.text:

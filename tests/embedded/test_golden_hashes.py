@@ -32,13 +32,13 @@ GOLDEN_SHORT = {
 """State hash and image hash when the goal is reached."""
 GOLDEN_TOURS = {
     "maze": "2cea1c52cd4000c0",
-    "maze_rooms": "1a3596542df740ce",
-    "sim_house": "dfa078c33c018172",
-    "sim_house_enhanced": "b1de6ace7c4625b6",
-    "sim_house_floor": "b1de6ace7c4625b6",
-    "sim_house_markers": "7a69cc9a5484e02a",
-    "sim_house_rooms": "92d7a190c4519576",
-    "sim_house_slam": "b951626c1d70271d",
+    "maze_rooms": "19fb8b8f2a2e9280",
+    "sim_house": "5d399b7f95d015ab",
+    "sim_house_enhanced": "90c14e2624b087f2",
+    "sim_house_floor": "90c14e2624b087f2",
+    "sim_house_markers": "495e541083a08b64",
+    "sim_house_rooms": "a9de8e04e0a9de5e",
+    "sim_house_slam": "a68026edf7d6fe79",
 }
 """State hash of the whole tour."""
 

@@ -239,7 +239,7 @@ class NodeDriver:
 
     def _keep(self, topic: Topic[object], message: object) -> None:
         self.sent.append((topic.name, message))
-        if "navigation" in topic.readers:
+        if not {"navigation", "localization"}.isdisjoint(topic.readers):
             self.deliver(topic, message)
         if topic.name == CMD_VEL.name:
             assert isinstance(message, msg.TwistStamped)

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,42 +20,59 @@ from services.common.frames import (
     quaternion_from_rotation,
     wrap_angle,
 )
+from services.common.node import action_documents as act
 from services.common.node import messages as msg
+from services.common.node.action_documents import BehaviorTreeLog, DockRobot, SendGoal
 from services.common.node.documents import (
     CancelGoal,
     CancelGoalReply,
     Entities,
     MarkerEntity,
     NavigationResult,
+    Planar,
     SimulationStats,
 )
 from services.common.node.node import Envelope
 from services.common.node.topics import (
+    ACTION_RESULT,
     AMCL_POSE,
+    BEHAVIOR_TREE,
     BY_NAME,
+    CAMERA_INFO,
     CANCEL_GOAL,
     CMD_VEL,
+    CMD_VEL_TELEOP,
     DETECTIONS,
     ENTITIES,
     GLOBAL_COSTMAP,
+    GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
     INITIAL_POSE,
+    INPUT_AT_WAYPOINT,
+    LOCALIZATION_STATUS,
     MAP,
     NAVIGATION_STATUS,
     ODOM,
     PARTICLE_CLOUD,
+    PHOTO,
+    PHOTO_REQUEST,
     PLAN,
+    SEND_GOAL,
     SIMULATION_STATS,
+    SMOOTH_PATH,
     TF,
     TF_STATIC,
+    TRAJECTORIES,
     WORLD,
 )
 from services.common.world.footprint import wall_corners
-from services.navigation.config import NavigationConfig
+from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from services.navigation.control.collision import STOP
 from services.navigation.costmap.footprint import WAFFLE
+from services.navigation.messages import planar_document
 from services.navigation.node import NavigationNode
 from services.worldgen.map.occupancy import Grid, rasterise
+from tests.common.samples import SAMPLES
 from tests.navigation.driving import (
     IDENTITY,
     LOCATIONS,
@@ -162,6 +183,44 @@ def test_the_status_tells_of_the_goal(tour: NodeDriver) -> None:
     assert driving[0].distance_remaining_m > 1.5
     assert states[-1].state == "idle"
     assert states[-1].goal is None
+
+
+def test_the_tree_is_told_when_it_changes_and_no_oftener_than_five_times_a_second(
+    tour: NodeDriver,
+) -> None:
+    logs = tour.of(BEHAVIOR_TREE)
+    assert len(logs) <= 5.0 * tour.now_ns * 1e-9
+    assert all(one != other for one, other in itertools.pairwise(logs))
+    assert (logs[0], logs[-1]) == (BehaviorTreeLog(), BehaviorTreeLog())
+    driven = [log for log in logs if log.action == "navigate_to_pose"]
+    root = driven[0].nodes[0]
+    assert (root.kind, root.status, root.depth) == ("RecoveryNode", "RUNNING", 0)
+    statuses = {(node.kind, node.status) for log in driven for node in log.nodes}
+    # Planning answers within one tick of twenty, at most once a second.
+    assert {("FollowPath", "RUNNING"), ("ComputePathToPose", "SUCCESS")} <= statuses
+
+
+def test_rollouts_are_told_twice_a_second_from_where_the_robot_is(tour: NodeDriver) -> None:
+    told = tour.of(TRAJECTORIES)
+    driving_s = sum(r.end_time_s - r.start_time_s for r in tour.results())
+    assert 0.5 * driving_s < len(told) <= 2.0 * driving_s + 2 * len(TOUR)
+    poses = np.array([pose[:2] for pose in tour.log.poses])
+    for array in told:
+        *rollouts, optimal = array.markers
+        assert [one.ns for one in rollouts] == ["rollouts"] * 30
+        assert optimal.ns == "optimal"
+        begins = {(one.points[0].x, one.points[0].y) for one in array.markers}
+        assert len(begins) == 1
+        assert np.hypot(*(poses - np.array([*begins])).T).min() < 0.15
+        assert rollouts[0].color.r < rollouts[-1].color.r
+
+
+def test_diagnostics_hold_what_it_does(tour: NodeDriver) -> None:
+    assert tour.node.facts() == {"state": "idle", "controller": "mppi"}
+    facts = tour.localization.facts()
+    assert facts["state"] == "localized"
+    assert float(facts["quality"]) > 0.8
+    assert int(facts["particles"]) > 100
 
 
 def test_the_same_run_gives_the_same_bytes() -> None:
@@ -507,6 +566,66 @@ def test_without_scans_the_robot_stands_until_they_come_back() -> None:
     assert [r.error_code for r in driver.results()] == [0]
 
 
+def test_only_a_missed_control_period_makes_the_controller_try_fewer_trajectories() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(2.0)
+    assert "trajectories tried" not in driver.node.facts()
+    driver.now_ns += CONTROL_PERIOD_NS
+    driver.step()
+    assert driver.node.facts()["trajectories tried"] == "1400"
+
+
+TREE_THAT_SEARCHES = """
+<root BTCPP_format="4" main_tree_to_execute="Search">
+  <BehaviorTree ID="Search"><ReinitializeGlobalLocalization/></BehaviorTree>
+</root>
+"""
+
+
+def test_a_behavior_tree_can_have_the_robot_searched_on_the_whole_map(tmp_path: Path) -> None:
+    tree = tmp_path / "search.xml"
+    tree.write_text(TREE_THAT_SEARCHES, encoding="utf-8")
+    driver = ready()
+    goal = act.NavigateToPose(pose=planar_document(LOCATIONS["location1"]), behavior_tree=str(tree))
+    answers: list[act.SendGoalReply] = []
+    driver.inbox.ask(SEND_GOAL, act.SendGoal(goal_id="a", goal=goal), answers.append)
+    driver.run(0.2)
+    assert answers[0].error_msg == ""
+    assert len(driver.of(GLOBAL_LOCALIZATION_REQUEST)) == 1
+    assert driver.of(LOCALIZATION_STATUS)[-1].state != "localized"
+
+
+def test_tracks_are_forgotten_after_a_jump_of_the_pose() -> None:
+    driver = ready()
+    drive = driver.node._drive
+    assert drive is not None
+    driver.extra_segments = box_segments(START.x_m + 0.6, START.y_m, 0.2)
+    driver.run(1.0)
+    assert drive.tracker.tracks(driver.now_ns * 1e-9)
+    there = START @ SE2(0.0, 0.0, 0.5)
+    entry = driver.of(TF)[-1].transforms[0]
+    turned = msg.planar_transform_stamped(driver.now_ns, "map", "odom", there)
+    assert (entry.header.frame_id, entry.child_frame_id) == ("map", "odom")
+    driver.deliver(TF, msg.TFMessage(transforms=[turned]))
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    assert not drive.tracker.tracks(driver.now_ns * 1e-9)
+
+
+def test_the_better_the_pose_is_known_the_nearer_to_walls_things_are_marked() -> None:
+    driver = ready()
+    assert driver.node._static_margin_m() < 0.15
+    covariance = np.zeros(36)
+    covariance[7] = 0.25
+    claim = msg.PoseWithCovarianceStamped(
+        header=msg.header(driver.now_ns, "map"),
+        pose=msg.PoseWithCovariance(pose=msg.pose_from_se2(START), covariance=covariance),
+    )
+    driver.deliver(AMCL_POSE, claim)
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    assert driver.node._static_margin_m() == NavigationConfig().obstacle_static_margin
+
+
 def marker_entity(name: str, marker_id: int, x_m: float, y_m: float) -> MarkerEntity:
     """A marker that faces +x."""
     # Its columns are right, up and out of the wall, as one looks at it.
@@ -597,6 +716,33 @@ def test_markers_of_another_world_are_not_used() -> None:
     assert driver.rejected(DETECTIONS)["unknown marker"] == 1
 
 
+def test_docks_are_where_the_newest_camera_sees_the_marker() -> None:
+    entities = Entities(
+        world_hash=house().world.hash, entities=(marker_entity("a", 80, -1.8, 0.427),)
+    )
+    driver = NodeDriver()
+    driver.learn(entities=entities)
+    driver.run(0.3)
+    goal = SendGoal(goal_id="dock", goal=DockRobot(dock_id="80"))
+    driver.inbox.ask(SEND_GOAL, goal, lambda _: None)
+    driver.step()
+    driver.step()
+    (blind,) = driver.of(ACTION_RESULT)
+    assert (blind.error_code, blind.action) == (902, "dock_robot")
+    assert "dock '80': docking needs the camera" in blind.error_msg
+    asked = []
+    for focal_px in (554.4, 277.2):
+        matrix = np.array([[focal_px, 0.0, 320.0], [0.0, focal_px, 240.0], [0.0, 0.0, 1.0]])
+        info = replace(SAMPLES[CAMERA_INFO], width=640, height=480, k=matrix.reshape(9))
+        driver.deliver(CAMERA_INFO, info)
+        driver.step()
+        drive = driver.node._drive
+        assert drive is not None
+        asked.append(drive.robot.dock("80").marker_from_dock.x_m)
+    # The camera is 0.07 m ahead; the panel reaches 0.39 m, the free picture 230.4 px above it.
+    assert asked == pytest.approx([1.01, 0.54])
+
+
 def test_odometry_from_the_future_is_of_a_simulation_that_has_ended() -> None:
     driver = ready()
     late = msg.Odometry(
@@ -627,6 +773,69 @@ def cancelled(driver: NodeDriver, stamp_ns: int | None = None) -> CancelGoalRepl
     driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
     (answer,) = answers
     return answer
+
+
+def asked(driver: NodeDriver, query: Any, message: Any) -> Any:
+    """The answer to a query."""
+    answers: list[Any] = []
+    driver.inbox.ask(query, message, answers.append)
+    driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+    (answer,) = answers
+    return answer
+
+
+def test_at_a_waypoint_a_picture_and_an_input_are_waited_for() -> None:
+    driver = ready()
+    at = driver.robot.map_from_base
+    task = act.WaypointTask(wait_s=0.0, photo=True, input_timeout_s=30.0)
+    here = Planar(x_m=at.x_m, y_m=at.y_m, yaw_rad=at.yaw_rad)
+    goal = act.FollowWaypoints(poses=(here,), tasks=(task,))
+    assert asked(driver, INPUT_AT_WAYPOINT, act.Empty()).error
+    assert asked(driver, SEND_GOAL, act.SendGoal(goal_id="a", goal=goal)).accepted
+    driver.run(1.0)
+    (request,) = driver.of(PHOTO_REQUEST)
+    assert request.waypoint == 0
+    picture = np.zeros(9, np.uint8)
+
+    def photo(stamp_ns: int) -> msg.CompressedImage:
+        return msg.CompressedImage(msg.header(stamp_ns, "camera"), "png", picture)
+
+    # One of before the request is another's.
+    driver.deliver(PHOTO, photo(request.stamp_ns - 1))
+    driver.run(0.2)
+    assert asked(driver, INPUT_AT_WAYPOINT, act.Empty()).error == ""
+    driver.run(0.2)
+    assert driver.of(ACTION_RESULT) == []
+    driver.deliver(PHOTO, photo(request.stamp_ns))
+    driver.run(0.2)
+    (result,) = driver.of(ACTION_RESULT)
+    assert (result.status, result.waypoints) == ("succeeded", ())
+
+
+def test_a_path_with_a_corner_is_smoothed_or_refused() -> None:
+    driver = ready()
+    corner = ((0.0, 0.0), (0.3, 0.0), (0.3, -0.3))
+    path = tuple(Planar(x_m=x, y_m=y, yaw_rad=0.0) for x, y in corner)
+    reply = asked(driver, SMOOTH_PATH, act.SmoothPath(path=path, check_for_collisions=True))
+    assert (reply.error_code, reply.error_msg) == (0, "")
+    points = np.array([(pose.x_m, pose.y_m) for pose in reply.path])
+    assert points[0] == pytest.approx(corner[0], abs=0.01)
+    assert points[-1] == pytest.approx(corner[-1], abs=0.01)
+    turns = np.diff(np.unwrap([pose.yaw_rad for pose in reply.path[:-1]]))
+    assert np.abs(turns).max() < 0.6
+    for path_, words, code in (
+        (path[:1], {}, ErrorCode.SMOOTHER_INVALID_PATH),
+        (path, {"smoother_id": "nope"}, ErrorCode.INVALID_SMOOTHER),
+        ((path[0], Planar(x_m=0.0, y_m=99.0, yaw_rad=0.0)), {}, ErrorCode.FAILED_TO_SMOOTH_PATH),
+        (
+            (path[0], Planar(x_m=0.0, y_m=2.0, yaw_rad=0.0)),
+            {"check_for_collisions": True},
+            ErrorCode.SMOOTHED_PATH_IN_COLLISION,
+        ),
+    ):
+        reply = asked(driver, SMOOTH_PATH, act.SmoothPath(path=path_, **words))
+        assert (reply.error_code, reply.path) == (code, ())
+        assert "\n" not in reply.error_msg
 
 
 def test_a_cancelled_goal_ends_and_the_robot_stops() -> None:
@@ -660,3 +869,54 @@ def test_after_a_cancelled_goal_another_is_driven_to() -> None:
     driver.run(1.0)
     assert cancelled(driver).error == ""
     assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
+
+
+def commands_m_s(driver: NodeDriver) -> list[float]:
+    return [message.twist.linear.x for message in driver.of(CMD_VEL)]
+
+
+def test_a_persons_command_is_reached_and_ends_by_ramps_within_the_limits() -> None:
+    driver = ready()
+    header = msg.header(0, "base_footprint")
+    wanted = msg.TwistStamped(header, msg.Twist(msg.Vector3(0.0, 0.0, 0.0),
+                                                msg.Vector3(0.0, 0.0, 1.0)))  # fmt: skip
+    for _ in range(12):
+        driver.deliver(CMD_VEL_TELEOP, wanted)
+        driver.step()
+    told = [message.twist.angular.z for message in driver.of(CMD_VEL)]
+    assert told[:3] == pytest.approx([0.1, 0.2, 0.3])
+    assert told[-1] == 1.0
+    # Nobody says any more that it should turn.
+    driver.run(2.0)
+    told = [message.twist.angular.z for message in driver.of(CMD_VEL)]
+    assert np.abs(np.diff(told)).max() <= 0.1 + 1e-6
+    assert told[-2] == pytest.approx(0.1)
+    assert told[-1] == 0.0
+    driver.run(0.5)
+    assert len(driver.of(CMD_VEL)) == len(told)
+
+
+def test_a_robot_that_may_not_see_stops_without_a_ramp() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(2.5)
+    # The collision monitor would stop it too.
+    assert driver.node._drive is not None
+    driver.node._drive.robot.toggle_collision_monitor(False)
+    driver.blind = True
+    driver.run(1.0)
+    told = commands_m_s(driver)
+    assert max(told) > 0.2
+    assert told[-1] == 0.0
+    assert max(abs(a - b) for a, b in itertools.pairwise(told)) > 0.1
+
+
+def test_after_a_stop_between_two_periods_nothing_moves_any_more() -> None:
+    driver = ready()
+    driver.goal(LOCATIONS["location1"])
+    driver.run(2.5)
+    assert commands_m_s(driver)[-1] > 0.1
+    assert cancelled(driver).error == ""
+    sent = len(driver.of(CMD_VEL))
+    driver.run(1.0)
+    assert set(commands_m_s(driver)[sent - 1 :]) == {0.0}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from services.common import png
 from services.common.bus import wire
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
@@ -25,6 +26,7 @@ from services.common.frames import (
     transform_matrix,
 )
 from services.common.node import messages as msg
+from services.common.node.action_documents import PhotoRequest
 from services.common.node.documents import Entities, MarkerEntity, Planar, World
 from services.common.node.node import Envelope, Inbox, Outbox, Trigger
 from services.common.node.topics import (
@@ -33,6 +35,8 @@ from services.common.node.topics import (
     DETECTIONS,
     ENTITIES,
     MAP_DETECTIONS,
+    PHOTO,
+    PHOTO_REQUEST,
     TF,
     TF_STATIC,
     WORLD,
@@ -190,6 +194,18 @@ def test_a_registered_marker_is_published_in_the_frame_of_its_picture() -> None:
     assert np.abs(msg.matrix_from_pose(best.pose.pose) - POSE).max() < 0.01
     covariance = best.pose.covariance.reshape(6, 6)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_a_picture_that_is_wanted_is_published_once_and_is_not_older_than_the_request() -> None:
+    made = bench()
+    made.hear(PHOTO_REQUEST, PhotoRequest(waypoint=2, stamp_ns=PERIOD_NS + 1))
+    taken = []
+    for count in (1, 2, 3):
+        made.look(image(count * PERIOD_NS))
+        taken += [message for name, message in made.said if name == PHOTO.name]
+    (photo,) = taken
+    assert photo.header == msg.header(2 * PERIOD_NS, CAMERA_OPTICAL_FRAME)
+    assert (png.decode(photo.data.tobytes()) == picture_of(*NEAR)).all()
 
 
 def test_both_poses_of_an_ambiguous_marker_are_published_best_first() -> None:

@@ -140,7 +140,7 @@ def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
     ]
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.builds(
         marker, id=st.integers(0, 100_000), side=st.sampled_from(["left", "right"]),

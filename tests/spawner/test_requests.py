@@ -503,7 +503,7 @@ _ASKED = st.one_of(
 )
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(st.lists(st.lists(_ASKED, max_size=6), max_size=5))
 def test_whatever_is_asked_at_once_each_is_answered_once_and_what_stands_is_what_should(
     batches: list[list[tuple[Any, Any]]],
@@ -523,7 +523,7 @@ def test_whatever_is_asked_at_once_each_is_answered_once_and_what_stands_is_what
         assert all(one.position_m[0] < FAR_M for one in standing.entities)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(
     st.builds(
         box,

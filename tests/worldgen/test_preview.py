@@ -16,11 +16,13 @@ from services.common.node.documents import (
     Box,
     Covering,
     Geometry,
+    KeepoutZone,
     Mesh,
     Point2,
     Polyline,
     Room,
     Shape,
+    SpeedZone,
 )
 from services.common.world.furnish import furnish
 from services.common.world.geometry import TriangleMesh, triangles_of
@@ -295,3 +297,28 @@ def test_a_floor_without_a_material_is_grey_in_the_model(enhanced: LoadedWorld) 
     )
     material = scene.geometry["floor_"].visual.material
     assert list(material.baseColorFactor[:3]) == [128, 128, 128]
+
+
+def test_zones_are_hatched_in_their_colours(enhanced: LoadedWorld) -> None:
+    square = ((2.2, 2.2), (3.2, 2.2), (3.2, 3.2), (2.2, 3.2))
+    zones = {
+        "keepout_zones": (KeepoutZone(name="carpet", polygon_m=square),),
+        "speed_limits": (
+            SpeedZone(name="hall", polygon_m=tuple((x + 1.2, y) for x, y in square), percent=30.0),
+        ),
+    }
+    world = enhanced.world.model_copy(update=zones)
+    none_seen = np.zeros((0, 0, 0), np.bool_)
+    picture = draw_plan(replace(enhanced, world=world), none_seen).astype(int)
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    view = view_of(enhanced)
+    left, top = view.one(2.2, 3.2)
+    side = view.px_m
+    columns = np.arange(picture.shape[1])[None, :] - LEFT_PX - left
+    rows = np.arange(picture.shape[0])[:, None] - TOP_PX - top
+    inside = (columns > -2) & (columns < side + 2) & (rows > -2) & (rows < side + 2)
+    keepout = (red > 180) & (green < 60) & (blue < 70)
+    slow = (red > 180) & (abs(green - 110) < 15) & (blue < 20)
+    assert (keepout & inside).sum() > 4 * side
+    assert not (keepout & ~inside).any()
+    assert slow.sum() > 4 * side

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-import numpy as np
 import shapely
 
 from services.bench.navigation.bench_worlds import BenchWorld
@@ -247,8 +246,3 @@ def pose_apart(a: SE2, b: SE2) -> tuple[float, float]:
     """Distance (m) and absolute angle (rad) between two poses."""
     turn = (a.yaw_rad - b.yaw_rad + math.pi) % (2.0 * math.pi) - math.pi
     return a.distance_m(b), abs(turn)
-
-
-def as_array(poses: Sequence[SE2]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(n, 3) of poses."""
-    return np.array([tuple(pose) for pose in poses], np.float64).reshape(-1, 3)

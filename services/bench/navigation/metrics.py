@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from services.common.frames import Array, wrap_angle
+from services.recorder.judging.honesty import inside_95_percent
 
-CHI2_3_95 = 7.815
-"""95 % quantile of the chi-square distribution with three degrees of freedom: x, y, yaw."""
 BARN_SPEED_M_S = 2.0
 """Speed of BARN's Jackal, by which the published score takes its optimal time."""
 OWN_SPEED_M_S = 0.46
@@ -107,16 +106,10 @@ def localisation_errors(claims: Array, truth: Array) -> ErrorFigures:
     x, y = (np.interp(times_s, truth[:, 0], truth[:, column]) for column in (1, 2))
     turn = np.array([wrap_angle(one) for one in (claims[:, 3] - yaw).tolist()])
     error = np.stack([claims[:, 1] - x, claims[:, 2] - y, turn], axis=1)
-    inside = [_is_inside(*one) for one in zip(error, claims[:, 4:].reshape(-1, 3, 3), strict=True)]
+    inside = [
+        inside_95_percent(*one) for one in zip(error, claims[:, 4:].reshape(-1, 3, 3), strict=True)
+    ]
     return ErrorFigures(np.hypot(error[:, 0], error[:, 1]), np.abs(turn), np.array(inside, bool))
-
-
-def _is_inside(error: Array, covariance: Array) -> bool:
-    try:
-        square = float(error @ np.linalg.solve(covariance, error))
-    except np.linalg.LinAlgError:
-        return False
-    return 0.0 <= square <= CHI2_3_95
 
 
 def percentile(values: Array, share: float) -> float | None:

@@ -139,6 +139,10 @@ SCENARIOS: tuple[Scenario, ...] = (
         "docking", "docking at a marker", docks.docking, 60, 3,
         "0.02 m sideways, 0.03 m in all, 1.5 degrees, 60 of 60",
     ),
+    Scenario(
+        "docking_shipped", "docking at the markers of the shipped worlds",
+        docks.docking_shipped, 60, 3, "0.02 m sideways, 0.03 m in all, 1.5 degrees, 60 of 60",
+    ),
 )  # fmt: skip
 
 BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}

@@ -61,12 +61,17 @@ _TABS = (
     (
         "Map",
         "the world from straight above, as in RViz: x to the right, y up. The occupancy map, "
-        "the costmap in RViz's colours, the names of locations and rooms, the robot as above",
+        "the costmap in RViz's colours, the controller's rollouts, the names of locations and "
+        "rooms, the robot as above",
     ),
+    ("Behavior tree", "the tree that runs, each node marked with its newest answer"),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
-    ("Results", "the table that the tour prints: the finished goals, the run's errors"),
+    (
+        "Results",
+        "the table that the tour prints: the finished goals and other actions, the run's errors",
+    ),
     (
         "the plots",
         "the whole run. A line has a gap where nothing was measured: the marker's error has no "

@@ -9,7 +9,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterator
 from datetime import UTC, datetime
 from typing import Any, TypeVar, cast
 
@@ -608,6 +608,25 @@ def give_turn(
     while not done.wait(0.05) and still_wanted():
         pass
     return ends[0] if ends else None
+
+
+@contextlib.contextmanager
+def subscribed(
+    session: zenoh.Session,
+    topic: Topic[M],
+    receive: Callable[[bytes, Envelope], None],
+    prefix: str = "",
+) -> Iterator[None]:
+    """Subscribe while the context lasts; see subscribe.
+
+    An advanced subscriber that outlives its session can keep the process from ending:
+    https://github.com/eclipse-zenoh/zenoh-python/issues/624
+    """
+    subscription = subscribe(session, topic, receive, prefix)
+    try:
+        yield
+    finally:
+        subscription.undeclare()
 
 
 def put_once(

@@ -234,8 +234,11 @@ class _Service:
         while self._working():
             self._rest(IDLE_S * 5)
             if trigger.due(self._now_ns, inbox):
-                outbox.now_ns = self._now_ns
-                self._node.step(self._now_ns, inbox, outbox)
+                now_ns = outbox.now_ns = self._now_ns
+                begun_s = time.perf_counter()
+                self._node.step(now_ns, inbox, outbox)
+                if self._report is not None:
+                    self._report.stepped(now_ns, time.perf_counter() - begun_s)
             self._housekeeping(outbox)
 
     def _make_time_pass(self, node: ClockNode, inbox: Inbox, outbox: Outbox) -> None:

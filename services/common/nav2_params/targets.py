@@ -81,6 +81,8 @@ PLACES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "controller_server.goal_checker": _controller("goal_checker"),
         "controller_server.progress_checker": _controller("progress_checker"),
         "controller_server.path_handler": _controller("path_handler"),
+        "filter_mask_server": _below(""),
+        "costmap_filter_info_server": _below(""),
         "velocity_smoother": _below("velocity_smoother"),
         "collision_monitor": _below("collision_monitor"),
         "collision_monitor.source": _below("collision_monitor.scan"),
@@ -128,6 +130,7 @@ FLAT = frozenset(
         "failure_tolerance", "required_movement_radius", "required_movement_angle",
         "movement_time_allowance", "max_rotational_vel", "min_rotational_vel",
         "rotational_acc_lim", "simulate_ahead_time", "controller_frequency",
+        "keepout_mask", "speed_mask", "speed_mask_type", "speed_mask_base", "speed_mask_multiplier",
         "default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml",
     }
 )  # fmt: skip

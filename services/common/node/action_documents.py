@@ -28,11 +28,24 @@ class NavigateThroughPoses(Document):
     behavior_tree: str = Field("", description="name or XML file of the tree; empty: the default")
 
 
+class WaypointTask(Document):
+    """What to do at one waypoint; the robot drives on when all of it is done."""
+
+    wait_s: NonNegative = Field(0.2, description="stand for as long")
+    photo: bool = Field(False, description="take a picture, which comes on `/waypoint_photo`")
+    input_timeout_s: NonNegative | None = Field(
+        None, description="wait for an input, at most as long; null: for none"
+    )
+
+
 class FollowWaypoints(Document):
     """Drive to each pose, stop there and run the waypoint task."""
 
     action: Literal["follow_waypoints"] = "follow_waypoints"
     poses: tuple[Planar, ...]
+    tasks: tuple[WaypointTask, ...] = Field(
+        (), description="one for each pose; empty: stand for 0.2 s at each"
+    )
     number_of_loops: int = Field(0, ge=0, description="further rounds after the first")
     goal_index: int = Field(0, ge=0, description="pose to begin with")
 
@@ -163,6 +176,46 @@ class ComputePathReply(Document):
     nearest_free: Planar | None = None
 
 
+class SmoothPath(Document):
+    """Requests that a path be smoothed. The robot does not move."""
+
+    path: tuple[Planar, ...]
+    smoother_id: str = Field("", description="empty or Nav2's `simple_smoother`: there is one")
+    check_for_collisions: bool = False
+
+
+class SmoothPathReply(Document):
+    """The smoothed path, or why there is none."""
+
+    path: tuple[Planar, ...] = ()
+    error_code: int = 0
+    error_msg: str = ""
+
+
+class LoadMap(Document):
+    """Requests that a map take the place of the world's own, for localisation and navigation."""
+
+    resolution_m: Annotated[float, Field(ge=1e-3, le=100.0, allow_inf_nan=False)]
+    origin: Planar = Field(description="map_from_grid, of the corner of cell (0, 0)")
+    rows: int = Field(ge=1)
+    columns: int = Field(ge=1)
+    cells_base64: str = Field(
+        description="zlib in base64 of int8 cells, row by row, row 0 at the smallest y: "
+        "0 free to 100 occupied, -1 unknown"
+    )
+
+
+class LoadMapReply(Document):
+    """The result, with the numbers of nav2_msgs/srv/LoadMap."""
+
+    result: Literal[0, 1, 2, 3, 255] = Field(
+        0,
+        description="0 success, 1 map does not exist, 2 invalid map data, 3 invalid map metadata, "
+        "255 undefined failure",
+    )
+    error: str = ""
+
+
 class WaypointStatus(Document):
     """One waypoint's status."""
 
@@ -190,6 +243,7 @@ class ActionFeedback(Document):
     docking_state: str | None = None
     num_retries: int | None = None
     paused: bool = False
+    goal: Planar | None = Field(None, description="where it ends; null: it has no goal in the map")
 
 
 class ActionResult(Document):
@@ -204,6 +258,41 @@ class ActionResult(Document):
     end_time_s: Finite
     number_of_recoveries: int = 0
     waypoints: tuple[WaypointStatus, ...] = ()
+    goal: Planar | None = Field(
+        None, description="where it should end; null: it has no goal in the map"
+    )
+    displacement: Planar | None = Field(
+        None,
+        description="of an action without a goal in the map: where it should end, seen from where "
+        "it began; null: that was not said",
+    )
+
+
+class BehaviorTreeNode(Document):
+    """One node of a behaviour tree."""
+
+    name: str
+    kind: str = Field(description="its type, as in the XML: `FollowPath`")
+    status: Literal["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"] = Field(
+        description="the newest since the log before; `IDLE`: not ticked"
+    )
+    depth: Annotated[int, Field(ge=0)] = Field(0, description="0: the root")
+
+
+class BehaviorTreeLog(Document):
+    """The behaviour tree of the current action."""
+
+    action: str = Field("", description="empty: no action runs")
+    nodes: tuple[BehaviorTreeNode, ...] = Field(
+        (), description="each node before its children, in their order"
+    )
+
+
+class PhotoRequest(Document):
+    """A picture that is wanted at a waypoint: the next one of the camera, not older than this."""
+
+    waypoint: int = Field(description="its index")
+    stamp_ns: int = Field(description="time of the request")
 
 
 class CollisionMonitorState(Document):

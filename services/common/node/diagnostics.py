@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from services.common.node import messages as msg
@@ -13,12 +14,20 @@ REJECTED_KEY = "rejected "
 LOST_KEY = "lost "
 RATE_KEY = "rate_hz "
 REAL_TIME_FACTOR_KEY = "real_time_factor"
+STEP_TIME_KEY = "step_time_p99_ms"
+MISSED_KEY = "missed_periods"
+FIGURE_KEYS = frozenset(
+    {REAL_TIME_FACTOR_KEY, STEP_TIME_KEY, MISSED_KEY, "state", "controller", "quality", "particles"}
+)
+"""Keys of values that change all the time."""
 
 ENOUGH = 0.9
 """A rate below this share of the nominal rate counts as slow."""
 _PERIODS = 20
 """Periods of a topic over which its rate is measured: one message more or less is within ENOUGH."""
 _LEAST_WINDOW_NS = 1_000_000_000
+_STEPS = 1000
+"""Steps over which the step time is measured: 50 s of a controller at 20 Hz."""
 
 _OK, _WARN = 0, 1
 
@@ -52,6 +61,19 @@ class SelfReport:
         self._periodic = [topic for topic in owned_by(node.name) if topic.rate_hz is not None]
         self._windows: dict[str, _Window] = {}
         self._paced: tuple[int, float, int] | None = None
+        self._step_times_s: deque[float] = deque(maxlen=_STEPS)
+        self._stepped_ns: int | None = None
+        self._missed = 0
+
+    def stepped(self, now_ns: int, took_s: float) -> None:
+        """The node has stepped at `now_ns`, in `took_s` of wall time: a step that takes too long,
+        or comes too late, misses periods.
+        """
+        self._step_times_s.append(took_s)
+        period_ns, last_ns = self._node.period_ns, self._stepped_ns
+        if period_ns is not None and last_ns is not None and now_ns > last_ns:
+            self._missed += max(0, now_ns // period_ns - last_ns // period_ns - 1)
+        self._stepped_ns = now_ns
 
     def report(self, now_ns: int, wall_s: float | None = None) -> msg.DiagnosticArray:
         """The message for /diagnostics. `wall_s` is a steady clock's time, for the real time factor
@@ -64,6 +86,7 @@ class SelfReport:
         rates, slow = self._rates(now_ns)
         paces, behind = self._pace(now_ns, wall_s)
         slow += behind
+        paces += self._steps()
         facts = [msg.KeyValue(key=key, value=value) for key, value in node.facts().items()]
         trouble = f"slow: {', '.join(slow)}" if slow else "active"
         status = msg.DiagnosticStatus(
@@ -129,6 +152,17 @@ class SelfReport:
             )  # fmt: skip
             self._windows[topic.name] = window
         return window
+
+    def _steps(self) -> list[msg.KeyValue]:
+        """How long the newest steps took, and the periods missed since the start."""
+        times_s = sorted(self._step_times_s)
+        if not times_s:
+            return []
+        p99_ms = 1e3 * times_s[min(int(0.99 * len(times_s)), len(times_s) - 1)]
+        return [
+            msg.KeyValue(key=STEP_TIME_KEY, value=f"{p99_ms:.1f}"),
+            msg.KeyValue(key=MISSED_KEY, value=str(self._missed)),
+        ]
 
     def _pace(self, now_ns: int, wall_s: float | None) -> tuple[list[msg.KeyValue], list[str]]:
         """The real time factor since the last report, and a warning where it is too low."""

@@ -9,9 +9,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from services.common.frames import SE2
 
@@ -115,7 +124,9 @@ class Marker(Document):
     """
 
     id: Annotated[int, Field(ge=0, le=100_000)] = Field(description="unique in the world")
-    dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
+    dictionary: str = Field(
+        "DICT_4X4_100", description="OpenCV's name, or a file in the folder dictionaries/"
+    )
     size_m: Positive = Field(0.3, description="side of the black square")
     quiet_zone_modules: Annotated[int, Field(ge=1, le=16)] = Field(
         1, description="width of the white quiet zone around it, in modules of the marker"
@@ -244,6 +255,22 @@ class Room(Document):
     floor_material: str = Field("", description="empty: the world's")
 
 
+class KeepoutZone(Document):
+    """A part of the floor where the robot must not drive."""
+
+    name: str
+    polygon_m: tuple[Point2, ...] = Field(min_length=3, description="its corners, in order")
+
+
+class SpeedZone(Document):
+    """A part of the floor where the robot must be slow: one of the two limits is given."""
+
+    name: str
+    polygon_m: tuple[Point2, ...] = Field(min_length=3, description="its corners, in order")
+    speed_limit_m_s: Positive | None = None
+    percent: Positive | None = Field(None, description="of the controller's highest speed")
+
+
 class Ceiling(Document):
     """A flat ceiling over all walls."""
 
@@ -265,6 +292,30 @@ class PointLight(Document):
     quadratic: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
 
 
+DICTIONARY_FILES = (".yml", ".yaml", ".json", ".xml")
+"""Endings of files of custom ArUco dictionaries."""
+
+
+class MarkerDictionary(Document):
+    """The codes of a dictionary of ArUco markers that is not one of OpenCV's."""
+
+    name: str = Field(description="as markers give it: that of its file")
+    modules: Annotated[int, Field(ge=2, le=16)] = Field(
+        description="along a marker's side, without its border"
+    )
+    max_correction_bits: Annotated[int, Field(ge=0)] = 0
+    codes: tuple[Annotated[str, Field(pattern="^[01]+$")], ...] = Field(
+        min_length=1, description="by id: its modules row by row, 0 black, 1 white"
+    )
+
+    @model_validator(mode="after")
+    def _fits_its_size(self) -> MarkerDictionary:
+        digits = self.modules * self.modules
+        if any(len(code) != digits for code in self.codes):
+            raise ValueError(f"codes: each must have {digits} digits (modules {self.modules})")
+        return self
+
+
 class World(Document):
     """A resolved world: everything it contains, with the hash that identifies it."""
 
@@ -274,9 +325,14 @@ class World(Document):
     walls: tuple[Wall, ...]
     materials: tuple[Material, ...]
     markers: tuple[Marker, ...] = ()
+    dictionaries: tuple[MarkerDictionary, ...] = Field(
+        (), description="those of the markers that are not OpenCV's"
+    )
     bodies: tuple[Body, ...] = ()
     rooms: tuple[Room, ...] = ()
     locations: tuple[Location, ...] = ()
+    keepout_zones: tuple[KeepoutZone, ...] = ()
+    speed_limits: tuple[SpeedZone, ...] = ()
     start: Planar
     map_resolution_m: Positive = 0.05
     map_sha256: str = Field("", description="of a ready map's cells; empty: made from the world")
@@ -287,6 +343,17 @@ class World(Document):
     light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
     light_ambient: Finite = 0.8
     light_diffuse: Finite = 0.8
+
+    @model_serializer(mode="wrap")
+    def _without_empty(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A world without zones and dictionaries is written, and so hashed, as if these did not
+        exist.
+        """
+        content: dict[str, Any] = handler(self)
+        for field in ("keepout_zones", "speed_limits", "dictionaries"):
+            if not content.get(field, True):
+                del content[field]
+        return content
 
     def content_hash(self) -> str:
         """The value that `hash` must have."""
@@ -591,30 +658,50 @@ class ErrorStatistics(Document):
     max: Finite | None = Field(None, description="in the same unit")
 
 
+class LocalizationHonesty(Document):
+    """Whether the estimated poses are as certain as their covariances say."""
+
+    inside_95_percent: Finite | None = Field(
+        None,
+        description="share of the estimates, 0 to 1, whose 95 % ellipsoid of x, y and yaw "
+        "(chi-square with 3 degrees of freedom: 7.815) holds the true pose: 0.95 is honest, less "
+        "is overconfident; null: there was no estimate",
+    )
+    estimates: int = Field(0, description="number of estimates that were compared")
+
+
 class GoalReport(Document):
-    """The evaluation of one goal against the ground truth."""
+    """The evaluation of one goal against the ground truth. A task without a goal, such as `spin`,
+    is evaluated by where it should have taken the robot from its true pose at the start.
+    """
 
     name: str = Field(
-        description="name of the location at this pose; `home`: the start pose; `goal`: any other"
+        description="name of the location at this pose; `home`: the start pose; `goal`: any other; "
+        "of a task without a goal in the map, its action"
     )
     reached: bool = Field(
         description="navigation reports success, and the robot's true pose, where it is known, is "
-        "within 0.25 m and 0.25 rad of the goal"
+        "within 0.25 m and 0.25 rad of the goal, if there is one"
     )
     time_s: Finite = Field(description="simulation time from start to end, s")
     path_length_m: Finite = Field(description="length of the true path, m")
     shortest_path_m: Finite | None = Field(
-        description="length of the shortest path for the robot's footprint, m; null: there is none"
+        description="length of the shortest path for the robot's footprint, m; null: there is "
+        "none, or the action is not `navigate_to_pose`"
     )
     goal_error_m: Finite | None = Field(
         description="distance from the true pose at the end to the goal, m; null: the recorder was "
-        "restarted at that time"
+        "restarted at that time, or there is no goal"
     )
     goal_error_rad: Finite | None = Field(description="angle between them, rad; null: likewise")
     recoveries: int = Field(description="number of recovery behaviors")
     error_code: int = Field(description="Nav2's error code; 0: success")
     error_msg: str = Field("", description="the error in words; empty: success")
-    goal_stamp_ns: int = Field(0, description="stamp of the goal's message, ns of simulation time")
+    goal_stamp_ns: int = Field(
+        0, description="stamp of the goal's message, ns of simulation time; 0 if sent as an action"
+    )
+    action: str = Field("navigate_to_pose", description="what the robot was asked to do")
+    goal_id: str = Field("", description="id of a goal sent as an action; empty: by /goal_pose")
     localisation_error_m: Finite | None = Field(
         None,
         description="mean distance between estimated and true pose during the drive, m; null: "
@@ -637,6 +724,9 @@ class Evaluation(Document):
     )
     localisation_error_rad: ErrorStatistics = Field(
         ErrorStatistics(), description="angle between estimated and true heading, rad"
+    )
+    localization: LocalizationHonesty = Field(
+        LocalizationHonesty(), description="whether the estimated poses are as certain as they say"
     )
     marker_error_m: ErrorStatistics = Field(
         ErrorStatistics(), description="distance between a marker's detected and true position, m"

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Duration as Duration
 from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
 from rosbags.typesys.stores.ros2_jazzy import (
     diagnostic_msgs__msg__DiagnosticArray as DiagnosticArray,
@@ -56,9 +57,13 @@ from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__Imu as Imu
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__JointState as JointState
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__LaserScan as LaserScan
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__RegionOfInterest as RegionOfInterest
+from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__ColorRGBA as ColorRGBA
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as String
 from rosbags.typesys.stores.ros2_jazzy import tf2_msgs__msg__TFMessage as TFMessage
+from rosbags.typesys.stores.ros2_jazzy import visualization_msgs__msg__Marker as Marker
+from rosbags.typesys.stores.ros2_jazzy import visualization_msgs__msg__MarkerArray as MarkerArray
+from rosbags.typesys.stores.ros2_jazzy import visualization_msgs__msg__MeshFile as MeshFile
 
 from services.common import portable
 from services.common.frames import (
@@ -74,6 +79,7 @@ from services.common.frames import (
 __all__ = [
     "CameraInfo",
     "Clock",
+    "ColorRGBA",
     "CompressedImage",
     "Detection3D",
     "Detection3DArray",
@@ -87,6 +93,8 @@ __all__ = [
     "LaserScan",
     "Log",
     "MapMetaData",
+    "Marker",
+    "MarkerArray",
     "OccupancyGrid",
     "Odometry",
     "Path",
@@ -311,6 +319,47 @@ def has_ring(parents: Mapping[str, str]) -> bool:
             frame = parents[frame]
         hung |= way
     return False
+
+
+_HERE = pose_from_se2(SE2(0.0, 0.0, 0.0))
+_NO_TEXTURE = CompressedImage(header(0, ""), "", np.empty(0, np.uint8))
+_NO_MESH = MeshFile("", np.empty(0, np.uint8))
+
+
+def line_strip(
+    stamp_ns: int, frame_id: str, name: str, number: int, points_m: Array, width_m: float,
+    color: tuple[float, float, float, float],
+) -> Marker:  # fmt: skip
+    """Marker of a line through (n, 3) points; `name` and `number` identify it, and its colour is
+    red, green, blue and opacity, 0 to 1.
+    """
+    return Marker(
+        header=header(stamp_ns, frame_id),
+        ns=name,
+        id=number,
+        type=Marker.LINE_STRIP,
+        action=Marker.ADD,
+        pose=_HERE,
+        scale=Vector3(width_m, 0.0, 0.0),
+        color=ColorRGBA(*map(float32, color)),
+        lifetime=Duration(0, 0),
+        frame_locked=False,
+        points=[Point(x, y, z) for x, y, z in points_m.tolist()],
+        colors=[],
+        texture_resource="",
+        texture=_NO_TEXTURE,
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=_NO_MESH,
+        mesh_use_embedded_materials=False,
+    )
+
+
+def marker_array(markers: list[Marker]) -> MarkerArray:
+    """Markers in one message."""
+    # The type hints of rosbags name the same class of another distribution.
+    return MarkerArray(cast("Any", markers))
 
 
 _PLANAR_OF_36 = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])

@@ -156,7 +156,8 @@ CAMERA_IMAGE = Topic(
     "rgb8 image", rate_hz=10,
 )  # fmt: skip
 CAMERA_INFO = Topic(
-    "/camera/color/camera_info", msg.CameraInfo, ("physics",), ("perception", "recorder"), _LATEST,
+    "/camera/color/camera_info", msg.CameraInfo, ("physics",),
+    ("perception", "navigation", "recorder"), _LATEST,
     "intrinsics of the image with the same stamp", rate_hz=10,
 )  # fmt: skip
 CAMERA_COMPRESSED = Topic(
@@ -204,7 +205,8 @@ GOAL_POSE = Topic(
     "the goal pose",
 )  # fmt: skip
 AMCL_POSE = Topic(
-    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization",), ("recorder",), _LATEST,
+    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization",), ("navigation", "recorder"),
+    _LATEST,
     "estimated pose: map from base_footprint", rate_hz=10,
 )  # fmt: skip
 PARTICLE_CLOUD = Topic(
@@ -215,9 +217,22 @@ LOCALIZATION_STATUS = Topic(
     "/localization/status", doc.LocalizationStatus, ("localization",), ("navigation", "recorder"),
     _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
 )  # fmt: skip
+GLOBAL_LOCALIZATION_REQUEST = Topic(
+    "/navigation/global_localization", act.Empty, ("navigation",), ("localization", "recorder"),
+    _EVERY, "a behaviour tree asks for the robot to be searched on the whole map",
+)  # fmt: skip
 GLOBAL_COSTMAP = Topic(
     "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
     "cost of each cell, 100 lethal, 99 inscribed", rate_hz=1,
+)  # fmt: skip
+KEEPOUT_FILTER_MASK = Topic(
+    "/keepout_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "where the robot must not drive: 100; only where there are keepout zones", large=True,
+)  # fmt: skip
+SPEED_FILTER_MASK = Topic(
+    "/speed_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "by how many percent the highest speed is lowered; only where there are speed limits",
+    large=True,
 )  # fmt: skip
 LOCAL_COSTMAP = Topic(
     "/local_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATEST,
@@ -245,6 +260,23 @@ ACTION_FEEDBACK = Topic(
 ACTION_RESULT = Topic(
     "/navigation/action_result", act.ActionResult, ("navigation",), ("recorder",), _EVERY,
     "how an action ended",
+)  # fmt: skip
+PHOTO_REQUEST = Topic(
+    "/waypoint_photo/request", act.PhotoRequest, ("navigation",), ("perception", "recorder"),
+    _EVERY, "a picture is wanted at a waypoint",
+)  # fmt: skip
+PHOTO = Topic(
+    "/waypoint_photo", msg.CompressedImage, ("perception",), ("navigation", "recorder"), _EVERY,
+    "the picture taken at a waypoint, as PNG",
+)  # fmt: skip
+BEHAVIOR_TREE = Topic(
+    "/behavior_tree", act.BehaviorTreeLog, ("navigation",), ("recorder",), _LATCHED,
+    "the behaviour tree that runs, with the status of each node, when one has changed",
+)  # fmt: skip
+TRAJECTORIES = Topic(
+    "/trajectories", msg.MarkerArray, ("navigation",), ("recorder",), _LATEST,
+    "rollouts of the MPPI controller, green the cheap ones, red the dear ones, and the one chosen",
+    rate_hz=2,
 )  # fmt: skip
 NAVIGATION_STATUS = Topic(
     "/navigation/status", doc.NavigationStatus, ("navigation",), ("bringup", "recorder"), _LATCHED,
@@ -294,12 +326,23 @@ SEND_GOAL = Query(
     "/navigation/send_goal", act.SendGoal, act.SendGoalReply, "navigation",
     "start one of Nav2's actions: navigate_to_pose, follow_waypoints, spin, dock_robot, ...",
 )  # fmt: skip
+INPUT_AT_WAYPOINT = Query(
+    "/input_at_waypoint/input", act.Empty, act.Reply, "navigation",
+    "the input for which the robot waits at a waypoint",
+)  # fmt: skip
 PAUSE_GOAL = Query(
     "/navigation/pause", act.PauseGoal, act.Reply, "navigation", "pause or resume the action"
 )
 COMPUTE_PATH = Query(
     "/compute_path_to_pose", act.ComputePath, act.ComputePathReply, "navigation",
     "a path, without driving it",
+)  # fmt: skip
+SMOOTH_PATH = Query(
+    "/smooth_path", act.SmoothPath, act.SmoothPathReply, "navigation", "a path, smoothed"
+)
+LOAD_MAP = Query(
+    "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",
+    "publish another map on `/map`",
 )  # fmt: skip
 CLEAR_COSTMAP = Query(
     "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "forget obstacles of a costmap"

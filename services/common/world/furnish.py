@@ -46,9 +46,11 @@ def furnish(
     hanging: list[Panel] = []
     textures: dict[str, bytes] = {}
     on_wall: dict[int, str] = {}
+    own = marker_picture.own_dictionaries(world.dictionaries)
     for marker in world.markers:
         name = marker.name
-        reason = marker_picture.identity_problem(marker)
+        dictionary = own.get(marker.dictionary)
+        reason = marker_picture.identity_problem(marker, dictionary)
         if not reason and marker.id in on_wall:
             # The small dictionaries are prefixes of the large ones: an id is one marker in all.
             reason = f"id: {marker.id}: must be unique: it hangs on {on_wall[marker.id]}"
@@ -57,13 +59,13 @@ def furnish(
         if not reason and len(entities) >= max_markers:
             reason = f"there are {max_markers} markers already: no more fit"
         if not reason:
-            side_m = marker_picture.panel_side_m(marker)
+            side_m = marker_picture.panel_side_m(marker, dictionary)
             panel = hang(name, marker, walls[marker.wall], side_m, style.gap_m)
             reason = placement.problem(panel, hanging, marker.wall)
         if reason:
             refused.append(Refusal(name=name, reason=reason))
             continue
-        data = marker_picture.draw(marker, style.module_px)
+        data = marker_picture.draw(marker, style.module_px, dictionary)
         sha256 = hashlib.sha256(data).hexdigest()
         textures[sha256] = data
         on_wall[marker.id] = marker.wall

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import yaml
 from lxml import etree
 
 from services.common.config import ConfigError
-from services.common.world.marker_picture import dictionary_of_bits
+from services.common.node.documents import MarkerDictionary
+from services.common.world.marker_picture import own_dictionaries
 from services.common.yaml_words import line_and_words
 
 MAX_BYTES = 4 * 1024 * 1024
@@ -23,6 +23,12 @@ MIN_SIZE, MAX_SIZE = 2, 16
 
 
 def read_dictionary(file: Path) -> cv2.aruco.Dictionary:
+    """The dictionary in a file: see read_codes. Raises ConfigError in one line."""
+    codes = read_codes(file)
+    return own_dictionaries((codes,))[codes.name]
+
+
+def read_codes(file: Path) -> MarkerDictionary:
     """The dictionary in a YAML, JSON or XML file with OpenCV's keys.
 
     They are nmarkers, markersize, maxCorrectionBits (optional), and marker_0, marker_1, ... of `0`
@@ -50,8 +56,10 @@ def read_dictionary(file: Path) -> cv2.aruco.Dictionary:
     correction = 0
     if "maxCorrectionBits" in content:
         correction = _number(file, content, "maxCorrectionBits", 0, size * size)
-    bits = [_bits(file, content, f"marker_{index}", size) for index in range(count)]
-    return dictionary_of_bits(np.array(bits, np.uint8).reshape(count, size, size), correction)
+    codes = tuple(_code(file, content, f"marker_{index}", size) for index in range(count))
+    return MarkerDictionary(
+        name=file.name, modules=size, max_correction_bits=correction, codes=codes
+    )
 
 
 def _content(file: Path, text: str) -> Mapping[str, Any]:
@@ -113,7 +121,7 @@ def _number(file: Path, content: Mapping[str, Any], key: str, low: int, high: in
     return int(text)
 
 
-def _bits(file: Path, content: Mapping[str, Any], key: str, size: int) -> list[int]:
+def _code(file: Path, content: Mapping[str, Any], key: str, size: int) -> str:
     if key not in content:
         raise ConfigError(f"{file}: {key}: is missing")
     value = content[key]
@@ -122,4 +130,4 @@ def _bits(file: Path, content: Mapping[str, Any], key: str, size: int) -> list[i
             f"{file}: {key}: {value!r:.40}: must be {size * size} digits, each 0 or 1 "
             f"(markersize {size})"
         )
-    return [int(digit) for digit in value]
+    return value

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.node.documents import Marker
+from services.common.node.documents import Marker, MarkerDictionary
 
 MAX_SIDE_PX = 2048
 """The largest size that a renderer accepts."""
@@ -30,6 +31,18 @@ def dictionary_of_bits(
     """A custom dictionary from (markers, modules, modules) bits, 1 white, without borders."""
     rows = [cv2.aruco.Dictionary.getByteListFromBits(marker) for marker in bits]
     return cv2.aruco.Dictionary(np.concatenate(rows), bits.shape[1], max_correction_bits)
+
+
+def own_dictionaries(
+    documents: Iterable[MarkerDictionary],
+) -> dict[str, cv2.aruco.Dictionary]:
+    """A world's own dictionaries by name."""
+    found = {}
+    for one in documents:
+        digits = np.frombuffer("".join(one.codes).encode(), np.uint8) - ord("0")
+        bits = digits.reshape(len(one.codes), one.modules, one.modules)
+        found[one.name] = dictionary_of_bits(bits, one.max_correction_bits)
+    return found
 
 
 def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> str:

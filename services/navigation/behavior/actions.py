@@ -43,6 +43,16 @@ class NavigateThroughPoses:
 
 
 @dataclass(frozen=True, slots=True)
+class WaypointWork:
+    """What to do at one waypoint."""
+
+    wait_s: float = 0.2
+    photo: bool = False
+    input_timeout_s: float | None = None
+    """How long to wait for an input; None: no input."""
+
+
+@dataclass(frozen=True, slots=True)
 class FollowWaypoints:
     """Drive to each waypoint, and run the waypoint task there."""
 
@@ -52,6 +62,8 @@ class FollowWaypoints:
     """Rounds after the first."""
     goal_index: int = 0
     """Where the first round begins."""
+    works: tuple[WaypointWork, ...] = ()
+    """One for each pose; empty: the waypoint task of navigation at each."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from services.common.config import ConfigError
 from services.common.error_codes import ErrorCode, code_name
+from services.common.frames import SE2
 from services.navigation.behavior.actions import (
     FollowPath,
     FollowWaypoints,
@@ -24,17 +25,18 @@ from services.navigation.behavior.context import NavigationContext
 from services.navigation.behavior.docking import DockingParams
 from services.navigation.behavior.motion import BehaviorServerParams
 from services.navigation.behavior.tasks import (
-    Ending,
     Task,
     TaskParams,
     TreeTask,
     single_node_tree,
 )
-from services.navigation.behavior.tree import NodeSnapshot
+from services.navigation.behavior.tree import Ending, NodeSnapshot
 from services.navigation.behavior.waypoints import (
     FollowWaypointsTask,
     WaitAtWaypoint,
+    WaypointExchange,
     WaypointTask,
+    WorkOfEach,
 )
 from services.navigation.behavior.xml_loader import (
     DEFAULT_NAV_THROUGH_POSES,
@@ -106,6 +108,8 @@ class BtNavigator:
         self._params = params
         self._context = context
         self._waypoint_task: WaypointTask = waypoint_task or WaitAtWaypoint()
+        self.exchange = WaypointExchange()
+        """What the tasks at waypoints want, and what has come."""
         self._read = read
         self._task_params = TaskParams(
             params.behaviors, params.docking, params.control_period_s, params.usual_speed_m_s
@@ -241,8 +245,11 @@ class BtNavigator:
 
     def _task(self, request: Request) -> Task:
         if isinstance(request, FollowWaypoints):
+            at_each = self._waypoint_task
+            if request.works:
+                at_each = WorkOfEach(request.works, self.exchange)
             return FollowWaypointsTask(
-                request, self._navigate_checked, self._waypoint_task, self._params.stop_on_failure
+                request, self._navigate_checked, at_each, self._params.stop_on_failure
             )
         if isinstance(request, NavigateToPose):
             return self._navigate(request)
@@ -253,7 +260,9 @@ class BtNavigator:
         kind = request.action
         if kind not in self._files:
             self._files[kind] = single_node_tree(kind)
-        return TreeTask(request, self._files[kind], self._context, self._task_params)
+        return TreeTask(
+            request, self._files[kind], self._context, self._task_params, self._navigate_to
+        )
 
     def _navigate_checked(self, request: NavigateToPose) -> TreeTask:
         self._check(request)
@@ -263,11 +272,17 @@ class BtNavigator:
         path = request.behavior_tree or str(self._params.default_nav_to_pose_bt_xml)
         return self._tree_task(request, path, ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE)
 
+    def _navigate_to(self, pose: SE2) -> TreeTask:
+        return self._navigate(NavigateToPose(pose))
+
     def _tree_task(
         self, request: NavigateToPose | NavigateThroughPoses, path: str, code: ErrorCode
     ) -> TreeTask:
         try:
-            return TreeTask(request, self._file(tree_path(path)), self._context, self._task_params)
+            return TreeTask(
+                request, self._file(tree_path(path)), self._context, self._task_params,
+                self._navigate_to,
+            )  # fmt: skip
         except ConfigError as error:
             raise NavigationError(code, str(error)) from None
 

@@ -80,18 +80,37 @@ class MarkerPose:
     """Pose of the robot at that time."""
 
 
-def planar_marker(base_from_marker: Array) -> SE2:
-    """`MarkerPose.base_from_marker` of a marker's full pose.
+@dataclass(frozen=True, slots=True)
+class Dock:
+    """A marker, and where the robot docks before it."""
+
+    marker_id: str
+    """As in detections."""
+    map_from_marker: SE2
+    """Pose of the marker's foot; its x axis points out of the marker's face."""
+    marker_from_dock: SE2
+    """Pose of the docked robot before the marker: it faces it."""
+    whole_view_m: float = 0.0
+    """Nearer to the marker than this, the camera does not see all of it."""
+
+    @property
+    def map_from_dock(self) -> SE2:
+        """Pose of the docked robot."""
+        return self.map_from_marker @ self.marker_from_dock
+
+
+def planar_marker(a_from_marker: Array) -> SE2:
+    """Pose of an upright marker's foot; its x axis points out of the marker's face.
 
     Args:
-        base_from_marker: (4, 4), with OpenCV's axes of a marker: z points out of its face.
+        a_from_marker: rigid (4, 4), with OpenCV's axes of a marker: z points out of its face.
 
     Raises ValueError for a marker that lies flat.
     """
-    x, y = float(base_from_marker[0, 2]), float(base_from_marker[1, 2])
+    x, y = float(a_from_marker[0, 2]), float(a_from_marker[1, 2])
     if math.hypot(x, y) < _UPRIGHT:
         raise ValueError("the marker lies flat: it must stand upright")
-    return SE2(float(base_from_marker[0, 3]), float(base_from_marker[1, 3]), portable.atan2(y, x))
+    return SE2(float(a_from_marker[0, 3]), float(a_from_marker[1, 3]), portable.atan2(y, x))
 
 
 _UPRIGHT = 0.5
@@ -182,14 +201,21 @@ class NavigationContext(Protocol):
         """Newest velocity that a user asks for (`cmd_vel_teleop`); None: none lately."""
         ...
 
-    def marker(self, dock_id: str) -> MarkerPose | None:
-        """Last sighting of a dock's marker; without an id of the nearest one; None: never."""
+    def marker(self, marker_id: str) -> MarkerPose | None:
+        """Last sighting of a marker; None: never."""
         ...
 
-    def dock(self, dock_id: str) -> SE2:
-        """Pose of the robot when docked, from the dock database.
+    def dock(self, dock_id: str) -> Dock:
+        """A dock by its name, or its marker's id.
 
-        Raises NavigationError with DOCK_NOT_IN_DB.
+        Raises NavigationError with DOCK_NOT_IN_DB or DOCK_NOT_VALID.
+        """
+        ...
+
+    def dock_at(self, map_from_dock: SE2) -> Dock:
+        """The dock of the marker that a docked robot with this pose faces.
+
+        Raises NavigationError with DOCK_NOT_VALID.
         """
         ...
 

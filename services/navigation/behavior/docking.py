@@ -18,6 +18,11 @@ from services.navigation.behavior.motion import TimeToCollision, toward
 from services.navigation.control.collision import STOP, Velocity
 from services.navigation.errors import NavigationError
 
+LEAST_STAGING_SHARE = 0.5
+"""Where there is no room for more, docking begins from this share of the way to the staging pose,
+and undocking ends there.
+"""
+
 
 class DockState(IntEnum):
     """States of the feedback of DockRobot."""
@@ -34,8 +39,6 @@ class DockState(IntEnum):
 class DockingParams:
     """Names as in Nav2's docking server and its SimpleNonChargingDock."""
 
-    marker_from_dock: SE2 = field(default_factory=lambda: SE2(0.4, 0.0, math.pi))
-    """Pose of the docked robot before the marker: it faces it."""
     staging_x_offset_m: float = -0.7
     """Of the staging pose, along the docked robot's heading."""
     initial_perception_timeout_s: float = 8.0
@@ -50,8 +53,6 @@ class DockingParams:
     """Nav2 tests the straight distance alone (docking_threshold); each error has its own bound."""
     undock_linear_tolerance_m: float = 0.05
     undock_angular_tolerance_rad: float = 0.1
-    dock_collision_threshold_m: float = 0.3
-    """Nearer to the dock than this, collisions are not looked for: the dock itself is ahead."""
     views: int = 15
     """Sightings before the approach, and standing before the verdict."""
     final_straight_m: float = 0.3
@@ -102,14 +103,25 @@ class _Limited:
 class Docker:
     """One docking, from near the staging pose on."""
 
-    def __init__(self, params: DockingParams, odom_from_dock: SE2 | None = None) -> None:
+    def __init__(
+        self,
+        params: DockingParams,
+        marker_from_dock: SE2,
+        odom_from_dock: SE2 | None = None,
+        whole_view_m: float = 0.0,
+    ) -> None:
         """Begin to dock.
 
         Args:
-            params: how to dock, and where before the marker.
+            params: how to dock.
+            marker_from_dock: pose of the docked robot before the marker: it faces it.
             odom_from_dock: where the dock should be; None: anywhere ahead.
+            whole_view_m: nearer to the marker than this, the camera does not see all of it, and
+                the robot goes by odometry.
         """
         self._params = params
+        self._marker_from_dock = marker_from_dock
+        self._whole_view_m = whole_view_m
         self._expected = odom_from_dock
         self._estimate = DockEstimate(params.sighting)
         self._limited = _Limited(params)
@@ -118,6 +130,8 @@ class Docker:
         self._began_ns = 0
         self._seen_before = 0
         self._retries = 0
+        self._returns = 0
+        """Times that the robot went back for more room, with no attempt in between"""
         self._aligning = False
         self._verdict_from: int | None = None
 
@@ -126,7 +140,7 @@ class Docker:
         """Pose of the docked robot by the marker; None before the first sighting."""
         if self._estimate.count == 0:
             return None
-        return self._estimate.odom_from_marker @ self._params.marker_from_dock
+        return self._estimate.odom_from_marker @ self._marker_from_dock
 
     def step(
         self,
@@ -143,7 +157,8 @@ class Docker:
         """
         if self._since_ns is None:
             self._since_ns = self._began_ns = now_ns
-        if marker is not None:
+        oldest_ns = self._began_ns - self._params.external_detection_timeout_s * 1e9
+        if marker is not None and marker.stamp_ns >= oldest_ns:
             self._estimate.add(marker)
         try:
             return self._work(now_ns, elapsed_s, odom_from_base, time_to_collision)
@@ -179,7 +194,8 @@ class Docker:
             at = dock.inverse() @ base
             # Further back there is nothing to gain.
             near = at.x_m > p.staging_x_offset_m - p.dock_prestaging_tolerance_m
-            too_near = near and _needs_more_room(p, at)
+            too_near = near and _needs_more_room(p, at) and self._returns < _MOST_RETURNS
+            self._returns = self._returns + 1 if too_near else 0
             self._enter(DockState.RETRY if too_near else DockState.CONTROLLING, now_ns)
             return self._answer(STOP, elapsed_s)
         if running_s > p.initial_perception_timeout_s:
@@ -201,9 +217,9 @@ class Docker:
         """Look to where the dock should be, then to both sides of it."""
         expected_rad = 0.0
         if self._expected is not None:
-            marker = self._expected @ self._params.marker_from_dock.inverse()
+            marker = self._expected @ self._marker_from_dock.inverse()
             expected_rad = _bearing(base, marker)
-            if abs(expected_rad) > 0.9:
+            if abs(expected_rad) > 0.45:
                 return self._turn(expected_rad)
         # Once to the left, twice as far to the right, and so on.
         left = int(running_s / 1.5 + 0.5) % 2 == 0
@@ -244,15 +260,19 @@ class Docker:
                 f"before it, {at.y_m:.3f} m aside",
             )
         lost_s = (now_ns - self._estimate.last_stamp_ns) * 1e-9
-        if lost_s > p.external_detection_timeout_s and at.x_m < -0.5 * p.final_straight_m:
+        # So near the end odometry is good enough, and so near the marker it has to be.
+        by_odometry = (
+            at.x_m >= -0.5 * p.final_straight_m
+            or (self._marker_from_dock @ at).x_m < self._whole_view_m
+        )
+        if lost_s > p.external_detection_timeout_s and not by_odometry:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
                 f"the dock's marker has not been seen for {lost_s:.1f} s, {-at.x_m:.2f} m before "
                 "the dock",
             )
-        far = math.hypot(at.x_m, at.y_m) > p.dock_collision_threshold_m
         speed = self._limited.velocity
-        if far and speed.linear_m_s > 0.0:
+        if speed.linear_m_s > 0.0:
             contact_s = time_to_collision(speed)
             if contact_s < speed.linear_m_s / p.acceleration_m_s2 + 0.5:
                 raise NavigationError(
@@ -353,6 +373,9 @@ class Docker:
         return DockingStep(self._state, velocity, self._retries, False)
 
 
+_MOST_RETURNS = 2
+
+
 def _needs_more_room(params: DockingParams, dock_from_base: SE2) -> bool:
     """Whether the dock is too near, or too far aside, to be reached in one curve."""
     room_m = -dock_from_base.x_m - params.final_straight_m
@@ -404,6 +427,11 @@ class Undocker:
             )
         speed_m_s = p.graceful.v_linear_max_m_s
         if left_m > 0.0 and time_to_collision(Velocity(-speed_m_s, 0.0)) < 1.0:
+            if at.x_m <= LEAST_STAGING_SHARE * p.staging_x_offset_m:
+                if self._limited.velocity == STOP:
+                    return DockingStep(DockState.NONE, STOP, 0, True)
+                velocity = self._limited.toward(STOP, elapsed_s)
+                return DockingStep(DockState.CONTROLLING, velocity, 0, False)
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL, "undocking: something is behind the robot"
             )

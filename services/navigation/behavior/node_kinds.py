@@ -157,14 +157,3 @@ RENAMED_PORTS: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """Names of ports in trees of other distributions."""
-
-
-def category(kind: str) -> str:
-    """Groot's name for the family of a kind."""
-    families = {
-        "Control": CONTROLS,
-        "Decorator": DECORATORS,
-        "Condition": CONDITIONS,
-        "Action": ACTIONS,
-    }
-    return next((name for name, kinds in families.items() if kind in kinds), "Action")

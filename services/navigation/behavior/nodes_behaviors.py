@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
 from services.navigation.behavior.assisted_teleop import AssistedTeleop
 from services.navigation.behavior.back_up import BackUp, freer_drive
-from services.navigation.behavior.context import FollowRequest
+from services.navigation.behavior.context import Dock
 from services.navigation.behavior.docking import (
+    LEAST_STAGING_SHARE,
     Docker,
+    DockingParams,
     DockingStep,
     DockState,
     Undocker,
@@ -21,7 +24,7 @@ from services.navigation.behavior.motion import Motion
 from services.navigation.behavior.nodes_action import ACTION_PORTS, ActionNode
 from services.navigation.behavior.ports import Port, out
 from services.navigation.behavior.spin import Spin, SpinGoal, freer_turn_rad
-from services.navigation.behavior.tree import NodeStatus, TreeError
+from services.navigation.behavior.tree import Errand, NodeStatus, TreeError
 from services.navigation.behavior.wait import Wait
 from services.navigation.control.collision import Velocity
 from services.navigation.errors import NavigationError
@@ -29,6 +32,7 @@ from services.navigation.errors import NavigationError
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 _ALLOWANCE = Port("time_allowance", "number", "10.0")
 _UNCHECKED = Port("disable_collision_checks", "flag", "false")
+_STAGING_SHARES = (1.0, 0.85, 0.7, 0.6, LEAST_STAGING_SHARE)
 
 
 class MotionNode(ActionNode):
@@ -176,21 +180,56 @@ class DockRobotNode(ActionNode):
     )
 
     _docker: Docker | None = None
-    _dock = SE2(0.0, 0.0, 0.0)
+    _dock: Dock
+    _docking: DockingParams
+    """With as much room before the dock as there is."""
     _began_ns = 0
-    _planned_ns: int | None = None
+    _way: Errand | None = None
+    """To the staging pose"""
 
     def _begin(self, now_ns: int) -> None:
-        self._began_ns, self._planned_ns, self._docker = now_ns, None, None
+        self._began_ns, self._way, self._docker = now_ns, None, None
         self.put("success", False)
         self.put("num_retries", 0)
+        self._dock = self._chosen()
+        self._docking = self._with_room(self._dock.map_from_dock)
+
+    def _chosen(self) -> Dock:
         if self.flag("use_dock_id"):
-            self._dock = self.context.dock(self.text("dock_id"))
-            return
+            return self.context.dock(self.text("dock_id"))
         pose = self.pose("dock_pose")
         if pose is None:
             raise TreeError(f"{self}, port 'dock_pose': there is no pose on the blackboard")
-        self._dock = pose
+        return self.context.dock_at(pose)
+
+    def _with_room(self, map_from_dock: SE2) -> DockingParams:
+        """Docking from the farthest staging pose to which there is a way.
+
+        Raises NavigationError where the robot cannot stand in the dock or before it.
+        """
+        context, docking = self.context, self.place.run.docking
+        try:
+            context.check_goals((map_from_dock,))
+        except NavigationError as error:
+            raise NavigationError(
+                ErrorCode.DOCK_NOT_VALID,
+                f"the robot cannot stand in the dock of marker {self._dock.marker_id}: "
+                f"{error.message}",
+                error.place_m,
+            ) from None
+        reason = ""
+        for share in _STAGING_SHARES:
+            nearer = replace(docking, staging_x_offset_m=share * docking.staging_x_offset_m)
+            try:
+                context.check_goals((staging_pose(nearer, map_from_dock),))
+            except NavigationError as error:
+                reason = reason or error.message
+            else:
+                return nearer
+        raise NavigationError(
+            ErrorCode.FAILED_TO_STAGE,
+            f"there is no room before the dock of marker {self._dock.marker_id}: {reason}",
+        )
 
     def _go_on(self, now_ns: int) -> NodeStatus:
         run, context = self.place.run, self.context
@@ -202,12 +241,17 @@ class DockRobotNode(ActionNode):
         odom_from_base = context.odom_from_base()
         if self._docker is None:
             odom_from_map = odom_from_base @ context.pose().inverse()
-            self._docker = Docker(run.docking, odom_from_map @ self._dock)
+            self._docker = Docker(
+                self._docking,
+                self._dock.marker_from_dock,
+                odom_from_map @ self._dock.map_from_dock,
+                self._dock.whole_view_m,
+            )
         step = self._docker.step(
             now_ns,
             run.control_period_s,
             odom_from_base,
-            context.marker(self.text("dock_id")),
+            context.marker(self._dock.marker_id),
             context.time_to_collision,
         )
         run.docking_step = step
@@ -221,32 +265,40 @@ class DockRobotNode(ActionNode):
 
     def _is_staged(self, now_ns: int) -> bool:
         """Whether docking can begin; drives to the staging pose until then."""
-        context, docking = self.context, self.place.run.docking
-        staging = staging_pose(docking, self._dock)
+        context, docking = self.context, self._docking
+        staging = staging_pose(docking, self._dock.map_from_dock)
         near = context.pose().distance_m(staging) <= docking.dock_prestaging_tolerance_m
-        if self._planned_ns is None and (near or not self.flag("navigate_to_staging_pose")):
+        if self._way is None and (near or not self.flag("navigate_to_staging_pose")):
             return True
         if (now_ns - self._began_ns) * 1e-9 > self.number("max_staging_time"):
             raise NavigationError(
                 ErrorCode.FAILED_TO_STAGE,
                 f"the staging pose was not reached in {self.number('max_staging_time'):.0f} s",
             )
-        try:
-            if self._planned_ns is None or now_ns - self._planned_ns >= 1_000_000_000:
-                self._planned_ns = now_ns
-                context.follow(FollowRequest(context.compute_path(None, (staging,), "")))
-            if not context.control(now_ns).reached:
-                return False
-        except NavigationError as error:
+        if self._way is None:
+            navigate = self.place.run.navigate
+            if navigate is None:
+                raise TreeError(f"{self}: nothing here can drive to the staging pose")
+            self._way = navigate(staging)
+        ending = self._way.step(now_ns)
+        if ending is None:
+            return False
+        self._leave_way()
+        if ending.code != ErrorCode.NONE:
             raise NavigationError(
-                ErrorCode.FAILED_TO_STAGE, f"the staging pose was not reached: {error.message}"
-            ) from None
-        context.stop()
+                ErrorCode.FAILED_TO_STAGE, f"the staging pose was not reached: {ending.message}"
+            )
         return True
+
+    def _leave_way(self) -> None:
+        if self._way is not None:
+            self._way.halt()
+        self._way = None
+        self.context.stop()
 
     def _cancel(self) -> None:
         self._docker = self.place.run.docking_step = None
-        self.context.stop()
+        self._leave_way()
 
 
 class UndockRobotNode(ActionNode):

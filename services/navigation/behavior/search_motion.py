@@ -25,6 +25,8 @@ _FAR_M, _NEW_M = 2.0, 2.0
 """Free length and distance from known places beyond which more is not better."""
 _CRUMB_M = 0.3
 _LEG_M = 1.2
+_ESCAPE_M_S = 0.1
+"""Away from something that a turn would touch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +72,18 @@ class SearchMotion:
         if time_to_collision(velocity) <= self._params.min_time_to_collision_s:
             # What is wanted is not possible: another direction, and a turn to it, if that is free.
             self._left_rad, self._heading_rad = 0.0, None
-            velocity = self._limited(Velocity(0.0, wanted.angular_rad_s))
-            if time_to_collision(velocity) <= self._params.min_time_to_collision_s:
-                velocity = self._limited(Velocity(-0.1, 0.0))
-            if time_to_collision(velocity) <= self._params.min_time_to_collision_s:
-                velocity = STOP
+            on_m_s = _ESCAPE_M_S if self._velocity.linear_m_s > 0.0 else -_ESCAPE_M_S
+            velocity = STOP
+            for escape in (
+                Velocity(0.0, wanted.angular_rad_s),
+                Velocity(on_m_s, 0.0),
+                Velocity(-on_m_s, 0.0),
+                Velocity(0.0, -wanted.angular_rad_s),
+            ):
+                limited = self._limited(escape)
+                if time_to_collision(limited) > self._params.min_time_to_collision_s:
+                    velocity = limited
+                    break
         self._velocity = velocity
         return velocity
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -25,6 +26,8 @@ from services.navigation.behavior.nodes_goals import Statuses, WaypointState, Wa
 from services.navigation.behavior.path_parts import length_left_m
 from services.navigation.behavior.tree import (
     BehaviorTree,
+    Ending,
+    Errand,
     NodeSnapshot,
     NodeStatus,
     TreeError,
@@ -44,14 +47,6 @@ class TaskParams:
     control_period_s: float = 0.05
     usual_speed_m_s: float = 0.25
     """For the time remaining, while the robot has not been driving."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """How a task has ended."""
-
-    code: int
-    message: str
 
 
 class Task(Protocol):
@@ -90,6 +85,7 @@ class TreeTask:
         file: TreeFile,
         context: NavigationContext,
         params: TaskParams,
+        navigate: Callable[[SE2], Errand] | None = None,
     ) -> None:
         self._action = request.action
         self._unknown = (
@@ -111,6 +107,7 @@ class TreeTask:
                 behaviors=params.behaviors,
                 docking=params.docking,
                 control_period_s=params.control_period_s,
+                navigate=navigate,
             ),
             Blackboard(),
         )

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, TypeVar
+from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 from services.common.frames import SE2
 from services.navigation.behavior.blackboard import Blackboard
@@ -41,6 +41,26 @@ class TreeError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
+class Ending:
+    """How a task has ended."""
+
+    code: int
+    message: str
+
+
+class Errand(Protocol):
+    """A task within a task."""
+
+    def step(self, now_ns: int) -> Ending | None:
+        """Advance by one control period; the ending in its last one."""
+        ...
+
+    def halt(self) -> None:
+        """Cancel what runs."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
 class Failure:
     """How an action of a tree failed."""
 
@@ -59,6 +79,8 @@ class TreeRun:
     docking: DockingParams = field(default_factory=DockingParams)
     control_period_s: float = 0.05
     """Time between two ticks: over it a behaviour may change its speeds at its first step."""
+    navigate: Callable[[SE2], Errand] | None = None
+    """Begins a NavigateToPose by its default tree, for actions that drive somewhere first."""
     tick_number: int = 0
     number_of_recoveries: int = 0
     plans: int = 0
@@ -102,8 +124,7 @@ class NodePlace:
     """Whether it lies below the second child of a RecoveryNode."""
 
 
-@dataclass(frozen=True, slots=True)
-class NodeSnapshot:
+class NodeSnapshot(NamedTuple):
     """One line of a drawn tree."""
 
     uid: int
@@ -151,24 +172,22 @@ class Node(ABC):
             self._halt()
         self.status = NodeStatus.IDLE
 
-    def snapshot(self, depth: int = 0) -> Iterator[NodeSnapshot]:
-        """This node and those below it, each before its children."""
-        now = self._answered_in_tick == self.place.run.tick_number
-        yield NodeSnapshot(
-            self.place.uid,
-            self.place.name,
-            self.place.kind,
-            self._answered if now else NodeStatus.IDLE,
-            depth,
-        )
-        for child in self.children:
-            yield from child.snapshot(depth + 1)
+    def snapshot(self, depth: int) -> NodeSnapshot:
+        """This node as one line."""
+        place = self.place
+        now = self._answered_in_tick == place.run.tick_number
+        answered = self._answered if now else NodeStatus.IDLE
+        return NodeSnapshot(place.uid, place.name, place.kind, answered, depth)
 
     def walk(self) -> Iterator[Node]:
         """This node and all below it."""
-        yield self
+        return (node for node, _ in self.walk_with_depth())
+
+    def walk_with_depth(self, depth: int = 0) -> Iterator[tuple[Node, int]]:
+        """This node and all below it, each before its children, with their depths."""
+        yield self, depth
         for child in self.children:
-            yield from child.walk()
+            yield from child.walk_with_depth(depth + 1)
 
     @abstractmethod
     def _tick(self, now_ns: int) -> NodeStatus: ...
@@ -267,6 +286,7 @@ class BehaviorTree:
         self.root = root
         self.blackboard = blackboard
         self.run = run
+        self._nodes = tuple(root.walk_with_depth())
 
     def tick(self, now_ns: int) -> NodeStatus:
         """Tick the root once; when the tree has ended it is reset, and the next tick starts over.
@@ -285,4 +305,4 @@ class BehaviorTree:
 
     def snapshot(self) -> tuple[NodeSnapshot, ...]:
         """The status of every node in the last tick, parents before their children."""
-        return tuple(self.root.snapshot())
+        return tuple(node.snapshot(depth) for node, depth in self._nodes)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
-from services.navigation.behavior.actions import FollowWaypoints, NavigateToPose, TaskFeedback
+from services.navigation.behavior.actions import (
+    FollowWaypoints,
+    NavigateToPose,
+    TaskFeedback,
+    WaypointWork,
+)
 from services.navigation.behavior.nodes_goals import Statuses, WaypointState, WaypointStatus
-from services.navigation.behavior.tasks import Ending, TreeTask
-from services.navigation.behavior.tree import NodeSnapshot
+from services.navigation.behavior.tasks import TreeTask
+from services.navigation.behavior.tree import Ending, NodeSnapshot
 from services.navigation.errors import NavigationError
 
 
@@ -38,37 +43,61 @@ class WaitAtWaypoint:
         return not self.enabled or now_ns - since_ns >= self.waypoint_pause_duration_s * 1e9
 
 
-@dataclass(frozen=True)
+@dataclass
+class WaypointExchange:
+    """What tasks at waypoints want from outside, and what has come."""
+
+    photo_wanted_at: int | None = None
+    """Index of the waypoint at which a picture is wanted, until it has been asked for."""
+    photos: int = 0
+    """Pictures taken so far."""
+    inputs: int = 0
+    """Inputs so far."""
+
+
+@dataclass
 class PhotoAtWaypoint:
     """Take a picture."""
 
-    take: Callable[[int, int], str | None]
-    """Called with the waypoint's index and the time in ns; what went wrong, or None."""
+    exchange: WaypointExchange
+    timeout_s: float = 5.0
     enabled: bool = True
+    _asked: tuple[int, int] | None = None
+    """When its waypoint was reached, and the number of pictures before."""
 
     def step(self, since_ns: int, now_ns: int, index: int) -> bool:
-        """Done at once."""
-        problem = self.take(index, now_ns) if self.enabled else None
-        if problem is not None:
+        """Done when the picture has been taken."""
+        if not self.enabled:
+            return True
+        if self._asked is None or self._asked[0] != since_ns:
+            self._asked = since_ns, self.exchange.photos
+            self.exchange.photo_wanted_at = index
+        if self.exchange.photos > self._asked[1]:
+            return True
+        if now_ns - since_ns > self.timeout_s * 1e9:
+            self.exchange.photo_wanted_at = None
             raise NavigationError(
-                ErrorCode.TASK_EXECUTOR_FAILED, f"photo at waypoint {index}: {problem}"
+                ErrorCode.TASK_EXECUTOR_FAILED,
+                f"photo at waypoint {index}: no picture came in {self.timeout_s:.1f} s",
             )
-        return True
+        return False
 
 
-@dataclass(frozen=True)
+@dataclass
 class InputAtWaypoint:
     """Stand until an input comes."""
 
-    received_ns: Callable[[], int | None]
-    """Time of the newest input."""
+    exchange: WaypointExchange
     timeout_s: float = 10.0
     enabled: bool = True
+    _begun: tuple[int, int] | None = None
+    """When its waypoint was reached, and the number of inputs before."""
 
     def step(self, since_ns: int, now_ns: int, index: int) -> bool:
         """Done when an input has come since the waypoint was reached."""
-        received_ns = self.received_ns()
-        if not self.enabled or (received_ns is not None and received_ns >= since_ns):
+        if self._begun is None or self._begun[0] != since_ns:
+            self._begun = since_ns, self.exchange.inputs
+        if not self.enabled or self.exchange.inputs > self._begun[1]:
             return True
         if now_ns - since_ns > self.timeout_s * 1e9:
             raise NavigationError(
@@ -76,6 +105,27 @@ class InputAtWaypoint:
                 f"input at waypoint {index}: none came in {self.timeout_s:.1f} s",
             )
         return False
+
+
+class WorkOfEach:
+    """Each waypoint has work of its own: pictures, pauses and inputs, at the same time."""
+
+    def __init__(self, works: Sequence[WaypointWork], exchange: WaypointExchange) -> None:
+        self._tasks: list[list[WaypointTask]] = []
+        for work in works:
+            tasks: list[WaypointTask] = [WaitAtWaypoint(work.wait_s)]
+            if work.photo:
+                tasks.append(PhotoAtWaypoint(exchange))
+            if work.input_timeout_s is not None:
+                tasks.append(InputAtWaypoint(exchange, work.input_timeout_s))
+            self._tasks.append(tasks)
+
+    def step(self, since_ns: int, now_ns: int, index: int) -> bool:
+        """Done when all is done; all begin at once."""
+        done = True
+        for task in self._tasks[index]:
+            done = task.step(since_ns, now_ns, index) and done
+        return done
 
 
 class FollowWaypointsTask:
@@ -107,6 +157,11 @@ class FollowWaypointsTask:
                 f"{count} waypoints, goal_index {request.goal_index}, number_of_loops "
                 f"{request.number_of_loops}: must be at least one waypoint, goal_index 0 to "
                 f"{max(count - 1, 0)} and number_of_loops 0 or more",
+            )
+        if request.works and len(request.works) != count:
+            raise NavigationError(
+                ErrorCode.NO_VALID_WAYPOINTS,
+                f"{len(request.works)} tasks for {count} waypoints: must be one for each, or none",
             )
         self._request = request
         self._navigate = navigate

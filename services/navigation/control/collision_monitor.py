@@ -18,9 +18,11 @@ from enum import IntEnum
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.common import portable
 from services.common.frames import SE2, Array
+from services.common.kernels import kernel
 from services.navigation.control.braking import (
     braking_scale,
     nearest_after_m,
@@ -39,10 +41,14 @@ ESCAPE: Final = Velocity(0.15, 0.8)
 _BESIDE_M: Final = 0.08
 """Points this near to the disc of a thing that moves belong to it."""
 NOTHING_MOVES: Final[Array] = np.empty((0, 5))
+_GOES_ON_S: Final = (0.5, 1.0)
+"""A robot that goes on for so long before it brakes may get out of the way of what moves."""
 _CREEP_M_S: Final = 0.01
 """An approach allows the outline no slower motion: in the end that would touch too."""
 _APART_M: Final = 0.005
 """What is this much nearer than before counts as nearer: half the lidar's noise."""
+_NEARER_M: Final = 0.001
+"""The same for points that come nearer by themselves."""
 _AHEAD_M: Final = 0.03
 """Movement of the outline after which it is looked at again."""
 
@@ -334,7 +340,7 @@ class _Zone:
             return _scaled(command, scale), Action.LIMIT, "may only move away from them"
         return STOP, Action.STOP, "may come no nearer to them"
 
-    def _moves_away(self, command: Velocity, within_m: Array) -> bool:
+    def _moves_away(self, command: Velocity, within_m: Array, nearer_m: float = _APART_M) -> bool:
         """Whether a command brings the footprint no nearer to the nearest of the points."""
         outline = self._footprint
         speed_m_s = abs(command.linear_m_s)
@@ -343,7 +349,7 @@ class _Zone:
         v, w = float(command.linear_m_s), float(command.angular_rad_s)
         before_m = nearest_after_m(within_m, outline.points_m, v, w, 0.0)
         after_m = nearest_after_m(within_m, outline.points_m, v, w, seconds)
-        return bool(after_m >= before_m - _APART_M)
+        return bool(after_m >= before_m - nearer_m)
 
     def _approach(
         self,
@@ -365,12 +371,9 @@ class _Zone:
             scale = min(contact_s / params.time_before_collision_s, 1.0)
             what = f"contact in {contact_s:.2f} s"
         else:
-            scale = braking_scale(
-                points_m, velocities_m_s, polygon.points_m, polygon.circles,
-                float(velocity.linear_m_s), float(velocity.angular_rad_s), v, w,
-                braking.linear_decel_m_s2, braking.angular_decel_rad_s2, braking.delay_s,
-                params.min_points, met,
-            )  # fmt: skip
+            scale = self._braking_scale(
+                polygon, command, velocity, points_m, velocities_m_s, braking.delay_s, met
+            )
             what = "within the braking distance"
         if not self._trigger(scale < 1.0) or scale >= 1.0:
             return command, MonitorState()
@@ -380,6 +383,46 @@ class _Zone:
             allowed = STOP
         action = Action.APPROACH if allowed != STOP else Action.STOP
         return allowed, self._state(action, points_m[met], cloud, what)
+
+    def _braking_scale(
+        self,
+        polygon: Footprint,
+        command: Velocity,
+        velocity: Velocity,
+        points_m: Array,
+        velocities_m_s: Array,
+        delay_s: float,
+        met: NDArray[np.bool_],
+    ) -> float:
+        """The factor of a command after which the robot can still brake. What moves counts if it
+        can be avoided by that: not where the robot gets out of its way by going on, nor where it
+        comes into a robot that stands as well and the command brings the robot no nearer.
+        """
+
+        def scale_of(command: Velocity, velocities_m_s: Array, delay_s: float) -> float:
+            met[:] = False
+            return float(braking_scale(
+                points_m, velocities_m_s, polygon.points_m, polygon.circles,
+                float(velocity.linear_m_s), float(velocity.angular_rad_s),
+                float(command.linear_m_s), float(command.angular_rad_s),
+                self._braking.linear_decel_m_s2, self._braking.angular_decel_rad_s2, delay_s,
+                self.params.min_points, met,
+            ))  # fmt: skip
+
+        scale = scale_of(command, velocities_m_s, delay_s)
+        if scale == 1.0 or not velocities_m_s.any():
+            return scale
+        if any(scale_of(command, velocities_m_s, longer_s) == 1.0 for longer_s in _GOES_ON_S):
+            return 1.0
+        # As long as the command takes, and its braking.
+        stands_s = delay_s + max(
+            abs(command.linear_m_s) / self._braking.linear_decel_m_s2,
+            abs(command.angular_rad_s) / self._braking.angular_decel_rad_s2,
+        )
+        comes = scale_of(STOP, velocities_m_s, stands_s) < 1.0
+        if comes and self._moves_away(command, points_m[met], _NEARER_M):
+            return scale_of(command, np.zeros_like(velocities_m_s), delay_s)
+        return scale_of(command, velocities_m_s, delay_s)
 
     def _state(self, action: Action, points_m: Array, cloud: _Cloud, what: str) -> MonitorState:
         name = self.params.name
@@ -447,10 +490,25 @@ def moved_points(points_m: Array, odom_from_then: SE2, odom_from_now: SE2) -> Ar
     """
     cos_then, sin_then = portable.cos_sin(odom_from_then.yaw_rad)
     cos_now, sin_now = portable.cos_sin(odom_from_now.yaw_rad)
-    x, y = points_m[:, 0], points_m[:, 1]
-    ahead = cos_then * x - sin_then * y + (odom_from_then.x_m - odom_from_now.x_m)
-    aside = sin_then * x + cos_then * y + (odom_from_then.y_m - odom_from_now.y_m)
-    return np.stack([cos_now * ahead + sin_now * aside, cos_now * aside - sin_now * ahead], axis=1)
+    return _moved(
+        np.ascontiguousarray(points_m), cos_then, sin_then, cos_now, sin_now,
+        odom_from_then.x_m - odom_from_now.x_m, odom_from_then.y_m - odom_from_now.y_m,
+    )  # fmt: skip
+
+
+@kernel()
+def _moved(
+    points_m: Array, cos_then: float, sin_then: float, cos_now: float, sin_now: float,
+    dx_m: float, dy_m: float,
+) -> Array:  # fmt: skip
+    moved = np.empty((len(points_m), 2))
+    for i in range(len(points_m)):
+        x, y = points_m[i, 0], points_m[i, 1]
+        ahead = cos_then * x - sin_then * y + dx_m
+        aside = sin_then * x + cos_then * y + dy_m
+        moved[i, 0] = cos_now * ahead + sin_now * aside
+        moved[i, 1] = cos_now * aside - sin_now * ahead
+    return moved
 
 
 def _scaled(command: Velocity, scale: float) -> Velocity:

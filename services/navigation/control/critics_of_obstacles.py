@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from services.navigation.control.rollouts import Floats, Rollouts
 _SLACK_M = 0.003
 """A robot that touches an obstacle may come nearer by this: the window is no finer."""
 _CONTACT_M = 0.005
+_NEARER_M = 0.01
 
 
 @kernel(error_model="numpy")
@@ -130,49 +132,31 @@ def _add_repulsion(
 
 
 @kernel(error_model="numpy")
-def _cost_of(
+def _near_obstacles(
     rollouts: Rollouts,
     point_step: int,
     discs: Floats,
     distance_m: Floats,
     low_m: np.float32,
     size: np.int32,
-    fall_per_m: np.float32,
-    near_weight: np.float32,
+    repels: bool,
+    fall_or_reach: np.float32,
+    weight: np.float32,
     margin_m: np.float32,
     critical: np.float32,
     least_m: Floats,
     values: Floats,
 ) -> None:
+    """Add what each step costs by its clearance: a repulsion, or else a cost that falls."""
     clearance = np.empty(values.size, np.float32)
     cells = np.empty(values.size, np.int32)
     _, _, x, y, c, s = rollouts
     for k in range(point_step, x.shape[0], point_step):
         clearance_at_step(x[k], y[k], c[k], s[k], discs, distance_m, low_m, size, cells, clearance)
-        _add_cost(clearance, fall_per_m, near_weight, margin_m, critical, least_m, values)
-
-
-@kernel(error_model="numpy")
-def _repulsion_of(
-    rollouts: Rollouts,
-    point_step: int,
-    discs: Floats,
-    distance_m: Floats,
-    low_m: np.float32,
-    size: np.int32,
-    reach_m: np.float32,
-    repulsion: np.float32,
-    margin_m: np.float32,
-    critical: np.float32,
-    least_m: Floats,
-    values: Floats,
-) -> None:
-    clearance = np.empty(values.size, np.float32)
-    cells = np.empty(values.size, np.int32)
-    _, _, x, y, c, s = rollouts
-    for k in range(point_step, x.shape[0], point_step):
-        clearance_at_step(x[k], y[k], c[k], s[k], discs, distance_m, low_m, size, cells, clearance)
-        _add_repulsion(clearance, reach_m, repulsion, margin_m, critical, least_m, values)
+        if repels:
+            _add_repulsion(clearance, fall_or_reach, weight, margin_m, critical, least_m, values)
+        else:
+            _add_cost(clearance, fall_or_reach, weight, margin_m, critical, least_m, values)
 
 
 @kernel(error_model="numpy")
@@ -226,26 +210,12 @@ class CostCritic:
 
     def score(self, scene: Scene) -> None:
         """See Critic."""
-        p, rollouts = self._params, scene.rollouts
-        batch = scene.costs.size
-        values, least = np.zeros(batch, np.float32), np.full(batch, 1e9, np.float32)
-        near_goal = math.hypot(scene.goal_x_m, scene.goal_y_m) < p.near_goal_distance
-        weight = np.float32(0.0 if near_goal else 252.0)
-        count = max((len(rollouts.x_m) - 1) // p.trajectory_point_step, 1)
-        margin = np.float32(min(p.collision_margin_distance, scene.start_clearance_m - _SLACK_M))
-        _cost_of(
-            rollouts, p.trajectory_point_step, scene.discs, scene.window.distance_m,
-            scene.window.low_m, np.int32(scene.window.size),
-            np.float32(p.cost_scaling_factor), weight, margin,
-            np.float32(p.critical_cost), least, values,
-        )  # fmt: skip
+        p = self._params
+        margin_m = min(p.collision_margin_distance, scene.start_clearance_m - _SLACK_M)
         # As in Nav2, whose weight is divided by the cost of a lethal cell.
-        share = np.float32(p.cost_weight / 254.0 / count)
-        add_powered(scene.costs, values, share, p.cost_power)
-        limit = np.float32(contact_limit_m(scene.start_clearance_m))
-        hit = np.float32(p.collision_cost)
-        free = _mark_collisions(least, limit, hit, scene.costs, scene.collides)
-        scene.failed = scene.failed or free == 0
+        share = p.cost_weight / 254.0
+        near = _Nearness(False, p.cost_scaling_factor, 252.0, margin_m, p.critical_cost, share)
+        _score_nearness(scene, p, near)
 
 
 class ObstaclesCritic:
@@ -256,24 +226,45 @@ class ObstaclesCritic:
 
     def score(self, scene: Scene) -> None:
         """See Critic."""
-        p, rollouts = self._params, scene.rollouts
-        batch = scene.costs.size
-        values, least = np.zeros(batch, np.float32), np.full(batch, 1e9, np.float32)
-        near_goal = math.hypot(scene.goal_x_m, scene.goal_y_m) < p.near_goal_distance
-        repulsion = np.float32(0.0 if near_goal else p.repulsion_weight)
-        count = max((len(rollouts.x_m) - 1) // p.trajectory_point_step, 1)
-        _repulsion_of(
-            rollouts, p.trajectory_point_step, scene.discs, scene.window.distance_m,
-            scene.window.low_m, np.int32(scene.window.size),
-            np.float32(p.inflation_radius), repulsion,
-            np.float32(p.collision_margin_distance), np.float32(p.critical_weight),
-            least, values,
+        p = self._params
+        near = _Nearness(
+            True, p.inflation_radius, p.repulsion_weight, p.collision_margin_distance,
+            p.critical_weight, 1.0,
         )  # fmt: skip
-        add_powered(scene.costs, values, np.float32(1.0 / count), p.cost_power)
-        limit = np.float32(contact_limit_m(scene.start_clearance_m))
-        hit = np.float32(p.collision_cost)
-        free = _mark_collisions(least, limit, hit, scene.costs, scene.collides)
-        scene.failed = scene.failed or free == 0
+        _score_nearness(scene, p, near)
+
+
+class _Nearness(NamedTuple):
+    """What nearness to obstacles costs."""
+
+    repels: bool
+    fall_or_reach: float
+    weight: float
+    margin_m: float
+    critical: float
+    share: float
+    """Of the sum over the steps of a rollout, divided by their number"""
+
+
+def _score_nearness(
+    scene: Scene, params: CostCriticParams | ObstaclesCriticParams, near: _Nearness
+) -> None:
+    """Add what each rollout costs by its clearances, and mark those that collide."""
+    step, batch = params.trajectory_point_step, scene.costs.size
+    values, least = np.zeros(batch, np.float32), np.full(batch, 1e9, np.float32)
+    near_goal = math.hypot(scene.goal_x_m, scene.goal_y_m) < params.near_goal_distance
+    _near_obstacles(
+        scene.rollouts, step, scene.discs, scene.window.distance_m, scene.window.low_m,
+        np.int32(scene.window.size), near.repels, np.float32(near.fall_or_reach),
+        np.float32(0.0 if near_goal else near.weight), np.float32(near.margin_m),
+        np.float32(near.critical), least, values,
+    )  # fmt: skip
+    count = max((len(scene.rollouts.x_m) - 1) // step, 1)
+    add_powered(scene.costs, values, np.float32(near.share / count), params.cost_power)
+    limit = np.float32(contact_limit_m(scene.start_clearance_m))
+    hit = np.float32(params.collision_cost)
+    free = _mark_collisions(least, limit, hit, scene.costs, scene.collides)
+    scene.failed = scene.failed or free == 0
 
 
 @kernel(error_model="numpy")
@@ -322,6 +313,12 @@ def _meetings(
 ) -> None:
     _, _, x, y, c, s = rollouts
     steps = x.shape[0] - 1
+    # A robot that is too near already may leave.
+    start_m = np.empty(tracks.shape[0], np.float32)
+    for j in range(tracks.shape[0]):
+        dx = x[0, 0] + c[0, 0] * ahead - s[0, 0] * aside - tracks[j, 0]
+        dy = y[0, 0] + s[0, 0] * ahead + c[0, 0] * aside - tracks[j, 1]
+        start_m[j] = math.sqrt(dx * dx + dy * dy) - _NEARER_M
     for k in range(point_step, steps + 1, point_step):
         t = min(k * step_s, prediction_s)
         cost = np.float32(collision_cost * (1.0 - 0.8 * k / steps))
@@ -331,6 +328,7 @@ def _meetings(
             at_x = np.float32(tracks[j, 0] + tracks[j, 2] * onward)
             at_y = np.float32(tracks[j, 1] + tracks[j, 3] * onward)
             radius = np.float32(tracks[j, 4] + reach_m + growth_m_s * t)
+            radius = min(radius, start_m[j])
             _meet(
                 x[k], y[k], c[k], s[k], ahead, aside, at_x, at_y, radius, margin_m, cost,
                 nearness, meeting,

@@ -61,7 +61,7 @@ arcs, to which noise about the last sequence alone may not lead.
 
 @dataclass(frozen=True, slots=True)
 class Trajectories:
-    """The best rollouts of a period, for drawing, the cheapest first."""
+    """Some rollouts of a period, for drawing, the cheapest first."""
 
     points_m: Array
     """(n, steps + 1, 2) in the map frame."""
@@ -103,16 +103,16 @@ class MPPIController(PathFollower):
         self._turning = False
         self.shortfalls = 0
         """How often the batch was made smaller, see `batch_size`."""
-        self._origin: tuple[float, float] | None = None
-        """Where the rollouts of the last period begin."""
+        self._origin: tuple[float, float] | None
+        """Where the rollouts of the last period begin; None: it had none."""
         self._resize(self._batch)
         self._begin()
 
     @property
     def batch_size(self) -> int:
-        """Number of trajectories. The caller, who may read a clock, makes it smaller where a step
-        misses its time, which `shortfalls` counts, and larger again later. In simulation the time
-        a step takes must not change what it computes, so nobody does.
+        """Number of trajectories. The caller makes it smaller where control periods are missed,
+        which `shortfalls` counts, and larger again later. How long a step takes must not change
+        what it computes where none is missed.
         """
         return self._batch
 
@@ -150,6 +150,7 @@ class MPPIController(PathFollower):
         self._since_optimised = self._params.periods_per_optimisation
         """Periods that the sequence was used for; it begins as used up."""
         self._turning = False
+        self._origin = None
 
     def _drive(
         self, elapsed_s: float, around: Surroundings, path: PlannedPath
@@ -158,11 +159,14 @@ class MPPIController(PathFollower):
         local = self._handler.local(path, around.map_from_base, _PATH_SPACING_M)
         turned = self._turn_to_path(elapsed_s, around, local)
         if turned is not None:
+            self._origin = None
             self._remember(turned)
             return turned, False
-        if self._since_optimised < p.periods_per_optimisation and not around.tracks:
+        if self._since_optimised < p.periods_per_optimisation and not (
+            around.tracks or around.turning
+        ):
             # Shifted, it is still the best that is known: no newer scan has come.
-            velocity = self._from_sequence(elapsed_s)
+            velocity = self._from_sequence(elapsed_s, around.speed_limit_m_s)
             if self._can_stop(around, velocity):
                 self._remember(velocity)
                 return velocity, False
@@ -177,7 +181,7 @@ class MPPIController(PathFollower):
                 # Around a standstill: a sequence that collides leads nowhere.
                 self._linear[:] = self._angular[:] = 0.0
             if self._optimise(start, around, local, path.goal):
-                velocity = self._from_sequence(elapsed_s)
+                velocity = self._from_sequence(elapsed_s, around.speed_limit_m_s)
                 if self._can_stop(around, velocity):
                     self._since_optimised = 0
                     self._remember(velocity)
@@ -186,8 +190,10 @@ class MPPIController(PathFollower):
         velocity = self._robot.limited(STOP, self._velocity, elapsed_s)
         return velocity, True
 
-    def _from_sequence(self, elapsed_s: float) -> Velocity:
-        wanted = Velocity(float(self._linear[0]), float(self._angular[0]))
+    def _from_sequence(self, elapsed_s: float, speed_limit_m_s: float) -> Velocity:
+        # The limit may be lower than that of the place where the sequence was found.
+        linear = min(max(float(self._linear[0]), -speed_limit_m_s), speed_limit_m_s)
+        wanted = Velocity(linear, float(self._angular[0]))
         return self._robot.limited(wanted, self._velocity, elapsed_s)
 
     def _limits_at(self, speed_limit_m_s: float) -> Limits:
@@ -251,9 +257,8 @@ class MPPIController(PathFollower):
             self._noise = self._new_noise()
         _set_start(rollouts, start, yaw_rad)
         first = int(self._random.integers(0, p.batch_size * _BANK - size))
-        linear, angular = (noise[:, first : first + size] for noise in self._noise)
         roll_out(
-            self._linear, self._angular, linear, angular, self._constant, self._limits, rollouts
+            self._linear, self._angular, *self._noise, first, self._constant, self._limits, rollouts
         )
 
     def _scene(self, around: Surroundings, local: LocalPath, goal: SE2) -> Scene:
@@ -341,7 +346,7 @@ class MPPIController(PathFollower):
     def _follows_free(self, start: Velocity, around: Surroundings, scene: Scene) -> bool:
         p, one = self._params, self._one
         _set_start(one, start, around.map_from_base.yaw_rad)
-        roll_out(self._linear, self._angular, *self._still, self._none, self._limits, one)
+        roll_out(self._linear, self._angular, *self._still, 0, self._none, self._limits, one)
         steps = min(round(p.collision_lookahead_time / p.model_dt), p.time_steps)
         clearance_m = sequence_clearance_m(
             one, steps, self._discs, self._window.distance_m, self._window.low_m,
@@ -361,10 +366,13 @@ class MPPIController(PathFollower):
         return first_contact_s(around, velocity, 0.6 * horizon_s) == math.inf
 
     def trajectories(self, count: int = 30) -> Trajectories | None:
-        """The best rollouts of the last period, for drawing; None where it had none."""
+        """Rollouts of the last period, for drawing: the cheapest, the dearest, and between them
+        evenly by their rank. None where it had none.
+        """
         if self._origin is None:
             return None
-        order = np.argsort(self._costs, kind="stable")[:count]
+        ranks = np.linspace(0, self._batch - 1, min(count, self._batch)).astype(np.int64)
+        order = np.argsort(self._costs, kind="stable")[ranks]
         rollouts, one = self._rollouts, self._one
         at = np.array(self._origin)
         points = np.stack([rollouts.x_m[:, order].T, rollouts.y_m[:, order].T], axis=-1)
@@ -425,7 +433,7 @@ def _tracks(around: Surroundings, window: ClearanceWindow, horizon_s: float) -> 
     """(k, 6) the moving obstacles from where the robot is, see Scene."""
     pose = around.map_from_base
     rows = []
-    for t in around.tracks:
+    for t in (*around.tracks, *around.turning):
         x, y = t.x_m - pose.x_m, t.y_m - pose.y_m
         vx, vy = t.velocity_x_m_s, t.velocity_y_m_s
         until_s = window.time_to_wall_s(x, y, vx, vy, 0.8 * t.radius_m, horizon_s)

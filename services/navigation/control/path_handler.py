@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.common.frames import SE2, Array
-from services.navigation.planning.path import PlannedPath
+from services.navigation.planning.path import PlannedPath, even_points
 
 
 class PathHandlerParams(BaseModel):
@@ -63,14 +62,7 @@ class PathHandler:
         remaining_m = max(path.length_m - first_m, 0.0)
         length_m = min(remaining_m, self._params.prune_distance)
         count = max(1, round(length_m / spacing_m))
-        at_m = first_m + np.linspace(0.0, length_m, count + 1)
-        points_m = np.stack(
-            [
-                np.interp(at_m, path.along_m, path.points_m[:, 0]),
-                np.interp(at_m, path.along_m, path.points_m[:, 1]),
-            ],
-            axis=1,
-        )
+        points_m = even_points(path.points_m, path.along_m, first_m, length_m, count)
         step_m = max(length_m / count, 1e-6)
         return LocalPath(points_m, step_m, remaining_m, length_m >= remaining_m)
 

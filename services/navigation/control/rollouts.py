@@ -146,6 +146,7 @@ def roll_out(
     angular_mean_rad_s: Floats,
     linear_noise: Floats,
     angular_noise: Floats,
+    first: int,
     constant: Floats,
     limits: Limits,
     rollouts: Rollouts,
@@ -158,18 +159,21 @@ def roll_out(
     Args:
         linear_mean_m_s: (steps,), the sequence around which is searched.
         angular_mean_rad_s: (steps,).
-        linear_noise: (steps, batch).
-        angular_noise: (steps, batch).
+        linear_noise: (steps, columns).
+        angular_noise: (steps, columns).
+        first: column of the noise that the first rollout takes; the others follow.
         constant: (n, 2) float32, speeds that the first n rollouts want instead at all times.
         limits: of the robot.
         rollouts: (steps + 1, batch) each.
     """
     v, w, x, y, c, s = rollouts
     half_s = limits.step_s * _HALF
+    end = first + v.shape[1]
     for k in range(linear_mean_m_s.size):
         _limited(
             linear_mean_m_s[k],
-            linear_noise[k],
+            # Of a row, so that it counts as contiguous and compiles to vector instructions.
+            linear_noise[k][first:end],
             limits.linear_min_m_s,
             limits.linear_max_m_s,
             v[k],
@@ -179,7 +183,7 @@ def roll_out(
         )
         _limited(
             angular_mean_rad_s[k],
-            angular_noise[k],
+            angular_noise[k][first:end],
             -limits.angular_max_rad_s,
             limits.angular_max_rad_s,
             w[k],

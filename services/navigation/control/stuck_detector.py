@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -89,9 +90,15 @@ class StuckDetector:
 
     def _judge(self) -> Stuck | None:
         p, samples = self._params, list(self._samples)
-        told_m = sum(each.commanded_m for each in samples[1:])
-        told_rad = sum(each.commanded_rad for each in samples[1:])
+        told_m = sum([each.commanded_m for each in samples[1:]])
+        told_rad = sum([each.commanded_rad for each in samples[1:]])
         odom_m, odom_rad = _moved([each.odom_from_base for each in samples])
+        # Most often the newest pose alone shows that the robot moves.
+        ends = _moved([samples[0].map_from_base, samples[-1].map_from_base])
+        if not self._lacks(told_m, told_rad, odom_m, odom_rad) and not self._lacks(
+            odom_m, odom_rad, *ends
+        ):
+            return None
         true_m, true_rad = _moved([each.map_from_base for each in samples])
         seconds = p.time_allowance
         if self._lacks(told_m, told_rad, odom_m, odom_rad):
@@ -116,8 +123,8 @@ def _moved(poses: list[SE2]) -> tuple[float, float]:
     """Greatest distance, and greatest turn, from the first pose: noise about one place does not
     add up.
     """
-    first = poses[0]
+    x_m, y_m, yaw_rad = poses[0]
     return (
-        max(pose.distance_m(first) for pose in poses),
-        max(abs(wrap_angle(pose.yaw_rad - first.yaw_rad)) for pose in poses),
+        max([math.hypot(x - x_m, y - y_m) for x, y, _ in poses]),
+        max([abs(wrap_angle(yaw - yaw_rad)) for _, _, yaw in poses]),
     )

@@ -20,6 +20,10 @@ from services.navigation.costmap.layered_costmap import GridFrame
 _GATE = 9.2
 """99 % of the squared, normalised distances of two dimensions are less (chi square)."""
 _MOST_CLUSTERS = 64
+_RESTART_S = 0.6
+"""What has moved before and comes far enough within this time moves again."""
+_STOPPING = 0.7
+_BEFORE_WALL_M = 0.2
 _FAR_S = 1.0
 """Scans farther apart than this begin anew: nothing can be associated."""
 
@@ -57,6 +61,14 @@ class TrackerParams(BaseModel):
         description="s; a track stands only after it was slow for this long, so that one "
         "that turns back goes on moving",
     )
+    restart_displacement: float = Field(
+        0.05, ge=0, description="m; one that has moved before moves again after this way"
+    )
+    turning_time: float = Field(
+        5.0,
+        ge=0,
+        description="s; one that has stopped before a wall is expected to turn back for this long",
+    )
 
 
 @dataclass(slots=True)
@@ -80,6 +92,11 @@ class _Filter:
     came_far: bool = False
     fast_s: float = -math.inf
     """When it last was fast."""
+    fast_vx: float = 0.0
+    fast_vy: float = 0.0
+    """Its velocity then."""
+    at_wall: bool = False
+    """Whether its way then ended before a wall."""
 
     def predict(self, stamp_s: float, acceleration_std: float) -> None:
         """White acceleration, held for the whole step."""
@@ -136,7 +153,12 @@ class ObstacleTracker:
         self._filters, self._stamp_s = [], None
 
     def update(
-        self, stamp_s: float, points_m: Array, static_distance_m: Distance, frame: GridFrame
+        self,
+        stamp_s: float,
+        points_m: Array,
+        static_distance_m: Distance,
+        frame: GridFrame,
+        static_margin_m: float = math.inf,
     ) -> NDArray[np.bool_]:
         """Take a scan.
 
@@ -145,6 +167,8 @@ class ObstacleTracker:
             points_m: (n, 2) float64 its points in the map frame, in the order of the beams.
             static_distance_m: (rows, columns) distance from the static map's obstacles.
             frame: of that map.
+            static_margin_m: instead of the parameter where it is less: the better the pose is
+                known, the nearer to walls obstacles are seen.
 
         Returns (n,): points that belong to an obstacle that moves, which should not be marked in a
         costmap.
@@ -160,7 +184,8 @@ class ObstacleTracker:
         discs = np.zeros((_MOST_CLUSTERS, 4))
         count = _clusters(
             np.ascontiguousarray(points_m, np.float64), static_distance_m, frame.resolution_m,
-            frame.origin_x_m, frame.origin_y_m, p.static_margin, p.cluster_gap, labels, discs,
+            frame.origin_x_m, frame.origin_y_m, min(p.static_margin, static_margin_m),
+            p.cluster_gap, labels, discs,
         )  # fmt: skip
         found = [
             (i, x, y, radius)
@@ -173,8 +198,10 @@ class ObstacleTracker:
         self._filters = [each for each in self._filters if each.misses < p.misses_to_drop]
         for number, cluster in cluster_of.items():
             track = next((each for each in self._filters if each.number == number), None)
-            if track is not None and self._note_motion(track, stamp_s):
-                nothing |= labels == cluster
+            if track is not None:
+                track.at_wall = self._is_at_wall(track, static_distance_m, frame)
+                if self._note_motion(track, stamp_s):
+                    nothing |= labels == cluster
         return nothing
 
     def _associate(
@@ -214,10 +241,34 @@ class ObstacleTracker:
         p = self._params
         track.places = [*(t for t in track.places if t[0] > stamp_s - 2.0)]
         track.places.append((stamp_s, track.x, track.y))
-        far_m = max(math.hypot(track.x - x, track.y - y) for _, x, y in track.places)
-        if track.speed > p.moving_speed and far_m > p.moving_displacement:
+        since_s = stamp_s - _RESTART_S if track.came_far else -math.inf
+        far_m = max(math.hypot(track.x - x, track.y - y) for t, x, y in track.places if t > since_s)
+        needed_m = p.restart_displacement if track.came_far else p.moving_displacement
+        if track.speed > p.moving_speed and far_m > needed_m:
             track.came_far, track.fast_s = True, stamp_s
+            onward = track.vx * track.fast_vx + track.vy * track.fast_vy
+            before = track.fast_vx * track.fast_vx + track.fast_vy * track.fast_vy
+            # While it stops, its last full speed is kept.
+            if not 0.0 < onward < _STOPPING * before:
+                track.fast_vx, track.fast_vy = track.vx, track.vy
         return self._moves(track)
+
+    def _is_at_wall(self, track: _Filter, distance_m: Distance, frame: GridFrame) -> bool:
+        """Whether the way that it came ends just before it."""
+        speed = math.hypot(track.fast_vx, track.fast_vy)
+        if speed == 0.0:
+            return False
+        rows, columns = distance_m.shape
+        for step in range(1, round(_BEFORE_WALL_M / frame.resolution_m) + 1):
+            ahead_m = (track.radius + step * frame.resolution_m) / speed
+            column, row = frame.place(
+                track.x + track.fast_vx * ahead_m, track.y + track.fast_vy * ahead_m
+            )
+            if not (0.0 <= column < columns and 0.0 <= row < rows):
+                return True
+            if distance_m[int(row), int(column)] <= 0.5 * frame.resolution_m:
+                return True
+        return False
 
     def _moves(self, track: _Filter) -> bool:
         p = self._params
@@ -230,6 +281,20 @@ class ObstacleTracker:
     def moving(self, now_s: float) -> tuple[Track, ...]:
         """The obstacles that move, where they are at a time."""
         return tuple(_track_at(each, now_s) for each in self._filters if self._moves(each))
+
+    def turning(self) -> tuple[Track, ...]:
+        """The obstacles that have moved and now stand before a wall, with the velocity with which
+        they will turn back.
+        """
+        p = self._params
+        found = []
+        for each in self._filters:
+            stood_s = each.stamp_s - each.fast_s
+            stopped = each.came_far and each.at_wall and not self._moves(each)
+            if stopped and each.hits >= p.hits_to_confirm and stood_s <= p.turning_time:
+                back = -each.fast_vx, -each.fast_vy
+                found.append(Track(each.number, each.x, each.y, *back, each.radius))
+        return tuple(found)
 
     def tracks(self, now_s: float) -> tuple[Track, ...]:
         """All confirmed obstacles, moving or not."""

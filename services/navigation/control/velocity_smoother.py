@@ -6,12 +6,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
 
 from services.navigation.control.collision import STOP, Velocity
+from services.navigation.control.controller import ControllerParams
 
 Feedback = Literal["OPEN_LOOP", "CLOSED_LOOP"]
 
+_ROUNDING: Final = 1e-9
+"""A command that keeps to the limits by its own arithmetic passes unchanged."""
+_Most = Annotated[float, Field(ge=0.0)]
+_Least = Annotated[float, Field(le=0.0)]
+_Accel = Annotated[float, Field(gt=0.0)]
+_Decel = Annotated[float, Field(lt=0.0)]
 _MAX_VELOCITY, _MIN_VELOCITY = Velocity(0.46, 1.9), Velocity(-0.46, -1.9)
 _MAX_ACCEL, _MAX_DECEL = Velocity(1.0, 2.0), Velocity(-1.0, -2.0)
 
@@ -48,6 +57,57 @@ class VelocitySmootherParams:
                     raise ValueError(f"{field} {value:g} in {axis}: must be {must}")
         if not self.velocity_timeout_s >= 0.0:
             raise ValueError(f"velocity_timeout {self.velocity_timeout_s:g}: must be at least 0 s")
+
+
+class VelocitySmootherConfig(ControllerParams):
+    """Names, and the three values for x, y and theta, as in Nav2; the robot has no y."""
+
+    feedback: Feedback = Field(
+        "OPEN_LOOP",
+        description="OPEN_LOOP: goes on from its last command; CLOSED_LOOP: from odometry",
+    )
+    scale_velocities: bool = Field(
+        False, description="limit both axes by one factor, which keeps the curvature"
+    )
+    max_velocity: tuple[_Most, _Most, _Most] = Field(
+        (0.46, 0.0, 1.9), description="m/s, m/s, rad/s; the robot's own limits are 0.46 and 1.9"
+    )
+    min_velocity: tuple[_Least, _Least, _Least] = Field(
+        (-0.46, 0.0, -1.9), description="m/s, m/s, rad/s; backwards and clockwise"
+    )
+    max_accel: tuple[_Accel, float, _Accel] | None = Field(
+        None, description="m/s2, m/s2, rad/s2; none: max_linear_accel and max_angular_accel"
+    )
+    max_decel: tuple[_Decel, float, _Decel] | None = Field(
+        None, description="m/s2, m/s2, rad/s2, negative; none: as strong as the acceleration"
+    )
+    deadband_velocity: tuple[_Most, _Most, _Most] = Field(
+        (0.0, 0.0, 0.0), description="m/s, m/s, rad/s; slower commands are sent as 0"
+    )
+    velocity_timeout: float = Field(
+        1.0, ge=0, description="s; a command this old is followed by a ramp to a stop"
+    )
+
+    def params(
+        self, max_linear_accel_m_s2: float, max_angular_accel_rad_s2: float
+    ) -> VelocitySmootherParams:
+        """With the accelerations of the robot where none are given here."""
+        accel = self.max_accel or (max_linear_accel_m_s2, 0.0, max_angular_accel_rad_s2)
+        decel = self.max_decel or (-accel[0], 0.0, -accel[2])
+        return VelocitySmootherParams(
+            feedback=self.feedback,
+            scale_velocities=self.scale_velocities,
+            max_velocity=_planar(self.max_velocity),
+            min_velocity=_planar(self.min_velocity),
+            max_accel=_planar(accel),
+            max_decel=_planar(decel),
+            deadband_velocity=_planar(self.deadband_velocity),
+            velocity_timeout_s=self.velocity_timeout,
+        )
+
+
+def _planar(values: tuple[float, float, float]) -> Velocity:
+    return Velocity(values[0], values[2])
 
 
 class VelocitySmoother:
@@ -124,7 +184,7 @@ class VelocitySmoother:
         ):
             # Faster in the same direction is acceleration, everything else deceleration.
             faster = abs(wanted) >= abs(now) and now * wanted >= 0.0
-            most = (accel if faster else -decel) * elapsed_s
+            most = (accel if faster else -decel) * elapsed_s + _ROUNDING
             change = wanted - now
             changes.append(change)
             shares.append(min(1.0, most / abs(change)) if change != 0.0 else 1.0)

@@ -191,6 +191,17 @@ class LayeredCostmap:
         self._combine_static()
         self._combine(None)
 
+    def with_keepout(self, zone_costs: Costs) -> tuple[Costmap, Costmap]:
+        """The static and the combined costmap as they would be with other keepout zones, (rows,
+        columns) as for `set_keepout`.
+        """
+        whole = 0, self.frame.rows, 0, self.frame.columns
+        static, master = self._blank(), self._blank()
+        nothing = np.zeros(self._base.shape, np.bool_)
+        for costmap, marked in ((static, nothing), (master, self._obstacles.marked)):
+            self._compose(costmap, marked, whole, zone_costs)
+        return static, master
+
     def _walls_m(self) -> Clearance | None:
         return self.static.distance_m
 
@@ -227,10 +238,13 @@ class LayeredCostmap:
         self._compose(self.master, self._obstacles.marked, window)
         self.revision += 1
 
-    def _compose(self, costmap: Costmap, marked: Mask, window: Window) -> None:
+    def _compose(
+        self, costmap: Costmap, marked: Mask, window: Window, zones: Costs | None = None
+    ) -> None:
         inflation = self._inflation
         compose(
-            costmap.costs, costmap.distance_m, self._squares, self._base, self._zones, marked,
+            costmap.costs, costmap.distance_m, self._squares, self._base,
+            self._zones if zones is None else zones, marked,
             inflation.cost, inflation.distance_m, inflation.reach, inflation.inflate_unknown,
             *window,
         )  # fmt: skip

@@ -438,11 +438,19 @@ def denoised_ranges(
         ranges_m: (n,), in order; `inf`, `-inf` and NaN are kept.
         same_surface_m: neighbours that differ by more are not on one surface.
     """
-    ranges = np.asarray(ranges_m, np.float32)
-    before, after = np.roll(ranges, 1), np.roll(ranges, -1)
-    with np.errstate(invalid="ignore"):
-        same = (np.abs(before - ranges) < same_surface_m) & (
-            np.abs(after - ranges) < same_surface_m
-        )
-        mean = (before + ranges + after) / np.float32(3.0)
-    return np.where(same, mean, ranges)
+    ranges = np.array(ranges_m, np.float32)
+    out = np.empty_like(ranges)
+    _denoise(ranges, np.float32(same_surface_m), out)
+    return out
+
+
+@kernel(error_model="numpy")
+def _denoise(
+    ranges: NDArray[np.float32], same_surface_m: np.float32, out: NDArray[np.float32]
+) -> None:
+    count = ranges.size
+    for i in range(count):
+        before, here, after = ranges[i - 1], ranges[i], ranges[i + 1 if i + 1 < count else 0]
+        # Neither holds for what is infinite or no number.
+        same = abs(before - here) < same_surface_m and abs(after - here) < same_surface_m
+        out[i] = (before + here + after) / np.float32(3.0) if same else here

@@ -11,7 +11,7 @@ from services.common.frames import SE2
 from services.navigation.costmap.layered_costmap import NO_INFORMATION, Costmap
 from services.navigation.errors import NavigationError
 from services.navigation.planning.a_star import Workspace
-from services.navigation.planning.regions import OF_GOAL, OF_START, mark_region, thinnest_place
+from services.navigation.planning.regions import OF_GOAL, OF_START, thinnest_place
 from services.navigation.planning.search_grid import NARROW, Cell, SearchGrid
 
 _NARROW_WEIGHT, _SOLID_WEIGHT = 1, 3
@@ -45,9 +45,10 @@ def no_way(
     start = asked.start_cell[0] * stride + asked.start_cell[1]
     goal = asked.goal_cell[0] * stride + asked.goal_cell[1]
     kept.marks[:] = 0
-    of_start = mark_region(grid.cells, start, OF_START, kept.marks, kept.queue)
-    of_goal = mark_region(grid.cells, goal, OF_GOAL, kept.marks, kept.queue)
-    from_goal = bool(of_goal < of_start)
+    regions = kept.regions
+    of_start = regions.mark(regions.at(start), OF_START, kept.marks)
+    of_goal = regions.mark(regions.at(goal), OF_GOAL, kept.marks)
+    from_goal = of_goal < of_start
     at = -1
     for fixed in ([] if static is None else [static.cells]) + [np.empty((0, 0), np.uint8)]:
         at = int(

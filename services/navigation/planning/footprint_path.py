@@ -11,7 +11,7 @@ from services.common import portable
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.navigation.costmap.footprint import Footprint
-from services.navigation.costmap.layered_costmap import Costmap
+from services.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, Costmap
 from services.navigation.errors import NavigationError
 from services.navigation.planning.a_star import FOUND, GAVE_UP, Workspace, a_star, buckets_for
 from services.navigation.planning.footprint_check import CLEAR, first_obstruction
@@ -34,6 +34,8 @@ _SMALL_CELLS: Final = 500_000
 _SLACK_CELLS: Final = 400.0
 """On larger maps, by how much a way may be longer than the shortest one of a point."""
 _MOST_STATES: Final = 500_000
+_SAMPLES: Final = 8
+"""Of a segment, which is no longer than a cell, that are tested for keepout zones."""
 _BLEND: Final = 10
 """Over so many points the path leads from the exact start to the lattice, and from it to the goal.
 """
@@ -81,7 +83,12 @@ def through_narrow_places(
     points, yaws_rad, backwards = _without_turns(poses, goal.yaw_rad)
     if len(points) == 1:
         points, yaws_rad = np.repeat(points, 2, axis=0), np.repeat(yaws_rad, 2)
-    points = _ended(points, at_start, at_goal)
+    points, lattice = _ended(points, at_start, at_goal), points
+    if _enters_zone(costmap, grid, points):
+        points = lattice.copy()
+        points[0], points[-1] = at_start, at_goal
+        if _enters_zone(costmap, grid, points):
+            return None
     if backwards.any():
         return points, yaws_rad, backwards
     tried = max(passes, 1)
@@ -94,7 +101,7 @@ def through_narrow_places(
             distance_m, resolution_m, footprint.points_m, footprint.circles, smooth,
             start.yaw_rad, goal.yaw_rad,
         )  # fmt: skip
-        if at == CLEAR:
+        if at == CLEAR and not _enters_zone(costmap, grid, smooth):
             return smooth, yaws_rad, None
         tried //= 2
     return points, yaws_rad, None
@@ -113,6 +120,20 @@ def _without_turns(poses: Array, goal_yaw_rad: float) -> tuple[Array, Array, NDA
     yaws_rad = left[:, 2].copy()
     yaws_rad[-1] = goal_yaw_rad
     return np.ascontiguousarray(left[:, :2]), yaws_rad, backwards
+
+
+def _enters_zone(costmap: Costmap, grid: SearchGrid, points: Array) -> bool:
+    """Whether a path of (n, 2) points in cells touches a keepout zone: lethal cells that are no
+    obstacles, of which the footprint's checks know nothing.
+    """
+    zones = (costmap.costs == LETHAL_OBSTACLE) & (costmap.distance_m > 0.0)
+    if not zones.any():
+        return False
+    shares = np.arange(_SAMPLES)[:, None, None] / _SAMPLES
+    fine = points[:-1] + shares * np.diff(points, axis=0)
+    places_m = grid.in_map(np.concatenate([fine.reshape(-1, 2), points[-1:]]))
+    cells = [costmap.frame.cell(x_m, y_m) for x_m, y_m in places_m.tolist()]
+    return any(cell is not None and zones[cell] for cell in cells)
 
 
 def _ended(points: Array, start: tuple[float, float], goal: tuple[float, float]) -> Array:

@@ -30,7 +30,11 @@ from services.navigation.planning.smoothing import (
     tightened,
 )
 
-_PER_CELL: Final = 8.0
+_PER_CELL: Final = 64.0
+"""Buckets of the search for a length of one cell: the finer they are, the fewer cells it expands
+again.
+"""
+_ANY_ANGLE_PER_CELL: Final = 8.0
 _TIGHTENING_PASSES: Final = 12
 _GIVE: Final = 0.5
 """How much nearer to an obstacle a rounded corner may come, in cells."""
@@ -39,10 +43,6 @@ _LONGER: Final = 1.002
 """A rounded path may cost this many times what it did with corners; the shortest, be this many
 times as long.
 """
-
-
-class NoWayError(Exception):
-    """The two cells are in different regions."""
 
 
 class Ends(NamedTuple):
@@ -68,9 +68,10 @@ def free_path(
     price: Prices,
     kept: Workspace,
 ) -> Array:
-    """(n, 2) points in cells of a path that touches only cells below NARROW.
+    """(n, 2) points in cells of a path that touches only cells below NARROW; both ends must be in
+    one region of these.
 
-    Raises NoWayError where there is none, and NavigationError with PLANNER_TIMEOUT.
+    Raises NavigationError with PLANNER_TIMEOUT.
     """
     path = None
     if params.algorithm == "any_angle" and params.cost_travel_multiplier <= 0.0:
@@ -105,7 +106,7 @@ def _shortest(grid: SearchGrid, ends: Ends, params: PlannerParams, kept: Workspa
     (start_x, start_y), (goal_x, goal_y) = ends.begin(), ends.goal_at
     status, corners = anya(
         grid.cells, NARROW, left, right, start_x + 0.5, start_y + 0.5, goal_x + 0.5, goal_y + 0.5,
-        params.max_iterations, _PER_CELL, kept.cost_to_come,
+        params.max_iterations, _ANY_ANGLE_PER_CELL, kept.cost_to_come,
     )  # fmt: skip
     _raise(status, params)
     return pulled_off_corners(grid.cells, NARROW, corners)
@@ -117,8 +118,7 @@ def _raise(status: int, params: PlannerParams) -> None:
             ErrorCode.PLANNER_TIMEOUT,
             f"no path found within {params.max_iterations} cells: raise max_planning_iterations",
         )
-    if status == NO_WAY:
-        raise NoWayError
+    assert status != NO_WAY
 
 
 def _rounded(

@@ -42,10 +42,7 @@ class PlannedPath:
         """Index of the point nearest to a position, from index `first` on and within `window_m` of
         path.
         """
-        last = int(np.searchsorted(self.along_m, self.along_m[first] + window_m, side="right"))
-        part = self.points_m[first:last]
-        squares = portable.square(part[:, 0] - x_m) + portable.square(part[:, 1] - y_m)
-        return first + int(np.argmin(squares))
+        return int(_nearest(self.points_m, self.along_m, x_m, y_m, first, window_m))
 
     def point_at(self, along_m: float) -> tuple[float, float]:
         """The point at a length along the path; beyond its ends the end points."""
@@ -71,6 +68,45 @@ def resample(points_m: Array, spacing_m: float) -> Array:
 
 
 @kernel()
+def _nearest(
+    points_m: Array, along_m: Array, x_m: float, y_m: float, first: int, window_m: float
+) -> int:
+    most_m = along_m[first] + window_m
+    best, least = first, np.inf
+    for i in range(first, len(points_m)):
+        if along_m[i] > most_m:
+            break
+        dx, dy = points_m[i, 0] - x_m, points_m[i, 1] - y_m
+        square = dx * dx + dy * dy
+        if square < least:
+            best, least = i, square
+    return best
+
+
+@kernel(error_model="numpy")
+def even_points(
+    points_m: Array, along_m: Array, first_m: float, length_m: float, count: int
+) -> Array:
+    """(count + 1, 2) points of a path at even steps over a length of it; beyond its ends the end
+    points.
+    """
+    made = np.empty((count + 1, 2))
+    last = len(along_m) - 1
+    i = 0
+    for k in range(count + 1):
+        at_m = first_m + (length_m if k == count else k * (length_m / count))
+        while i < last and along_m[i + 1] <= at_m:
+            i += 1
+        for axis in range(2):
+            here = points_m[i, axis]
+            if i < last and at_m > along_m[i]:
+                slope = (points_m[i + 1, axis] - here) / (along_m[i + 1] - along_m[i])
+                here += slope * (at_m - along_m[i])
+            made[k, axis] = here
+    return made
+
+
+@kernel()
 def _headings_rad(steps: Array) -> Array:
     yaws_rad = np.empty(len(steps))
     for i in range(len(steps)):
@@ -80,6 +116,7 @@ def _headings_rad(steps: Array) -> Array:
 
 def path_through(points_m: Array, goal_yaw_rad: float) -> PlannedPath:
     """Path of (n, 2) points that ends with the goal's heading."""
+    points_m = np.ascontiguousarray(points_m, np.float64)
     steps = np.diff(points_m, axis=0)
     lengths_m = portable.hypot_each(steps[:, 0], steps[:, 1])
     yaws_rad = np.append(_headings_rad(steps), goal_yaw_rad)

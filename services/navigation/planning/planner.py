@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.navigation.costmap.layered_costmap import Costmap
 from services.navigation.errors import NavigationError
-from services.navigation.planning.a_star import (
-    Workspace,
-)
+from services.navigation.planning.a_star import Workspace
 from services.navigation.planning.blocked import Query, no_way
 from services.navigation.planning.ends import (
     check_goal,
@@ -25,16 +22,11 @@ from services.navigation.planning.ends import (
 )
 from services.navigation.planning.footprint_check import CLEAR, first_obstruction, hits
 from services.navigation.planning.footprint_path import through_narrow_places
-from services.navigation.planning.grid_path import Ends, NoWayError, free_path
+from services.navigation.planning.grid_path import Ends, free_path
 from services.navigation.planning.interface import GlobalPlanner, PlannerName, PlannerParams
 from services.navigation.planning.lines import polyline_cost
 from services.navigation.planning.path import PlannedPath, path_through
-from services.navigation.planning.regions import (
-    OF_GOAL,
-    OF_START,
-    are_apart,
-    mark_region,
-)
+from services.navigation.planning.regions import OF_GOAL, OF_START
 from services.navigation.planning.search_grid import (
     NARROW,
     SOLID,
@@ -45,9 +37,6 @@ from services.navigation.planning.search_grid import (
 )
 
 __all__ = ["GlobalPlanner", "Planner", "PlannerName", "PlannerParams", "check_goal"]
-
-_SHARE_EXAMINED: Final = 4
-"""One in so many of all cells, from each end, is examined for whether a path exists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +94,7 @@ class Planner:
         task = self._joined(task, tolerance_m, static)
         if not grid.is_free(task.goal_cell):
             return self._narrow(task, f"does not fit through to ({goal.x_m:.2f}, {goal.y_m:.2f})")
-        try:
-            path = self._searched(task)
-        except NoWayError:
-            task = self._rejoined(task, tolerance_m, static)
-            path = self._searched(task)
+        path = self._searched(task)
         footprint = params.footprint
         if footprint is None:
             return self._planned(task, path)
@@ -165,13 +150,13 @@ class Planner:
         )  # fmt: skip
 
     def _joined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
-        """The task with ends that are not seen to be in different regions of free cells."""
+        """The task with ends in one region of free cells."""
         grid, kept = task.grid, self._kept
         if not grid.is_free(task.goal_cell):
             return task
+        kept.regions.find(grid.cells)
         start, goal = task.index(task.start_cell), task.index(task.goal_cell)
-        most = grid.cells.size // _SHARE_EXAMINED
-        if not are_apart(grid.cells, start, goal, most, kept.marks, kept.queue):
+        if kept.regions.at(start) == kept.regions.at(goal):
             return task
         return self._rejoined(task, tolerance_m, static)
 
@@ -182,7 +167,7 @@ class Planner:
         if not grid.is_free(grid.cell(*task.start[:2]) or task.start_cell):
             # The nearest free cell may be in a pocket that the start is not.
             kept.marks[:] = 0
-            mark_region(grid.cells, goal, OF_GOAL, kept.marks, kept.queue)
+            kept.regions.mark(kept.regions.at(goal), OF_GOAL, kept.marks)
             other = nearest_free_cell(
                 grid, *task.start[:2], self._params.start_tolerance_m, kept.marks, OF_GOAL, True
             )
@@ -255,8 +240,9 @@ class Planner:
 
 def mark_region_anew(task: _Task, kept: Workspace) -> None:
     """Mark the region of the start alone."""
+    kept.regions.find(task.grid.cells)
     kept.marks[:] = 0
-    mark_region(task.grid.cells, task.index(task.start_cell), OF_START, kept.marks, kept.queue)
+    kept.regions.mark(kept.regions.at(task.index(task.start_cell)), OF_START, kept.marks)
 
 
 def _distance_m(one: SE2, other: SE2) -> float:

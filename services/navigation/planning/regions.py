@@ -12,79 +12,113 @@ from services.navigation.costmap.layered_costmap import Costs
 from services.navigation.planning.search_grid import NARROW, SOLID
 
 Marks = NDArray[np.uint8]
-Queue = NDArray[np.int32]
+Runs = NDArray[np.int32]
 
 OF_START: Final = 1
 OF_GOAL: Final = 2
 
 
-@kernel()
-def are_apart(cells: Costs, start: int, goal: int, most: int, marks: Marks, queue: Queue) -> bool:
-    """Whether two cells, given by their flat indices, lie in different regions of free cells, as
-    far as this shows within so many cells: False may also mean that it does not.
+class Regions:
+    """Regions of free cells that paths connect. The memory is kept from grid to grid."""
 
-    Both regions grow in turns until they meet or one has no more cells, so that the time is that of
-    the smaller one. `marks` and `queue`, one value a cell, are overwritten.
-    """
-    stride = cells.shape[1]
-    flat = cells.ravel()
-    if start == goal:
-        return False
-    marks[:] = 0
-    marks[start], marks[goal] = OF_START, OF_GOAL
-    # One queue grows from the array's front, the other from its back.
-    front, front_end = 0, 1
-    last = queue.size - 1
-    back, back_end = last, last - 1
-    queue[front], queue[back] = start, goal
-    while front < front_end and back > back_end:
-        cell = queue[front]
-        front += 1
-        for step in (1, -1, stride, -stride):
-            to = cell + step
-            if marks[to] == 0:
-                if flat[to] < NARROW:
-                    marks[to] = OF_START
-                    queue[front_end] = to
-                    front_end += 1
-            elif marks[to] == OF_GOAL:
-                return False
-        cell = queue[back]
-        back -= 1
-        for step in (1, -1, stride, -stride):
-            to = cell + step
-            if marks[to] == 0:
-                if flat[to] < NARROW:
-                    marks[to] = OF_GOAL
-                    queue[back_end] = to
-                    back_end -= 1
-            elif marks[to] == OF_START:
-                return False
-        if front > most:
-            return False
-    return True
+    def __init__(self) -> None:
+        self._stride = 0
+        self._begin = self._end = self._region = self._first = np.empty(0, np.int32)
+
+    def find(self, cells: Costs) -> None:
+        """Find the regions of a search grid."""
+        rows, columns = cells.shape
+        if (len(self._first), self._stride) != (rows + 1, columns):
+            # Runs have a cell that is not free between them. What is not used takes no memory.
+            most = rows * (columns // 2 + 1)
+            self._begin, self._end, self._region = (np.empty(most, np.int32) for _ in range(3))
+            self._first = np.empty(rows + 1, np.int32)
+            self._stride = columns
+        _label_runs(cells, self._begin, self._end, self._region, self._first)
+
+    def at(self, cell: int) -> int:
+        """The number of a cell's region, by the cell's flat index; -1 where it is not free."""
+        row, column = divmod(cell, self._stride)
+        first, last = self._first[row], self._first[row + 1]
+        run = first + int(np.searchsorted(self._begin[first:last], column, side="right")) - 1
+        if run < first or column >= self._end[run]:
+            return -1
+        return int(self._region[run])
+
+    def mark(self, region: int, value: int, marks: Marks) -> int:
+        """Set the marks, one a cell, of all cells of a region; their count."""
+        return int(
+            _mark(self._begin, self._end, self._region, self._first, self._stride, region, value,
+                  marks)
+        )  # fmt: skip
 
 
 @kernel()
-def mark_region(cells: Costs, start: int, mark: int, marks: Marks, queue: Queue) -> int:
-    """Mark every free cell that a path from a cell reaches; their count. Cells that have the mark
-    already are not entered.
+def _root(parent: Runs, run: int) -> int:
+    while parent[run] != run:
+        parent[run] = parent[parent[run]]
+        run = parent[run]
+    return run
+
+
+@kernel()
+def _label_runs(cells: Costs, begin: Runs, end: Runs, region: Runs, first: Runs) -> None:
+    """Find the runs of free cells in each row, and join those that have cells above each other.
+
+    Args:
+        cells: (rows, columns), with a border.
+        begin: of each run the first column.
+        end: the column after its last.
+        region: the first run of its region.
+        first: (rows + 1,) the first run of each row.
     """
-    stride = cells.shape[1]
-    flat = cells.ravel()
-    marks[start] = mark
-    queue[0] = start
-    at, end = 0, 1
-    while at < end:
-        cell = queue[at]
-        at += 1
-        for step in (1, -1, stride, -stride):
-            to = cell + step
-            if marks[to] != mark and flat[to] < NARROW:
-                marks[to] = mark
-                queue[end] = to
-                end += 1
-    return end
+    rows, columns = cells.shape
+    count, above, above_end = 0, 0, 0
+    for row in range(rows):
+        line = cells[row]
+        first[row] = count
+        column = 0
+        while True:
+            while column < columns and line[column] >= NARROW:
+                column += 1
+            if column == columns:
+                break
+            begin[count] = column
+            while column < columns and line[column] < NARROW:
+                column += 1
+            end[count] = column
+            region[count] = count
+            while above < above_end and end[above] <= begin[count]:
+                above += 1
+            # The last one that is above this run may be above the next one, too.
+            beside, own = above, count
+            while beside < above_end and begin[beside] < column:
+                root = _root(region, beside)
+                if root < own:
+                    region[own] = root
+                    own = root
+                elif root > own:
+                    region[root] = own
+                beside += 1
+            count += 1
+        above, above_end = first[row], count
+    first[rows] = count
+    for run in range(count):
+        region[run] = region[region[run]]
+
+
+@kernel()
+def _mark(
+    begin: Runs, end: Runs, region: Runs, first: Runs, stride: int, chosen: int, value: int,
+    marks: Marks,
+) -> int:  # fmt: skip
+    count = 0
+    for row in range(first.size - 1):
+        for run in range(first[row], first[row + 1]):
+            if region[run] == chosen:
+                marks[row * stride + begin[run] : row * stride + end[run]] = value
+                count += end[run] - begin[run]
+    return count
 
 
 @kernel()

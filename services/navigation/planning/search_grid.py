@@ -75,8 +75,16 @@ def search_grid(costmap: Costmap, passing_radius_m: float, allow_unknown: bool) 
     """
     rows, columns = costmap.costs.shape
     cells = np.empty((rows + 2, columns + 2), np.uint8)
-    _fill(cells, costmap.costs, costmap.clearance_m, passing_radius_m, allow_unknown)
+    known = HIGHEST_COST if allow_unknown else SOLID
+    passing = _least_float32(passing_radius_m)
+    _fill(cells, costmap.costs, costmap.clearance_m, passing, np.uint8(known))
     return SearchGrid(cells, costmap.frame)
+
+
+def _least_float32(value: float) -> np.float32:
+    """The least one that is not below a value: a float32 below either is below both."""
+    nearest = np.float32(value)
+    return nearest if float(nearest) >= value else np.nextafter(nearest, np.float32(np.inf))
 
 
 def prices(weight: float) -> Prices:
@@ -91,21 +99,18 @@ def prices(weight: float) -> Prices:
     return table
 
 
-@kernel()
+@kernel(error_model="numpy")
 def _fill(
-    cells: Costs, costs: Costs, clearance_m: Clearance, passing_radius_m: float, allow_unknown: bool
+    cells: Costs, costs: Costs, clearance_m: Clearance, passing_m: np.float32, unknown: np.uint8
 ) -> None:
     rows, columns = costs.shape
     cells[0, :], cells[rows + 1, :] = BORDER, BORDER
-    known = SOLID
-    if allow_unknown:
-        known = HIGHEST_COST
+    narrow, solid = np.uint8(NARROW), np.uint8(SOLID)
     for row in range(rows):
         cells[row + 1, 0], cells[row + 1, columns + 1] = BORDER, BORDER
+        to, costs_here, clearance_here = cells[row + 1], costs[row], clearance_m[row]
         for column in range(columns):
-            cost = costs[row, column]
-            if cost == 255:
-                cost = known
-            if cost < NARROW and clearance_m[row, column] < passing_radius_m:
-                cost = NARROW
-            cells[row + 1, column + 1] = cost
+            cost = costs_here[column]
+            cost = unknown if cost > solid else cost
+            passes = clearance_here[column] >= passing_m or cost >= narrow
+            to[column + 1] = cost if passes else narrow

@@ -135,6 +135,21 @@ def densified(points: Array, spacing: float) -> Array:
 
 
 @kernel()
+def _is_free(
+    cells: Costs, limit: int, no_price: Prices, x0: float, y0: float, x1: float, y1: float
+) -> bool:
+    """Whether a line touches no cell of value `limit` or more; both its ends are in the grid.
+
+    A line within a cell, or between two beside each other, touches no other.
+    """
+    row, column = math.floor(y0 + 0.5), math.floor(x0 + 0.5)
+    to_row, to_column = math.floor(y1 + 0.5), math.floor(x1 + 0.5)
+    if abs(to_row - row) + abs(to_column - column) <= 1:
+        return bool(cells[row, column] < limit and cells[to_row, to_column] < limit)
+    return bool(np.isfinite(line_cost(cells, limit, no_price, x0, y0, x1, y1, np.inf)))
+
+
+@kernel()
 def rounded(
     cells: Costs,
     limit: int,
@@ -174,13 +189,11 @@ def rounded(
                 continue
             if distance_at(clearance_m, new_x - 0.5, new_y - 0.5) < nearest_m[i]:
                 continue
-            before = line_cost(
-                cells, limit, no_price, points[i - 1, 0], points[i - 1, 1], new_x, new_y, np.inf
-            )
-            after = line_cost(
-                cells, limit, no_price, new_x, new_y, points[i + 1, 0], points[i + 1, 1], np.inf
-            )
-            if np.isfinite(before) and np.isfinite(after):
+            if _is_free(
+                cells, limit, no_price, new_x, new_y, points[i - 1, 0], points[i - 1, 1]
+            ) and _is_free(
+                cells, limit, no_price, new_x, new_y, points[i + 1, 0], points[i + 1, 1]
+            ):
                 points[i, 0], points[i, 1] = new_x, new_y
                 moved = max(moved, square)
         if moved < 1e-5:

@@ -22,6 +22,7 @@ _IN_THE_ROOM: Final = SE2(0.5, 0.5, 0.0)
 def run_planning_kernels() -> None:
     """Plan in a room of 2 m: through it, out of it, into its walls, and where it is too narrow."""
     room = _room(WAFFLE.half_width_m)
+    room.clearance_at(*_IN_THE_ROOM[:2])
     planner = Planner(replace(_PARAMS, allow_reverse=True))
     planner.plan(room, _IN_THE_ROOM, SE2(1.0, 0.9, 0.0))
     questions = (

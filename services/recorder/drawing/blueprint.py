@@ -55,12 +55,16 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
         contents=[
             "+ /map/**",
             "+ /global_costmap/**",
+            "+ /keepout_filter_mask/**",
+            "+ /speed_filter_mask/**",
+            "+ /world/zones/**",
             "+ /world/rooms",
             "+ /world/rooms/names",
             "+ /world/locations/**",
             "+ /entities/**",
             "+ /scan/**",
             "+ /plan/**",
+            "+ /trajectories/**",
             "+ /particle_cloud/**",
             "+ /amcl_pose/**",
             "+ /initialpose/**",
@@ -125,11 +129,12 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
             timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]
         ),
     )
+    tree = rrb.TextDocumentView(name="Behavior tree", origin="/behavior_tree")
     results = rrb.TextDocumentView(name="Results", origin="/evaluation")
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Tabs(maze, plan, results, active_tab=0),
+                rrb.Tabs(maze, plan, tree, results, active_tab=0),
                 rrb.Tabs(log, states, active_tab=0),
                 row_shares=[4, 1],
             ),

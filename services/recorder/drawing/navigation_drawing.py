@@ -163,6 +163,26 @@ def draw_local_costmap(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
         canvas.recording.log(path, _grid(grid, 0.008, 2, colormap))
 
 
+def draw_keepout_mask(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
+    """Where the robot must not drive, in the colours of a costmap."""
+    _draw_mask(canvas, "keepout_filter_mask", grid, 0.010, 4)
+
+
+def draw_speed_mask(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
+    """Where the robot must be slow: from blue to red, the slower."""
+    _draw_mask(canvas, "speed_filter_mask", grid, 0.009, 3)
+
+
+def _draw_mask(
+    canvas: Canvas, path: str, grid: msg.OccupancyGrid, z_m: float, draw_order: int
+) -> None:
+    canvas.at(grid.header.stamp)
+    if canvas.changed(path, grid.data.tobytes()):
+        canvas.frame(path, grid.header.frame_id or MAP_FRAME)
+        colormap = rr.components.Colormap.RvizCostmap
+        canvas.recording.log(path, _grid(grid, z_m, draw_order, colormap))
+
+
 def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     """The path being followed."""
     canvas.at(plan.header.stamp)
@@ -171,6 +191,24 @@ def draw_plan(canvas: Canvas, plan: msg.Path) -> None:
     canvas.frame("plan", plan.header.frame_id or MAP_FRAME, looks)
     strips = [np.array(points, np.float32)] if len(points) > 1 else []
     canvas.recording.log("plan", rr.LineStrips3D(strips))
+
+
+def draw_trajectories(canvas: Canvas, array: msg.MarkerArray) -> None:
+    """The line strips of a controller's rollouts, in their own colours and widths."""
+    strips = [marker for marker in array.markers if marker.type == msg.Marker.LINE_STRIP]
+    if not strips:
+        return
+    canvas.at(strips[0].header.stamp)
+    canvas.frame("trajectories", strips[0].header.frame_id or MAP_FRAME)
+    colors = [(one.color.r, one.color.g, one.color.b, one.color.a) for one in strips]
+    canvas.recording.log(
+        "trajectories",
+        rr.LineStrips3D(
+            [np.array([(p.x, p.y, p.z) for p in one.points], np.float32) for one in strips],
+            colors=colors,
+            radii=[one.scale.x / 2.0 for one in strips],
+        ),
+    )
 
 
 def draw_localization_status(canvas: Canvas, status: doc.LocalizationStatus) -> None:
@@ -198,6 +236,8 @@ def draw_action_feedback(canvas: Canvas, feedback: act.ActionFeedback) -> None:
     path = "navigation/feedback/action"
     if canvas.changed(path, feedback.action):
         canvas.recording.log(path, rr.StateChange(state=feedback.action))
+    if feedback.goal is not None and canvas.changed("goal_pose", (feedback.goal, feedback.goal_id)):
+        _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(feedback.goal.se2()), palette.PLAN)
 
 
 def draw_action_result(canvas: Canvas, result: act.ActionResult) -> None:
@@ -206,6 +246,20 @@ def draw_action_result(canvas: Canvas, result: act.ActionResult) -> None:
     path = "navigation/feedback/action"
     if canvas.changed(path, result.status):
         canvas.recording.log(path, rr.StateChange(state=result.status))
+    if result.goal is not None:
+        color = palette.BAD if result.error_code else palette.GOOD
+        _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
+
+
+def draw_photo_request(canvas: Canvas, request: act.PhotoRequest) -> None:
+    """At which waypoint the next picture is taken."""
+    canvas.recording.at(request.stamp_ns)
+    canvas.recording.log("waypoint_photo/request", rr.TextLog(f"waypoint {request.waypoint}"))
+
+
+def draw_global_localization_request(canvas: Canvas, _: act.Empty) -> None:
+    """That a behaviour tree asks for it, in the log."""
+    canvas.say("navigation/global_localization", "a behaviour tree asks for global localization")
 
 
 def draw_collision_monitor(canvas: Canvas, state: act.CollisionMonitorState) -> None:

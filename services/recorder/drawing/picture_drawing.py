@@ -52,6 +52,13 @@ def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
     canvas.recording.log("camera/color/image_raw", picture)
 
 
+def draw_photo(canvas: Canvas, photo: msg.CompressedImage) -> None:
+    """A picture taken at a waypoint."""
+    canvas.at(photo.header.stamp)
+    picture = rr.EncodedImage(contents=photo.data.tobytes(), media_type="image/png")
+    canvas.recording.log("waypoint_photo", picture)
+
+
 def draw_camera_info(canvas: Canvas, info: msg.CameraInfo) -> None:
     """The camera's view frustum, in its frame."""
     canvas.camera = info

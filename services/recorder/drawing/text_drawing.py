@@ -6,12 +6,13 @@ import re
 
 import rerun as rr
 
-from services.common.goal_table import HEADINGS, error_lines, goal_rows
+from services.common.goal_table import HEADINGS, error_lines, failure_lines, goal_rows
+from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.common.node.diagnostics import (
+    FIGURE_KEYS,
     RATE_KEY,
-    REAL_TIME_FACTOR_KEY,
     REJECTED_KEY,
     WAITING_KEY,
 )
@@ -21,6 +22,7 @@ from services.recorder.drawing.canvas import Canvas, entity_part
 _SECOND_NS = 1_000_000_000
 _MOST_GOALS = 50
 """Goals in the table of results, newest: a run may have thousands, and each one logs a table."""
+_MARKS = {"RUNNING": "▶", "SUCCESS": "✔", "FAILURE": "✖", "SKIPPED": "○", "IDLE": "·"}
 _LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
 
 
@@ -79,7 +81,7 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
         path = f"diagnostics/{entity_part(status.name)}"
         said = [
             (v.key, v.value) for v in status.values
-            if v.value and not v.key.startswith((RATE_KEY, REAL_TIME_FACTOR_KEY))
+            if v.value and v.key not in FIGURE_KEYS and not v.key.startswith(RATE_KEY)
         ]  # fmt: skip
         rejected = any(key.startswith(REJECTED_KEY) for key, _ in said)
         waiting = status.message.startswith("waiting")
@@ -96,6 +98,20 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
             text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
             level = status.level if isinstance(status.level, int) else status.level[0]
             canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
+
+
+def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
+    """The tree, indented, with a mark for what each node answered."""
+    lines = [f"# {_escaped(log.action.replace('_', ' ') or 'no action')}", "", "```"]
+    for node in log.nodes:
+        said = node.kind if node.name == node.kind else f"{node.kind} {node.name!r}"
+        lines.append(f"{_MARKS[node.status]} {'  ' * node.depth}{said.replace('`', ' ')}")
+    legend = "running, succeeded, failed, skipped, not ticked"
+    marks = zip(_MARKS.values(), legend.split(", "), strict=True)
+    lines += ["```", "", ", ".join(f"{mark} {word}" for mark, word in marks)]
+    canvas.recording.at(canvas.now_ns)
+    document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+    canvas.recording.log("behavior_tree", document)
 
 
 def draw_rosout(canvas: Canvas, log: msg.Log) -> None:
@@ -124,6 +140,8 @@ def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = Fa
         lines += [_table_row(row) for row in rows]
     if left_out:
         lines += ["", f"{left_out} earlier goals are in summary.json."]
+    shown = evaluation.goals[-_MOST_GOALS:]
+    lines += ["", *(f"- {_escaped(line)}" for line in failure_lines(shown))]
     lines += ["", *(f"- {line}" for line in error_lines(evaluation))]
     canvas.recording.at(canvas.now_ns)
     document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
@@ -132,4 +150,9 @@ def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = Fa
 
 def _table_row(cells: tuple[str, ...]) -> str:
     """In Markdown; special characters in names are escaped."""
-    return "| " + " | ".join(re.sub(r"([\\`*_\[\]<>|])", r"\\\1", cell) for cell in cells) + " |"
+    return "| " + " | ".join(map(_escaped, cells)) + " |"
+
+
+def _escaped(text: str) -> str:
+    """Text as it is shown, where it may hold Markdown's own characters."""
+    return re.sub(r"([\\`*_\[\]<>|])", r"\\\1", text)

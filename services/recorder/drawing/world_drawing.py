@@ -82,6 +82,8 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
         ),
         static=True,
     )
+    if world.keepout_zones or world.speed_limits:
+        _draw_zones(canvas, world)
     log(
         "world/locations",
         rr.CoordinateFrame(MAP_FRAME),
@@ -101,6 +103,35 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
             labels=[lamp.name for lamp in world.lights],
             colors=[lamp.diffuse for lamp in world.lights],
             radii=0.06,
+        ),
+        static=True,
+    )
+
+
+def _draw_zones(canvas: Canvas, world: doc.World) -> None:
+    """Outlines of keepout zones and of speed limits, each with what it says."""
+    told = [(zone.polygon_m, f"keepout: {zone.name}", palette.BAD) for zone in world.keepout_zones]
+    for zone in world.speed_limits:
+        limit = f"{zone.percent or 0.0:g} %"
+        if zone.speed_limit_m_s is not None:
+            limit = f"{zone.speed_limit_m_s:g} m/s"
+        told.append((zone.polygon_m, f"{limit}: {zone.name}", palette.ESTIMATE))
+    outlines = [np.array([*polygon, polygon[0]]) for polygon, _, _ in told]
+    colors = [color for _, _, color in told]
+    canvas.recording.log(
+        "world/zones",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.LineStrips3D([_on_the_floor(line) for line in outlines], colors=colors, radii=0.02),
+        static=True,
+    )
+    canvas.recording.log(
+        "world/zones/names",
+        rr.CoordinateFrame(MAP_FRAME),
+        rr.Points3D(
+            _on_the_floor(name_places_m(outlines, np.empty((0, 2)))),
+            labels=[name for _, name, _ in told],
+            colors=colors,
+            radii=0.01,
         ),
         static=True,
     )

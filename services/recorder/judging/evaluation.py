@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from services.common.error_codes import ErrorCode
 from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
 from services.common.node import messages as msg
+from services.common.node.action_documents import ActionFeedback, ActionResult
 from services.common.node.documents import (
     BodyEntity,
     Contact,
     Entities,
     Evaluation,
     GoalReport,
+    LocalizationHonesty,
     MarkerEntity,
     NavigationResult,
     World,
@@ -33,6 +35,7 @@ from services.common.node.messages import (
 from services.common.pose_history import PoseHistory
 from services.recorder.judging.driven_way import DrivenWay
 from services.recorder.judging.error_summary import ErrorSummary
+from services.recorder.judging.honesty import inside_95_percent
 from services.recorder.judging.obstacles import obstacles, read_meshes
 from services.recorder.judging.recent_rows import RecentRows
 from services.recorder.judging.shortest_path import ShortestPath
@@ -43,6 +46,11 @@ GOAL_TOLERANCE_RAD = 0.25
 """and within this angle: Nav2's `yaw_goal_tolerance`."""
 SAME_PLACE_M = 1e-3
 """A goal nearer than this to a named location gets its name."""
+
+Result = NavigationResult | ActionResult
+_DRIVE = "navigate_to_pose"
+_PLANAR = np.ix_([0, 1, 5], [0, 1, 5])
+"""Of a pose's covariance: x, y and yaw."""
 
 P = TypeVar("P")
 _Pending = deque[tuple[int, P]]
@@ -112,7 +120,10 @@ class RunEvaluation:
       camera's frame, transformed into the map by the robot's true pose) and its true position.
     - odometry drift: distance between the pose by wheel odometry alone, relative to the world's
       start pose, and the true one, at the newest odometry message.
+    - honesty: the share of those estimates whose 95 % ellipsoid holds the true pose.
     - markers seen: the number of images in which each marker of the world was detected.
+    - a task sent as an action is judged as a goal is: by its goal in the map, or, where it has
+      none, by where it should have led from the true pose at its start.
     - a goal is reached if navigation reports so and the robot's true pose is within 0.25 m and
       0.25 rad of it; its path is the true one, from the start to the end that navigation reports,
       and its shortest path leads from the robot's true position at its start, around the walls and
@@ -129,15 +140,16 @@ class RunEvaluation:
         self._way = DrivenWay()
         self._entities: tuple[MarkerEntity, ...] = ()
         self._standing: tuple[BodyEntity, ...] = ()
-        self._standing_at: dict[int, tuple[BodyEntity, ...]] = {}
-        """Static bodies at the time a goal was sent, by its stamp."""
+        self._standing_at: dict[int | str, tuple[BodyEntity, ...]] = {}
+        """Static bodies at the time a goal was sent, by its stamp or its id."""
         self._static: list[msg.TransformStamped] = []
-        self._estimates: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
+        self._estimates: _Pending[tuple[SE2, Array]] = deque(maxlen=_PENDING_DEPTH)
         self._odometry: _Pending[SE2] = deque(maxlen=_PENDING_DEPTH)
         self._detections: _Pending[msg.Detection3DArray] = deque(maxlen=_PENDING_DEPTH)
-        self._results: _Pending[NavigationResult] = deque(maxlen=_PENDING_DEPTH)
+        self._results: _Pending[Result] = deque(maxlen=_PENDING_DEPTH)
         self._goals: list[_Judged] = []
         self._goal_stamps_ns: set[int] = set()
+        self._goal_ids: set[str] = set()
         self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
         self._contacts: list[Contact] = []
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
@@ -146,6 +158,7 @@ class RunEvaluation:
         self._recent_error_m = RecentRows(1, _RECENT_ESTIMATES, _RECENT_ESTIMATES * 11 // 10)
         self._error_m, self._error_rad = ErrorSummary(), ErrorSummary()
         self._marker_error_m = ErrorSummary()
+        self._estimate_count, self._inside_count = 0, 0
         self._drift_m: float | None = None
 
     def set_entities(self, entities: Entities) -> None:
@@ -174,9 +187,10 @@ class RunEvaluation:
         self._odometry.append((stamp_ns, se2_from_pose(odometry.pose.pose)))
 
     def add_estimate(self, estimate: msg.PoseWithCovarianceStamped) -> None:
-        """Add an estimated pose, map from base_footprint."""
+        """Add an estimated pose, map from base_footprint, with its covariance."""
         stamp_ns = ns_from_time(estimate.header.stamp)
-        self._estimates.append((stamp_ns, se2_from_pose(estimate.pose.pose)))
+        covariance = np.asarray(estimate.pose.covariance).reshape(6, 6)[_PLANAR]
+        self._estimates.append((stamp_ns, (se2_from_pose(estimate.pose.pose), covariance)))
 
     def add_detections(self, detections: msg.Detection3DArray) -> None:
         """Add the markers detected in one image, in the camera's optical frame."""
@@ -199,15 +213,27 @@ class RunEvaluation:
         """Add a goal that was sent."""
         stamp_ns = ns_from_time(goal.header.stamp)
         self._goal_stamps_ns.add(stamp_ns)
-        self._standing_at[stamp_ns] = self._standing
+        self._remember_standing(stamp_ns)
+
+    def add_feedback(self, feedback: ActionFeedback) -> None:
+        """Add the progress of an action; its first one tells that it was sent."""
+        if feedback.goal_id and feedback.goal_id not in self._goal_ids:
+            self._goal_ids.add(feedback.goal_id)
+            self._remember_standing(feedback.goal_id)
+
+    def _remember_standing(self, goal: int | str) -> None:
+        self._standing_at[goal] = self._standing
         while len(self._standing_at) > _GOALS_UNDER_WAY:
             del self._standing_at[next(iter(self._standing_at))]
 
-    def add_result(self, result: NavigationResult) -> None:
+    def add_result(self, result: Result) -> None:
         """Add the result of a goal; one aborted by a restart of its world is not counted."""
         if result.error_code == ErrorCode.WORLD_RESTARTED:
             return
-        self._goal_stamps_ns.add(result.goal_stamp_ns)
+        if isinstance(result, ActionResult):
+            self._goal_ids.add(result.goal_id)
+        else:
+            self._goal_stamps_ns.add(result.goal_stamp_ns)
         self._results.append((_ns(result.end_time_s), result))
 
     @property
@@ -231,6 +257,12 @@ class RunEvaluation:
             },
             localisation_error_m=self._error_m.statistics(),
             localisation_error_rad=self._error_rad.statistics(),
+            localization=LocalizationHonesty(
+                inside_95_percent=self._inside_count / self._estimate_count
+                if self._estimate_count
+                else None,
+                estimates=self._estimate_count,
+            ),
             marker_error_m=self._marker_error_m.statistics(),
             odometry_drift_m=self._drift_m,
             recording=recording,
@@ -241,17 +273,18 @@ class RunEvaluation:
 
         `contacts` is their number, `distance_m` the length driven, None before the first true pose,
         and `spl` success weighted by
-        path length, https://arxiv.org/abs/1807.06757: the mean over the goals that have ended of
-        reached x shortest / max(driven, shortest); None where no goal has.
+        path length, https://arxiv.org/abs/1807.06757: the mean over the goals of navigate_to_pose
+        that have ended of reached x shortest / max(driven, shortest); None where no goal has.
         """
         self._settle()
         reports = self._reports()
+        drives = [report for report in reports if report.action == _DRIVE]
         return {
             "distance_m": None if self._truth.newest_ns is None else self._way.total_m,
             "contacts": self._contact_count,
-            "goals_sent": len(self._goal_stamps_ns),
+            "goals_sent": len(self._goal_stamps_ns) + len(self._goal_ids),
             "goals_reached": sum(report.reached for report in reports),
-            "spl": sum(map(_path_efficiency, reports)) / len(reports) if reports else None,
+            "spl": sum(map(_path_efficiency, drives)) / len(drives) if drives else None,
         }
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -273,8 +306,13 @@ class RunEvaluation:
         ]
         values = {
             "goals": goals,
-            "results": [result.model_dump(mode="json") for _, result in self._results],
+            "results": [result.model_dump(mode="json") for result in self._waiting_results(False)],
+            "action_results": [
+                result.model_dump(mode="json") for result in self._waiting_results(True)
+            ],
             "goal_stamps_ns": sorted(self._goal_stamps_ns),
+            "goal_ids": sorted(self._goal_ids),
+            "estimates": [self._estimate_count, self._inside_count],
             "contacts": [contact.model_dump(mode="json") for contact in self._contacts],
             "contact_stamps_ns": list(self._contact_stamps_ns),
             "contact_count": self._contact_count,
@@ -311,6 +349,10 @@ class RunEvaluation:
             self._goals.append(_Judged(**{**goal, "verdict": verdict}))
         for result in values["results"]:
             self.add_result(NavigationResult.model_validate(result))
+        for result in values["action_results"]:
+            self.add_result(ActionResult.model_validate(result))
+        self._goal_ids.update(values["goal_ids"])
+        self._estimate_count, self._inside_count = map(int, values["estimates"])
         self._goal_stamps_ns.update(values["goal_stamps_ns"])
         self._contacts = [Contact.model_validate(contact) for contact in values["contacts"]]
         self._contact_stamps_ns.extend(values["contact_stamps_ns"])
@@ -332,9 +374,14 @@ class RunEvaluation:
         provisional = [judged for _, result in self._results for judged in self._judge(result)]
         return [judged.report() for judged in (*self._goals, *provisional)]
 
-    def _shortest_path_m(self, result: NavigationResult, start: SE2, goal: SE2) -> float | None:
+    def _waiting_results(self, are_actions: bool) -> list[Result]:
+        return [
+            result for _, result in self._results if isinstance(result, ActionResult) == are_actions
+        ]
+
+    def _shortest_path_m(self, key: int | str, start: SE2, goal: SE2) -> float | None:
         """For the robot's disc, around the walls and the bodies that were static at that time."""
-        standing = self._standing_at.get(result.goal_stamp_ns, self._standing)
+        standing = self._standing_at.get(key, self._standing)
         if self._paths is None or self._paths[0] != standing:
             meshes = read_meshes((*self._world.bodies, *standing), self._assets)
             shortest = ShortestPath(obstacles(self._world, meshes, standing))
@@ -346,12 +393,16 @@ class RunEvaluation:
         newest_ns = self._truth.newest_ns
         if newest_ns is None:
             return
-        for stamp_ns, estimate in _take_until(newest_ns, self._estimates):
+        for stamp_ns, (estimate, covariance) in _take_until(newest_ns, self._estimates):
             true_pose = self._true_pose(stamp_ns)
             if true_pose is not None:
                 error_m = estimate.distance_m(true_pose)
+                turn_rad = wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)
                 self._error_m.add(error_m)
-                self._error_rad.add(abs(wrap_angle(estimate.yaw_rad - true_pose.yaw_rad)))
+                self._error_rad.add(abs(turn_rad))
+                apart = (estimate.x_m - true_pose.x_m, estimate.y_m - true_pose.y_m, turn_rad)
+                self._estimate_count += 1
+                self._inside_count += inside_95_percent(np.array(apart), covariance)
                 self._recent_error_m.add(stamp_ns, (error_m,))
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
                     judged.see_error(stamp_ns, error_m)
@@ -388,31 +439,42 @@ class RunEvaluation:
                     min(float(np.linalg.norm(seen_at - e.position_m)) for e in entities)
                 )
 
-    def _judge(self, result: NavigationResult) -> list[_Judged]:
+    def _judge(self, result: Result) -> list[_Judged]:
         """A goal and its report; empty before the first true pose."""
         start_ns, end_ns = _ns(result.start_time_s), _ns(result.end_time_s)
         at_start, at_end = self._way.at(start_ns), self._way.at(end_ns)
         if at_start is None or at_end is None:
             return []
         (start, start_m), (end, end_m) = at_start, at_end
-        goal = result.goal.se2()
-        error_m = end.distance_m(goal)
-        error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
-        is_there = error_m <= GOAL_TOLERANCE_M and error_rad <= GOAL_TOLERANCE_RAD
+        if isinstance(result, ActionResult):
+            action, stamp_ns, goal_id = result.action, 0, result.goal_id
+        else:
+            action, stamp_ns, goal_id = _DRIVE, result.goal_stamp_ns, ""
+        goal = _goal(result, start)
         # Not where the recorder was restarted at that time: navigation's report alone is left.
-        is_known = self._way.is_known(end_ns)
+        is_known = goal is not None and self._way.is_known(end_ns)
+        error_m = error_rad = shortest_m = None
+        is_there = True
+        if goal is not None and is_known:
+            error_m = end.distance_m(goal)
+            error_rad = abs(wrap_angle(end.yaw_rad - goal.yaw_rad))
+            is_there = error_m <= GOAL_TOLERANCE_M and error_rad <= GOAL_TOLERANCE_RAD
+        if goal is not None and action == _DRIVE:
+            shortest_m = self._shortest_path_m(goal_id or stamp_ns, start, goal)
         report = GoalReport(
-            name=self._name(goal),
-            reached=result.error_code == 0 and (is_there or not is_known),
+            name=action if result.goal is None else self._name(result.goal.se2()),
+            reached=result.error_code == 0 and is_there,
             time_s=result.end_time_s - result.start_time_s,
             path_length_m=end_m - start_m,
-            shortest_path_m=self._shortest_path_m(result, start, goal),
-            goal_error_m=error_m if is_known else None,
-            goal_error_rad=error_rad if is_known else None,
+            shortest_path_m=shortest_m,
+            goal_error_m=error_m,
+            goal_error_rad=error_rad,
             recoveries=result.number_of_recoveries,
             error_code=result.error_code,
             error_msg=result.error_msg,
-            goal_stamp_ns=result.goal_stamp_ns,
+            goal_stamp_ns=stamp_ns,
+            action=action,
+            goal_id=goal_id,
         )
         judged = _Judged(start_ns, end_ns, report)
         stamps_ns = self._recent_error_m.stamps_ns
@@ -428,6 +490,15 @@ class RunEvaluation:
             if goal.distance_m(location.se2()) <= SAME_PLACE_M:
                 return location.name
         return "home" if goal.distance_m(self._world.start.se2()) <= SAME_PLACE_M else "goal"
+
+
+def _goal(result: Result, start: SE2) -> SE2 | None:
+    """Where a task should have ended; None where that was not said."""
+    if result.goal is not None:
+        return result.goal.se2()
+    if isinstance(result, ActionResult) and result.displacement is not None:
+        return start @ result.displacement.se2()
+    return None
 
 
 def _planar(matrix: Array) -> SE2:

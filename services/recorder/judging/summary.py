@@ -15,6 +15,7 @@ from services.common.node.documents import (
     Evaluation,
     Finite,
     GoalReport,
+    LocalizationHonesty,
     SimulationStats,
     World,
 )
@@ -96,6 +97,9 @@ class RunSummary(Document):
     localisation_error_rad: ErrorStatistics = Field(
         description="angle between estimated and true heading, rad"
     )
+    localization: LocalizationHonesty = Field(
+        description="whether the estimated poses are as certain as they say"
+    )
     marker_error_m: ErrorStatistics = Field(
         description="distance between a marker's detected and true position, m"
     )
@@ -107,11 +111,12 @@ class RunSummary(Document):
     distance_m: Finite | None = Field(
         description="length of the true path, m; null: no ground truth"
     )
-    goals_sent: int = Field(description="number of goals sent")
+    goals_sent: int = Field(description="number of goals sent, actions included")
     goals_reached: int = Field(description="number of goals with `reached`")
     spl: Finite | None = Field(
         description="success weighted by path length (arXiv:1807.06757), 0 to 1: the mean of "
-        "reached x shortest / max(driven, shortest) over the goals; null: no goal has ended"
+        "reached x shortest / max(driven, shortest) over the goals of `navigate_to_pose`; null: no "
+        "such goal has ended"
     )
     messages: dict[str, TopicMessages] = Field(description="messages by topic")
     versions: dict[str, str] = Field(description="versions of Mazebot, Python and its libraries")

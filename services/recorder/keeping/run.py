@@ -17,6 +17,8 @@ from services.common.node.diagnostics import REJECTED_KEY
 from services.common.node.messages import ns_from_time
 from services.common.node.node import MAX_SOURCES, Envelope, TopicCounts
 from services.common.node.topics import (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
     AMCL_POSE,
     CLOCK,
     CONTACTS,
@@ -126,6 +128,8 @@ class Run:
             CONTACTS: self._evaluation.add_contact,
             GOAL_POSE: self._evaluation.add_goal,
             NAVIGATION_RESULT: self._evaluation.add_result,
+            ACTION_FEEDBACK: self._evaluation.add_feedback,
+            ACTION_RESULT: self._evaluation.add_result,
             SIMULATION_STATS: self._take_stats,
             DIAGNOSTICS: self._take_diagnostics,
         }

@@ -186,6 +186,7 @@ def _completed(
 def _identities(world: World, recipe: MarkerCoverRecipe, most: int) -> list[Marker]:
     """As many markers as are wanted at most, and as there are unused ids."""
     taken = {marker.id for marker in world.markers}
+    own = marker_picture.own_dictionaries(world.dictionaries)
     found: list[Marker] = []
     for number in range(recipe.first_id, recipe.first_id + most + len(taken)):
         if number not in taken and len(found) < most:
@@ -193,7 +194,7 @@ def _identities(world: World, recipe: MarkerCoverRecipe, most: int) -> list[Mark
                 id=number, dictionary=recipe.dictionary, size_m=recipe.size_m, wall="",
                 side="left", height_m=recipe.height_m,
             )  # fmt: skip
-            problem = marker_picture.identity_problem(marker)
+            problem = marker_picture.identity_problem(marker, own.get(marker.dictionary))
             if problem and not found:
                 raise ValueError(problem)
             if problem:
@@ -211,7 +212,8 @@ def _places(
     """Possible marker positions, wall by wall."""
     style = PanelStyle()
     placement = Placement(world, meshes)
-    side_m = marker_picture.panel_side_m(like)
+    own = marker_picture.own_dictionaries(world.dictionaries)
+    side_m = marker_picture.panel_side_m(like, own.get(like.dictionary))
     room_m = [wall.length_m - side_m for wall in world.walls]
     total_m = 2.0 * sum(room for room in room_m if room > 0.0)
     spacing_m = max(SPACING_M, total_m / MAX_PLACES)

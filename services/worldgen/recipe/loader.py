@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from services.common.config import ConfigError
 from services.common.frames import SE2
-from services.common.node.documents import Planar, World
+from services.common.node.documents import DICTIONARY_FILES, Planar, World
 from services.common.root import ROOT
 from services.common.world.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
 from services.worldgen.assets.sound_parts import SoundParts, sound_parts
@@ -67,6 +67,8 @@ if TYPE_CHECKING:
     from services.worldgen.map.map_files import MapFile
     from services.worldgen.maze.maze import Maze
 
+MAX_DICTIONARY_DIGITS = 250_000
+"""Modules of all markers of a dictionary, which goes to each service with the world"""
 DEFAULT_WORLDS_DIR = ROOT / "worlds"
 SHORT_NAMES = {
     "original": "sim_house",
@@ -320,6 +322,8 @@ class Loading:
             recipe.model_copy(update={"bodies": bodies}), file_name, maze, meshes, use_aruco
         )
         world = self._with_textures(recipe, world)
+        if use_aruco:
+            world = self._with_dictionaries(recipe, world)
         if too_much or not (self._thorough or self._may_run()):
             return
         # Without a start, reachability cannot be checked.
@@ -386,6 +390,38 @@ class Loading:
             must = f"must be at most {MAX_ASSETS}"
             self.add(Mistake(("materials",), f"{len(self._assets)} textures and meshes", must))
         return with_textures(world, sha256_of)
+
+    def _with_dictionaries(self, recipe: Recipe, world: World) -> World:
+        """The world with the dictionaries of its markers that are files, as far as these can be
+        read.
+        """
+        named: dict[str, Location] = {}
+        for index, marker in enumerate(world.markers):
+            named.setdefault(marker.dictionary, ("markers", index, "dictionary"))
+        if recipe.marker_cover is not None:
+            named.setdefault(recipe.marker_cover.dictionary, ("marker_cover", "dictionary"))
+        found = []
+        for name, location in named.items():
+            if not name.lower().endswith(DICTIONARY_FILES):
+                continue
+            # Most worlds have none, and do not need the readers of their formats.
+            from services.common.world.marker_dictionary import read_codes  # noqa: PLC0415
+
+            folder = self._worlds_dir / "dictionaries"
+            try:
+                if Path(name).name != name:
+                    raise ConfigError(f"must be the name of a file in {shown_path(folder)}")
+                codes = read_codes(folder / name)
+                digits = sum(len(code) for code in codes.codes)
+                if digits > MAX_DICTIONARY_DIGITS:
+                    raise ConfigError(
+                        f"{digits} modules in all markers: must be at most {MAX_DICTIONARY_DIGITS}"
+                    )
+            except ConfigError as error:
+                self.add(Mistake(location, name, str(error)))
+                continue
+            found.append(codes)
+        return world.model_copy(update={"dictionaries": tuple(found)})
 
     def _meshes(self, recipe: Recipe) -> dict[MeshKey, tuple[MeshAsset, ...]]:
         """The readable meshes; the others add problems."""

@@ -16,11 +16,13 @@ from services.worldgen.recipe.recipe import (
     BodyRecipe,
     BoxRecipe,
     CylinderRecipe,
+    KeepoutZoneRecipe,
     MeshGeometry,
     MeshRecipe,
     PointLightRecipe,
     Recipe,
     ShapeRecipe,
+    SpeedLimitRecipe,
     WallRecipe,
 )
 
@@ -57,6 +59,7 @@ def mistakes(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake
         yield from _body(("bodies", index), body)
     yield from _ceiling(recipe)
     yield from _rooms(recipe)
+    yield from _zones(recipe)
     walls = {wall.name for wall in recipe.walls} | set(maze_wall_names)
     for index, marker in enumerate(recipe.markers):
         if marker.wall not in walls:
@@ -267,6 +270,37 @@ def _rooms(recipe: Recipe) -> Iterator[Mistake]:
                 break
         names.append(name)
         polygons.append(polygon)
+
+
+def _zones(recipe: Recipe) -> Iterator[Mistake]:
+    first: dict[str, Location] = {}
+    zones: list[tuple[Location, KeepoutZoneRecipe | SpeedLimitRecipe]] = [
+        (("keepout_zones", index), zone) for index, zone in enumerate(recipe.keepout_zones)
+    ]
+    zones += [(("speed_limits", index), zone) for index, zone in enumerate(recipe.speed_limits)]
+    for location, zone in zones:
+        if zone.name in first:
+            must = "must be unique: {other} has it"
+            yield Mistake((*location, "name"), zone.name, must, other=first[zone.name])
+        first.setdefault(zone.name, location)
+        at = (*location, "polygon_m")
+        wrong = list(_polygon(at, zone.polygon_m))
+        yield from wrong
+        if isinstance(zone, SpeedLimitRecipe):
+            if (zone.speed_limit_m_s is None) == (zone.percent is None):
+                given = "neither" if zone.percent is None else "both"
+                must = f"must have one of speed_limit_m_s and percent, not {given}"
+                yield Mistake(location, zone.name, must)
+        elif not wrong:
+            yield from _locations_in(recipe, zone)
+
+
+def _locations_in(recipe: Recipe, zone: KeepoutZoneRecipe) -> Iterator[Mistake]:
+    area = shapely.Polygon(zone.polygon_m)
+    for name, place in recipe.locations.items():
+        if area.intersects(shapely.Point(place.x_m, place.y_m)):
+            must = f"cannot be driven to: it lies in keepout zone {zone.name}"
+            yield Mistake(("locations", name), (place.x_m, place.y_m), must, fatal=False)
 
 
 def _lights(lights: Sequence[PointLightRecipe]) -> Iterator[Mistake]:

@@ -203,6 +203,30 @@ class RoomRecipe(Part):
     floor_material: Name | None = Field(None, description="none: the world's")
 
 
+class KeepoutZoneRecipe(Part):
+    """A part of the floor where the robot must not drive; it is no obstacle for the lidar."""
+
+    name: Name = Field(description="unique among zones")
+    polygon_m: tuple[tuple[Coordinate, Coordinate], ...] = Field(
+        min_length=3, max_length=1000, description="its corners in order, metres"
+    )
+
+
+class SpeedLimitRecipe(Part):
+    """A part of the floor where the robot must be slow: by `speed_limit_m_s` or by `percent`."""
+
+    name: Name = Field(description="unique among zones")
+    polygon_m: tuple[tuple[Coordinate, Coordinate], ...] = Field(
+        min_length=3, max_length=1000, description="its corners in order, metres"
+    )
+    speed_limit_m_s: float | None = Field(
+        None, gt=0.0, le=100.0, description="highest speed in it, m/s"
+    )
+    percent: float | None = Field(
+        None, gt=0.0, le=100.0, description="highest speed in it, percent of the controller's"
+    )
+
+
 class CeilingRecipe(Part):
     """A flat ceiling over all walls."""
 
@@ -217,7 +241,9 @@ class MarkerCoverRecipe(Part):
         0.9, gt=0.0, le=1.0, description="of the free floor from which a marker must be readable"
     )
     first_id: int = Field(0, ge=0, le=100_000, description="ids count up from it")
-    dictionary: str = Field("DICT_4X4_100", description="OpenCV's name")
+    dictionary: str = Field(
+        "DICT_4X4_100", description="OpenCV's name, or a file in the folder dictionaries/"
+    )
     size_m: Length = Field(0.3, description="side of the black square, metres")
     height_m: Length = Field(0.25, description="of the markers' centres above the floor, metres")
     max_markers: int = Field(100, ge=1, le=1000, description="needing more is an error")
@@ -307,6 +333,12 @@ class Recipe(Part):
     marker_cover: MarkerCoverRecipe | None = Field(None, description="more markers, generated")
     locations: dict[Name, PoseRecipe] = Field(
         default_factory=dict, max_length=1000, description="named goal poses"
+    )
+    keepout_zones: tuple[KeepoutZoneRecipe, ...] = Field(
+        (), max_length=500, description="where the robot must not drive; they may overlap"
+    )
+    speed_limits: tuple[SpeedLimitRecipe, ...] = Field(
+        (), max_length=500, description="where the robot must be slow; the lowest limit counts"
     )
     start: PoseRecipe | None = Field(
         None,

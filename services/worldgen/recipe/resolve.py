@@ -126,6 +126,11 @@ def resolve(
             doc.Location(name=name, x_m=place.x_m, y_m=place.y_m, yaw_rad=place.yaw_rad)
             for name, place in locations.items()
         ),
+        keepout_zones=tuple(
+            doc.KeepoutZone(name=zone.name, polygon_m=zone.polygon_m)
+            for zone in recipe.keepout_zones
+        ),
+        speed_limits=tuple(doc.SpeedZone(**zone.model_dump()) for zone in recipe.speed_limits),
         start=doc.Planar(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad),
         map_resolution_m=recipe.map_resolution_m,
         floor_material=recipe.floor_material or "",

@@ -58,6 +58,10 @@ _NOTES = TypeAdapter(list[dict[str, Any]])
 _MARKER = TypeAdapter(doc.Marker)
 _PLANAR = TypeAdapter(doc.Planar)
 _LOCATIONS = TypeAdapter(list[doc.Location])
+_ZONES: Mapping[str, TypeAdapter[Any]] = {
+    "keepout_zones": TypeAdapter(list[doc.KeepoutZone]),
+    "speed_limits": TypeAdapter(list[doc.SpeedZone]),
+}
 
 
 def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
@@ -451,7 +455,7 @@ class _Conversion:
         return found
 
     def _map_and_places(self) -> dict[str, Any]:
-        """Map and locations from the notes of an export."""
+        """Map, locations and zones from the notes of an export."""
         notes = self._sdf.attributes
         found: dict[str, Any] = {}
         resolution_m = from_json(notes.get("map_resolution_m"), _NUMBER)
@@ -470,6 +474,9 @@ class _Conversion:
             found["locations"] = {
                 place.name: place.model_dump(exclude={"name"}) for place in locations
             }
+        for field, kind in _ZONES.items():
+            if zones := from_json(notes.get(field), kind):
+                found[field] = [zone.model_dump(mode="json", exclude_none=True) for zone in zones]
         return found
 
     def _ready_map(self, path: str) -> str:

@@ -22,7 +22,7 @@ from services.common.frames import Array, rotation_from_quaternion, transform_ma
 from services.common.node import documents as doc
 from services.common.world.furnish import PanelStyle, furnish
 from services.common.world.geometry import TriangleMesh, mesh_from_bytes, triangles_of
-from services.common.world.marker_picture import identity_problem, panel_side_m
+from services.common.world.marker_picture import identity_problem, own_dictionaries, panel_side_m
 from services.common.world.placement import hang
 from services.worldgen.folder_writing import write_folder
 from services.worldgen.markers.marker_model import marker_model_files, model_name
@@ -137,7 +137,7 @@ class _Export:
     def _notes(self, notes: etree._Element, markers: list[dict[str, object]]) -> None:
         """Data that SDF cannot express; each child's text is JSON.
 
-        recipe: its file's name. start, locations. map_resolution_m, or
+        recipe: its file's name. start, locations, keepout_zones, speed_limits. map_resolution_m, or
         map: a ready file for map_server. markers, in their order: of each placed one the names of
         its model and of its wall, of others all fields.
         """
@@ -148,6 +148,9 @@ class _Export:
             "locations": [location.model_dump() for location in world.locations],
             "markers": markers,
         }
+        for field in ("keepout_zones", "speed_limits"):
+            if zones := getattr(world, field):
+                told[field] = [zone.model_dump(exclude_none=True) for zone in zones]
         if world.map_sha256:
             told["map"] = self._map()
         else:
@@ -333,13 +336,15 @@ class _Export:
         entities, _ = furnish(self._world, max_markers=len(self._world.markers))
         pose_of = {entity.name: entity.position_m for entity in entities.markers}
         walls = {wall.name: wall for wall in self._world.walls}
+        own = own_dictionaries(self._world.dictionaries)
         notes: list[dict[str, object]] = []
         for marker in self._world.markers:
             entity = marker.name
             panel = None
-            if not identity_problem(marker) and marker.wall in walls:
+            book = own.get(marker.dictionary)
+            if not identity_problem(marker, book) and marker.wall in walls:
                 wall = walls[marker.wall]
-                panel = hang(entity, marker, wall, panel_side_m(marker), PanelStyle().gap_m)
+                panel = hang(entity, marker, wall, panel_side_m(marker, book), PanelStyle().gap_m)
             # Of several of one id, the placed one.
             if panel is None or pose_of.get(entity) != tuple(panel.centre_m.tolist()):
                 notes.append(marker.model_dump())

@@ -149,6 +149,8 @@ def test_garbage_is_counted_and_shown_and_the_service_goes_on(endpoint: str) -> 
             (status,) = decode(DIAGNOSTICS, told.get(timeout=DEADLINE_S)).status
             values = {value.key: value.value for value in status.values}
             counted = values.get("rejected /world/request: malformed", "")
+        assert float(values["step_time_p99_ms"]) >= 0.0
+        assert values["missed_periods"] == "0"
         assert process.poll() is None
     del subscription, publisher
     session.close()  # type: ignore[no-untyped-call]

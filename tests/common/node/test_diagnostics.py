@@ -185,3 +185,19 @@ def test_a_pause_between_two_reports_is_no_fault() -> None:
 def test_a_node_adds_its_own_facts() -> None:
     _, _, report = boxes(Telling())
     assert told(report.report(S))[2]["unknown marker DICT_4X4_100:7"] == "3"
+
+
+def test_the_step_time_is_told_where_it_is_measured_and_missed_periods_are_counted() -> None:
+    class Periodic(Telling):
+        period_ns = 50_000_000
+
+    _, _, report = boxes(Periodic())
+    assert "step_time_p99_ms" not in told(report.report(S))[2]
+    for tick in range(100):
+        report.stepped(tick * 50_000_000, 0.004 if tick < 98 else 0.020)
+    values = told(report.report(S))[2]
+    assert (values["step_time_p99_ms"], values["missed_periods"]) == ("20.0", "0")
+    # Late by three periods; then time begins anew, which misses none.
+    for now_ns in (99 * 50_000_000 + 200_000_000, 0, 50_000_000, 60_000_000, 100_000_000):
+        report.stepped(now_ns, 0.004)
+    assert told(report.report(S))[2]["missed_periods"] == "3"

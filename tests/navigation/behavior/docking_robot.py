@@ -34,11 +34,16 @@ class DockingRobot:
     """How far the start may be from the staging pose: along, aside (m) and turned (rad)."""
     noise: float = 1.0
     params: DockingParams = field(default_factory=DockingParams)
+    away_m: float = 0.4
+    """Of the dock from the marker"""
+    whole_view_m: float = 0.22
+    """Nearer to the marker it is not seen."""
     time_to_collision: TimeToCollision = never
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
-        self.dock = MARKER @ self.params.marker_from_dock
+        marker_from_dock = SE2(self.away_m, 0.0, math.pi)
+        self.dock = MARKER @ marker_from_dock
         off = SE2(*(self.rng.uniform(-1.0, 1.0, 3) * self.spread).tolist())
         self.robot = Unicycle(staging_pose(self.params, self.dock) @ off)
         self.odom = SE2(*self.rng.uniform(-3.0, 3.0, 3).tolist())
@@ -47,7 +52,7 @@ class DockingRobot:
         self.marker: MarkerPose | None = None
         self.now_ns = 0
         self.blind = False
-        self.docker = Docker(self.params)
+        self.docker = Docker(self.params, marker_from_dock, whole_view_m=self.whole_view_m)
         self.states: list[DockingStep] = []
 
     def error(self) -> SE2:
@@ -79,10 +84,16 @@ class DockingRobot:
         ahead_m, aside_m = base_from_marker.x_m - CAMERA_AHEAD_M, base_from_marker.y_m
         range_m, bearing = math.hypot(ahead_m, aside_m), math.atan2(aside_m, ahead_m)
         from_marker = math.atan2(-base_from_marker.y_m, -base_from_marker.x_m)
+        seen_from_m = math.hypot(base_from_marker.x_m, base_from_marker.y_m)
         aslant = abs(wrap_angle(from_marker - base_from_marker.yaw_rad))
         draws = self.rng.standard_normal(3) * self.noise
         missed, flipped = self.rng.random(2) < (0.05, 0.02)
-        if missed or abs(bearing) > HALF_VIEW_RAD or aslant > 1.05 or range_m < 0.15:
+        if (
+            missed
+            or abs(bearing) > HALF_VIEW_RAD
+            or aslant > 1.05
+            or seen_from_m < self.whole_view_m
+        ):
             return None
         range_m *= 1.0 + 0.008 * draws[0]
         bearing += 0.002 * draws[1]

@@ -13,11 +13,13 @@ from services.navigation.behavior.actions import Request, TaskResult
 from services.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
 from services.navigation.behavior.context import (
     ClearRequest,
+    Dock,
     FollowRequest,
     MarkerPose,
     PathCheck,
     TrackingFeedback,
 )
+from services.navigation.behavior.docks import Docks
 from services.navigation.behavior.waypoints import WaypointTask
 from services.navigation.build import made_drive
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
@@ -53,7 +55,7 @@ class SimulatedRobot:
     wanted: Velocity | None = None
     chosen: dict[str, str] = field(default_factory=dict)
     goal_updates: tuple[SE2, ...] = ()
-    docks: dict[str, SE2] = field(default_factory=dict)
+    docks: Docks = field(default_factory=Docks)
     sighting: MarkerPose | None = None
 
     def __post_init__(self) -> None:
@@ -150,12 +152,16 @@ class SimulatedRobot:
     def teleop(self) -> Velocity | None:
         return self.wanted
 
-    def marker(self, dock_id: str) -> MarkerPose | None:
+    def marker(self, marker_id: str) -> MarkerPose | None:
         return self.sighting
 
-    def dock(self, dock_id: str) -> SE2:
+    def dock(self, dock_id: str) -> Dock:
         self._see(0)
         return self.inner.dock(dock_id)
+
+    def dock_at(self, map_from_dock: SE2) -> Dock:
+        self._see(0)
+        return self.inner.dock_at(map_from_dock)
 
     def is_localized(self) -> bool:
         return self.localized
@@ -205,17 +211,20 @@ class Drive:
         for _ in range(round(seconds / PERIOD_S)):
             self.step()
 
-    def until_done(self, request: Request, limit_s: float = 90.0) -> TaskResult:
-        """Start a request and step until it ends."""
+    def until_done(
+        self, request: Request, limit_s: float = 90.0, each: Callable[[], None] = lambda: None
+    ) -> TaskResult:
+        """Start a request and step until it ends, with something done after each step."""
         before = self.navigator.start(self.now_ns, request)
         if before is not None:
             self.results.append(before)
-        return self.finish(limit_s)
+        return self.finish(limit_s, each)
 
-    def finish(self, limit_s: float = 90.0) -> TaskResult:
+    def finish(self, limit_s: float = 90.0, each: Callable[[], None] = lambda: None) -> TaskResult:
         count, end_ns = len(self.results), self.now_ns + int(limit_s * 1e9)
         while self.now_ns < end_ns:
             self.step()
+            each()
             if len(self.results) > count:
                 return self.results[-1]
         raise AssertionError(f"no result after {limit_s} s at {self.robot.robot.map_from_base}")

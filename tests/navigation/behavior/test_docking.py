@@ -16,7 +16,7 @@ from services.navigation.behavior.docking import (
 )
 from services.navigation.behavior.graceful_controller import GracefulParams, graceful_velocity
 from services.navigation.config import CONTROL_PERIOD_NS
-from services.navigation.control.collision import STOP
+from services.navigation.control.collision import STOP, Velocity
 from services.navigation.errors import NavigationError
 from tests.navigation.behavior.docking_robot import PERIOD_S, DockingRobot
 from tests.navigation.driving import Unicycle
@@ -92,6 +92,26 @@ def test_a_marker_lost_on_the_way_is_waited_for_and_found_again() -> None:
     assert robot.states[-1].num_retries == 1
 
 
+def test_a_dock_nearer_than_the_camera_sees_is_reached_by_odometry() -> None:
+    errors = []
+    for seed in range(8):
+        robot = DockingRobot(seed, whole_view_m=0.72)
+        errors.append(robot.dock_it())
+        assert robot.states[-1].num_retries == 0
+    # Odometry slips by 1 % over the last 0.32 m.
+    assert max(abs(error.y_m) for error in errors) < 0.02
+    assert max(math.hypot(error.x_m, error.y_m) for error in errors) < 0.03
+
+
+def test_a_dock_with_no_room_for_a_better_start_is_approached_from_where_the_robot_is() -> None:
+    # Aside of the axis, and with a wall right behind.
+    robot = DockingRobot(2, time_to_collision=lambda v: 0.1 if v.linear_m_s < 0.0 else math.inf)
+    robot.robot.map_from_base = robot.dock @ SE2(-0.45, 0.1, 0.0)
+    error = robot.dock_it()
+    assert DockState.RETRY in [step.state for step in robot.states]
+    assert math.hypot(error.x_m, error.y_m) < 0.03
+
+
 def test_a_dock_pushed_aside_meanwhile_is_docked_where_it_is_now() -> None:
     robot = DockingRobot(6)
     while robot.error().x_m < -0.25:
@@ -134,11 +154,19 @@ def test_something_in_the_way_stops_the_approach() -> None:
     assert robot.states[-1].num_retries == 3
 
 
-def undock(stuck: bool = False, contact_s: float = math.inf) -> tuple[Unicycle, float]:
-    robot, undocker = Unicycle(SE2(1.0, 1.0, 0.5), stuck=stuck), Undocker(DockingParams(), 10.0)
+def undock(
+    stuck: bool = False, contact_s: float = math.inf, room_m: float = math.inf
+) -> tuple[Unicycle, float]:
+    dock = SE2(1.0, 1.0, 0.5)
+    robot, undocker = Unicycle(dock, stuck=stuck), Undocker(DockingParams(), 10.0)
+
+    def time_to_collision(_: Velocity) -> float:
+        left_m = room_m - dock.distance_m(robot.map_from_base)
+        return min(contact_s, left_m / DockingParams().graceful.v_linear_max_m_s)
+
     for i in range(300):
         step = undocker.step(
-            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, lambda _: contact_s
+            i * CONTROL_PERIOD_NS, PERIOD_S, robot.map_from_base, time_to_collision
         )
         if step.done:
             return robot, i * PERIOD_S
@@ -151,6 +179,14 @@ def test_undocking_drives_straight_back_to_the_staging_pose() -> None:
     at = SE2(1.0, 1.0, 0.5).inverse() @ robot.map_from_base
     assert at.x_m == pytest.approx(-0.7, abs=0.05)
     assert at.y_m == pytest.approx(0.0, abs=0.01)
+
+
+def test_undocking_ends_where_the_room_does() -> None:
+    robot, _ = undock(room_m=0.6)
+    assert 0.35 < SE2(1.0, 1.0, 0.5).distance_m(robot.map_from_base) < 0.6
+    assert robot.velocity == STOP
+    with pytest.raises(NavigationError, match="behind the robot"):
+        undock(room_m=0.4)
 
 
 def test_undocking_that_cannot_go_on_ends_with_its_code() -> None:

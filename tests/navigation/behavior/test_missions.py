@@ -17,6 +17,7 @@ from services.navigation.behavior.actions import (
     NavigateToPose,
     SingleAction,
     TaskStatus,
+    WaypointWork,
     assisted_teleop,
     back_up,
     dock_robot,
@@ -24,11 +25,12 @@ from services.navigation.behavior.actions import (
     spin,
     wait,
 )
-from services.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
+from services.navigation.behavior.bt_navigator import BtNavigatorParams
+from services.navigation.behavior.context import Dock
 from services.navigation.behavior.nodes_goals import WaypointState
 from services.navigation.behavior.tree import NodeStatus
 from services.navigation.behavior.tree_text import tree_text
-from services.navigation.behavior.waypoints import InputAtWaypoint, PhotoAtWaypoint, WaitAtWaypoint
+from services.navigation.behavior.waypoints import WaitAtWaypoint
 from services.navigation.control.collision import STOP, Velocity
 from services.navigation.errors import NavigationError
 from tests.navigation.behavior.nav2_usage import document
@@ -292,19 +294,22 @@ BESIDE = (SE2(0.0, 0.0, 1.0), SE2(0.0, 0.0, -1.0))
 """Two poses that the robot reaches by turning."""
 
 
-def test_waypoints_are_visited_in_rounds_with_a_task_at_each() -> None:
-    photos: list[tuple[int, int]] = []
+def test_waypoints_are_visited_in_rounds_with_a_photo_at_each() -> None:
+    drive = Drive()
+    photos = []
 
-    def take(index: int, now_ns: int) -> str | None:
-        photos.append((index, now_ns))
-        return None
+    def photographer() -> None:
+        exchange = drive.navigator.exchange
+        if exchange.photo_wanted_at is not None:
+            photos.append(exchange.photo_wanted_at)
+            exchange.photo_wanted_at = None
+            exchange.photos += 1
 
-    drive = Drive(waypoint_task=PhotoAtWaypoint(take))
-    request = FollowWaypoints(BESIDE, number_of_loops=1, goal_index=1)
-    result = drive.until_done(request)
+    request = FollowWaypoints(BESIDE, 1, 1, works=(WaypointWork(photo=True),) * 2)
+    result = drive.until_done(request, each=photographer)
     assert result.error_code == 0
     assert result.waypoint_statuses == ()
-    assert [index for index, _ in photos] == [1, 0, 1]
+    assert photos == [1, 0, 1]
 
 
 def test_the_robot_stands_at_a_waypoint_for_its_pause() -> None:
@@ -315,11 +320,18 @@ def test_the_robot_stands_at_a_waypoint_for_its_pause() -> None:
     assert times[3.0] - times[0.0] == pytest.approx(6.0, abs=0.2)
 
 
-def test_a_waypoint_waits_for_an_input() -> None:
+def test_a_waypoint_waits_for_an_input_of_its_own() -> None:
     drive = Drive()
-    drive.waypoint_task = InputAtWaypoint(lambda: drive.now_ns if drive.now_s > 8.0 else None)
-    drive.navigator = BtNavigator(drive.params, drive.robot, drive.waypoint_task)
-    assert drive.until_done(FollowWaypoints(BESIDE[:1])).end_ns > 8_000_000_000
+    # One that comes on the way there does not count.
+    given_s = [0.3, 8.0]
+
+    def person() -> None:
+        if given_s and drive.now_s > given_s[0]:
+            given_s.pop(0)
+            drive.navigator.exchange.inputs += 1
+
+    request = FollowWaypoints(BESIDE[:1], works=(WaypointWork(0.0, input_timeout_s=10.0),))
+    assert drive.until_done(request, each=person).end_ns > 8_000_000_000
 
 
 @pytest.mark.parametrize("stop", [False, True])
@@ -337,12 +349,23 @@ def test_a_missed_waypoint_is_told_and_the_next_one_driven_to(stop: bool) -> Non
         assert drive.robot.robot.map_from_base.yaw_rad == pytest.approx(1.0, abs=0.08)
 
 
-def test_a_photo_that_fails_is_told() -> None:
-    task = PhotoAtWaypoint(lambda index, now_ns: "the camera is off")
-    drive = Drive(params=BtNavigatorParams(stop_on_failure=True), waypoint_task=task)
-    result = drive.until_done(FollowWaypoints(BESIDE))
+@pytest.mark.parametrize(
+    ("work", "text"),
+    [
+        (WaypointWork(photo=True), "photo at waypoint 0: no picture came in 5.0 s"),
+        (WaypointWork(input_timeout_s=0.5), "input at waypoint 0: none came in 0.5 s"),
+    ],
+)
+def test_work_that_fails_at_a_waypoint_is_told(work: WaypointWork, text: str) -> None:
+    drive = Drive(params=BtNavigatorParams(stop_on_failure=True))
+    result = drive.until_done(FollowWaypoints(BESIDE, works=(work, work)))
     assert result.error_code == ErrorCode.TASK_EXECUTOR_FAILED
-    assert result.error_msg == "photo at waypoint 0: the camera is off"
+    assert result.error_msg == text
+
+
+def test_work_for_fewer_waypoints_than_there_are_is_refused() -> None:
+    with pytest.raises(NavigationError, match="1 tasks for 2 waypoints"):
+        Drive().navigator.start(0, FollowWaypoints(BESIDE, works=(WaypointWork(),)))
 
 
 @pytest.mark.parametrize(
@@ -409,17 +432,33 @@ def test_a_given_path_is_followed() -> None:
     assert drive.robot.plans == 1
 
 
+def dock_at(pose: SE2) -> Dock:
+    """The dock of a marker 0.8 m before this pose."""
+    marker_from_dock = SE2(0.8, 0.0, math.pi)
+    return Dock("7", pose @ marker_from_dock.inverse(), marker_from_dock)
+
+
 def test_docking_at_an_unknown_dock_or_out_of_reach_says_so() -> None:
     drive = Drive()
     assert drive.until_done(dock_robot(dock_id="home")).error_code == ErrorCode.DOCK_NOT_IN_DB
-    result = drive.until_done(dock_robot(dock_pose=INSIDE_A_WALL @ SE2(0.7, 0.0, 0.0)))
-    assert result.error_code == ErrorCode.FAILED_TO_STAGE
-    assert "the staging pose was not reached" in result.error_msg
+    drive.robot.docks.known["7"] = dock_at(INSIDE_A_WALL)
+    inside = drive.until_done(dock_robot(dock_id="7"))
+    assert inside.error_code == ErrorCode.DOCK_NOT_VALID
+    assert "cannot stand in the dock of marker 7: goal (0.40, 0.55)" in inside.error_msg
+    away = drive.until_done(dock_robot(dock_pose=NEAR))
+    assert away.error_code == ErrorCode.DOCK_NOT_VALID
+    assert "must face a marker" in away.error_msg
+    # The nearest of the staging poses is inside the wall as well.
+    drive.robot.docks.known["7"] = dock_at(SE2(0.4, 0.0, -math.pi / 2.0))
+    before = drive.until_done(dock_robot(dock_id="7"))
+    assert before.error_code == ErrorCode.FAILED_TO_STAGE
+    assert "no room before the dock of marker 7: goal" in before.error_msg
+    assert drive.robot.robot.map_from_base == START
 
 
 def test_docking_drives_to_the_staging_pose_and_looks_for_the_marker() -> None:
     drive = Drive()
-    drive.robot.docks["home"] = NEAR @ SE2(0.7, 0.0, 0.0)
+    drive.robot.docks.known["home"] = dock_at(NEAR @ SE2(0.7, 0.0, 0.0))
     result = drive.until_done(dock_robot(dock_id="home"))
     # There is no marker there.
     assert result.error_code == ErrorCode.FAILED_TO_DETECT_DOCK

@@ -163,6 +163,26 @@ def test_what_is_known_to_cross_the_way_finds_the_robot_standing() -> None:
     assert not stands_when_it_comes_by(predicts=False)
 
 
+def test_it_does_not_hold_a_robot_that_gets_out_of_the_way_by_going_on() -> None:
+    # From behind and aside it comes to where the robot would stand, but no more is.
+    post = Track(1, -0.25, 0.5, 0.0, -0.5, 0.1)
+    ring = moved_points(box(0.0, 0.0, 0.15), SE2(post.x_m, post.y_m, 0.0), SE2(0.0, 0.0, 0.0))
+    scan, moving = {"scan": SourcePoints(0, ring)}, moving_in_base([post], SE2(0.0, 0.0, 0.0))
+    assert monitor().step(0, AHEAD, AHEAD, scan, moving).velocity == AHEAD
+
+
+def test_it_does_not_hold_a_robot_that_is_met_where_it_stands() -> None:
+    # Both of its ways are as bad; it may leave, and not drive into what comes.
+    post = Track(1, 0.0, 0.33, 0.0, -0.5, 0.1)
+    ring = moved_points(box(0.0, 0.0, 0.15), SE2(post.x_m, post.y_m, 0.0), SE2(0.0, 0.0, 0.0))
+    scan, moving = {"scan": SourcePoints(0, ring)}, moving_in_base([post], SE2(0.0, 0.0, 0.0))
+    assert monitor().step(0, AHEAD, STOP, scan, moving).velocity == AHEAD
+    ahead = Track(1, 0.35, 0.0, -0.5, 0.0, 0.1)
+    ring = moved_points(box(0.0, 0.0, 0.15), SE2(ahead.x_m, ahead.y_m, 0.0), SE2(0.0, 0.0, 0.0))
+    scan, moving = {"scan": SourcePoints(0, ring)}, moving_in_base([ahead], SE2(0.0, 0.0, 0.0))
+    assert monitor().step(0, AHEAD, AHEAD, scan, moving).velocity == STOP
+
+
 def test_what_was_seen_a_while_ago_has_moved_since() -> None:
     thing = np.array([[0.5 + 0.01 * i, 0.0] for i in range(8)])
     moving = moving_in_base([Track(1, 1.5, 0.5, -0.9, 0.0, 0.1)], SE2(1.0, 0.5, 0.0))

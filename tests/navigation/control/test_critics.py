@@ -68,7 +68,7 @@ def scene(
     rollouts.cos_yaw[0] = 1.0
     rollouts.linear_m_s[0], rollouts.angular_rad_s[0] = np.array(controls, F).T
     still = np.zeros((STEPS, count), F)
-    roll_out(still[:, 0], still[:, 0], still, still, np.array(controls, F), LIMITS, rollouts)
+    roll_out(still[:, 0], still[:, 0], still, still, 0, np.array(controls, F), LIMITS, rollouts)
     window = ClearanceWindow(1.7)
     echoes = np.empty((0, 2)) if echoes_m is None else echoes_m.astype(np.float64)
     window.update(Surroundings(SE2(0.0, 0.0, 0.0), grid or costmap(), echoes), True)
@@ -218,6 +218,13 @@ def test_where_a_moving_obstacle_will_be_collides_and_not_where_it_is() -> None:
         assert made.collides.tolist() == hits
         assert (made.costs[0] > 100.0) == hits[0]
     assert made.costs[0] >= 0.0
+
+
+def test_a_robot_that_is_too_near_to_a_moving_obstacle_may_leave() -> None:
+    beside = np.array([(0.3, 0.0, 0.0, 0.0, 0.12, np.inf)], F)
+    made = scene((STRAIGHT, BACK), tracks=beside)
+    critics_of_obstacles.MovingObstaclesCritic(MovingObstaclesCriticParams()).score(made)
+    assert made.collides.tolist() == [True, False]
 
 
 def test_a_later_meeting_costs_less_than_a_sooner_one() -> None:

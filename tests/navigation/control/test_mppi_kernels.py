@@ -18,7 +18,7 @@ from tests.navigation.driving import Unicycle
 
 ENTRIES = (
     *("roll_out", "softmax", "weighted_mean", "smooth", "add_control_cost", "add_powered"),
-    *("_cost_of", "_repulsion_of", "_meetings", "sequence_clearance_m", "furthest_reached"),
+    *("_near_obstacles", "_meetings", "sequence_clearance_m", "furthest_reached"),
     *("travel", "_mean_distance", "_mean_angle", "_mean_offset", "_distance", "_bearing"),
     *("_excess", "_inside", "_absolute", "_look_up", "_mark_echoes", "_time_to_wall_s"),
 )

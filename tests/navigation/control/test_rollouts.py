@@ -34,7 +34,7 @@ def rolled(
     angular = correlated_noise(random, STEPS, BATCH, 0.8, 0.8)
     constant = np.array([(0.46, 0.0), (0.0, 0.0), (0.3, 1.0)], F)
     mean = np.full(STEPS, 0.2, F)
-    roll_out(mean, mean * F(0.5), linear, angular, constant, limits, rollouts)
+    roll_out(mean, mean * F(0.5), linear, angular, 0, constant, limits, rollouts)
     return rollouts
 
 

@@ -48,6 +48,7 @@ def watch(
     seconds: float,
     seed: int = 1,
     start_s: float = 0.0,
+    grid: Costmap = GRID,
 ) -> tuple[Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Ten scans a second of posts; the points and the mask of the last one."""
     random = np.random.default_rng(seed)
@@ -56,7 +57,7 @@ def watch(
         segments = np.concatenate([WALLS, *(post(*place) for place in places(t))])
         ranges = as_ranges(cast(SENSOR, segments), random)
         points = scan_points(SENSOR, ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 3.5)
-        mask = tracker.update(t, points, GRID.distance_m, GRID.frame)
+        mask = tracker.update(t, points, grid.distance_m, grid.frame)
     return points, mask
 
 
@@ -173,3 +174,56 @@ def test_points_around_the_first_beam_are_one_obstacle() -> None:
     (track,) = tracker.tracks(0.5)
     assert track.x_m == pytest.approx(1.0, abs=0.1)
     assert track.y_m == pytest.approx(0.0, abs=0.03)
+
+
+def to_the_wall_and_back(t: float) -> list[tuple[float, float]]:
+    """A post that comes to the wall of `corridor` within 3 s, stands for 3 s and turns back."""
+    return [(1.5, -0.93 + 0.4 * min(t, 3.0) - 0.4 * max(t - 6.0, 0.0))]
+
+
+def corridor() -> Costmap:
+    """The hall with a wall at y from 0.5 to 0.65."""
+    cells = np.zeros((160, 160), np.int8)
+    cells[90:93] = 100
+    frame = frame_of(0.05, SE2(-4.0, -4.0, 0.0), cells)
+    return inflate(frame, cells >= 100, cells < 0, InflationParams(0.153, 0.7, 10.0))
+
+
+def test_what_has_stopped_before_a_wall_is_expected_to_turn_back_for_a_while() -> None:
+    tracker = ObstacleTracker(TrackerParams(turning_time=2.0))
+    grid = corridor()
+    watch(tracker, to_the_wall_and_back, 3.0, grid=grid)
+    assert not tracker.turning()
+    watch(tracker, to_the_wall_and_back, 1.5, start_s=3.1, grid=grid)
+    (track,) = tracker.turning()
+    assert track.velocity_y_m_s == pytest.approx(-0.4, abs=0.1)
+    assert abs(track.velocity_x_m_s) < 0.1
+    assert track.y_m == pytest.approx(0.27, abs=0.08)
+    watch(tracker, to_the_wall_and_back, 1.0, start_s=4.7, grid=grid)
+    assert not tracker.turning()
+
+
+def test_what_has_stopped_in_the_open_is_not_expected_to_turn_back() -> None:
+    tracker = ObstacleTracker(TrackerParams())
+    watch(tracker, to_the_wall_and_back, 4.5)
+    assert not tracker.moving(4.5)
+    assert not tracker.turning()
+
+
+def test_what_has_moved_before_is_known_to_move_again_at_once() -> None:
+    tracker = ObstacleTracker(TrackerParams())
+    watch(tracker, to_the_wall_and_back, 6.0)
+    assert not tracker.moving(6.0)
+    watch(tracker, to_the_wall_and_back, 0.3, start_s=6.1)
+    (track,) = tracker.moving(6.4)
+    assert track.velocity_y_m_s < -0.1
+
+
+def test_beside_a_wall_things_are_seen_where_the_pose_is_known_well() -> None:
+    points = np.stack([np.full(8, 1.5), np.linspace(0.38, 0.41, 8)], axis=1)
+    grid = corridor()
+    for margin_m, seen in ((math.inf, 0), (0.08, 1)):
+        tracker = ObstacleTracker(TrackerParams())
+        for i in range(4):
+            tracker.update(0.1 * i, points, grid.distance_m, grid.frame, margin_m)
+        assert len(tracker.tracks(0.3)) == seen

@@ -95,8 +95,8 @@ def test_corners_are_rounded() -> None:
         planner = Planner(replace(PARAMS, smoothing_iterations=iterations))
         yaws = planner.plan(costmap, start, goal).yaws_rad[:-1]
         sharpest.append(float(np.abs(np.diff(np.unwrap(yaws))).max()))
-    # At 0.05 m of path a radius of 0.15 m.
-    assert sharpest[1] < 0.33 < sharpest[0]
+    # At 0.05 m of path a radius of 0.125 m.
+    assert sharpest[1] < 0.4 < sharpest[0]
 
 
 def test_unknown_space_is_crossed_only_where_that_is_allowed() -> None:

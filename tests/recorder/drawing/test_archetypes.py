@@ -14,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from services.common.frames import SE2
+from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.common.node import topics as table
@@ -320,6 +321,27 @@ def test_the_floor_reaches_a_little_beyond_the_walls_and_lies_under_the_map() ->
     assert column(lamps, "positions").to_pylist() == [[0.0, 0.0, 2.5]]
 
 
+def test_zones_are_outlined_with_what_they_say() -> None:
+    square = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5))
+    zones = {
+        "keepout_zones": (doc.KeepoutZone(name="carpet", polygon_m=square),),
+        "speed_limits": (
+            doc.SpeedZone(name="hall", polygon_m=square, speed_limit_m_s=0.15),
+            doc.SpeedZone(name="door", polygon_m=square, percent=30.0),
+        ),
+    }
+    canvas, paper = canvas_of(furnished(**zones))
+    draw_world(canvas, canvas.world)
+    (outlines,) = [a for a in paper.logged["world/zones"] if isinstance(a, rr.LineStrips3D)]
+    assert len(column(outlines, "strips").to_pylist()) == 3
+    (names,) = [a for a in paper.logged["world/zones/names"] if isinstance(a, rr.Points3D)]
+    told = column(names, "labels").to_pylist()
+    assert told == ["keepout: carpet", "0.15 m/s: hall", "30 %: door"]
+    canvas, paper = canvas_of(furnished())
+    draw_world(canvas, canvas.world)
+    assert "world/zones" not in paper.logged
+
+
 def test_what_moves_is_drawn_once_in_a_frame_of_its_own() -> None:
     canvas, paper = canvas_of(furnished())
     draw_world(canvas, canvas.world)
@@ -554,12 +576,49 @@ def test_the_table_of_the_tour_is_drawn_anew_when_a_goal_ends() -> None:
     empty, one, two = results_of(paper)
     assert "No goal yet" in empty
     assert "no estimate" in one
-    assert r"| a\_b\|c | yes | 7.6 | 2.01 | - | - | 0.037 | 5.7 | 0 |" in one.splitlines()
+    assert r"| a\_b\|c | yes | 7.6 | 2.01 | - | - | 0.037 | 5.7 | 0 | 0 |" in one.splitlines()
     assert two.splitlines()[0] == "# 1 of 2 goals reached"
     draw_evaluation(canvas, doc.Evaluation(goals=(report("a"),) * 1000), final=True)
     text = results_of(paper)[-1]
     assert text.count("| a |") == 50
     assert "950 earlier goals" in text
+
+
+def test_a_behaviour_tree_is_indented_and_marked() -> None:
+    canvas, paper = canvas_of(room())
+    DRAW[table.BEHAVIOR_TREE](canvas, SAMPLES[table.BEHAVIOR_TREE])
+    DRAW[table.BEHAVIOR_TREE](canvas, act.BehaviorTreeLog())
+    first, last = (column(one, "text").to_pylist()[0] for one in paper.logged["behavior_tree"])
+    lines = first.splitlines()
+    assert lines[0] == "# navigate to pose"
+    assert lines[3:5] == ["▶ RecoveryNode 'NavigateRecovery'", "✖   FollowPath"]
+    assert last.startswith("# no action\n")
+
+
+def test_rollouts_are_drawn_in_their_own_colours() -> None:
+    canvas, paper = canvas_of(room())
+    DRAW[table.TRAJECTORIES](canvas, SAMPLES[table.TRAJECTORIES])
+    DRAW[table.TRAJECTORIES](canvas, msg.marker_array([]))
+    (drawn,) = (one for one in paper.logged["trajectories"] if isinstance(one, rr.LineStrips3D))
+    assert column(drawn, "strips").to_pylist() == [
+        [pytest.approx([0.0, 0.0, 0.1]), pytest.approx([1.0, 0.5, 0.1])]
+    ]
+    assert column(drawn, "colors").to_pylist() == [0xFF8000FF]
+    assert column(drawn, "radii").to_pylist() == pytest.approx([0.005])
+
+
+def test_an_action_s_goal_is_shown_while_it_is_driven_to_and_by_its_end() -> None:
+    canvas, paper = canvas_of(room())
+    goal = doc.Planar(x_m=1.0, y_m=2.0, yaw_rad=0.0)
+    going = act.ActionFeedback(goal_id="a", action="dock_robot", goal=goal)
+    DRAW[table.ACTION_FEEDBACK](canvas, going)
+    DRAW[table.ACTION_FEEDBACK](canvas, going)
+    ended = {"goal_id": "a", "action": "dock_robot", "start_time_s": 0.0, "end_time_s": 1.0}
+    failed = act.ActionResult(**ended, status="aborted", error_code=902, goal=goal)
+    DRAW[table.ACTION_RESULT](canvas, failed)
+    arrows = [one for one in paper.logged["goal_pose"] if isinstance(one, rr.Arrows3D)]
+    colors = [column(arrow, "colors").to_pylist()[0] >> 8 for arrow in arrows]
+    assert colors == [0x3498FF, 0xE74C3C]
 
 
 def test_a_trail_keeps_a_point_every_three_centimetres_and_a_bounded_number() -> None:

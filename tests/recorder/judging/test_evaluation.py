@@ -7,10 +7,12 @@ import pickle
 import tracemalloc
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_OPTICAL_FRAME,
@@ -22,8 +24,9 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.common.goal_table import goal_rows
+from services.common.goal_table import error_lines, failure_lines, goal_rows
 from services.common.node import messages as msg
+from services.common.node.action_documents import ActionFeedback, ActionResult
 from services.common.node.documents import (
     BodyEntity,
     Box,
@@ -424,6 +427,106 @@ def test_a_goal_without_an_estimate_on_the_way_has_no_localisation_error() -> No
     evaluation.add_result(result(SE2(START.x_m + 3.0, START.y_m, 0.0)))
     (goal,) = evaluation.evaluation().goals
     assert goal.localisation_error_m is None
+
+
+def task(action: str, **fields: Any) -> ActionResult:
+    usual = {"goal_id": "a-1", "status": "succeeded", "start_time_s": 0.0, "end_time_s": 10.0}
+    return ActionResult.model_validate({"action": action} | usual | fields)
+
+
+def planar(x_m: float, y_m: float, yaw_rad: float = 0.0) -> Planar:
+    return Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+
+def test_a_task_sent_as_an_action_is_judged_by_the_truth() -> None:
+    evaluation = RunEvaluation(make_world(with_wall=True))
+    drive(evaluation)
+    there, away = planar(START.x_m + 3.0, START.y_m + 0.1), planar(9.0, 9.0)
+    evaluation.add_feedback(ActionFeedback(goal_id="a-1", action="navigate_to_pose"))
+    evaluation.add_result(task("navigate_to_pose", goal=there))
+    evaluation.add_result(task("dock_robot", goal_id="a-2", goal=away))
+    failed = {"error_code": 701, "error_msg": "a wall", "number_of_recoveries": 1}
+    evaluation.add_result(task("spin", goal_id="a-3", status="aborted", **failed))
+    evaluation.add_feedback(ActionFeedback(goal_id="a-4", action="wait"))
+    reached, missed, spun = evaluation.evaluation().goals
+    assert (reached.action, reached.goal_id, reached.reached) == ("navigate_to_pose", "a-1", True)
+    assert reached.goal_error_m == pytest.approx(0.1, abs=0.01)
+    assert reached.shortest_path_m is not None
+    # Navigation says it has docked; the truth is metres away.
+    assert not missed.reached
+    assert missed.goal_error_m is not None
+    assert missed.goal_error_m > 5.0
+    assert missed.shortest_path_m is None
+    assert (spun.reached, spun.goal_error_m, spun.recoveries) == (False, None, 1)
+    rows = goal_rows(evaluation.evaluation().goals)
+    assert [row[:2] for row in rows] == [
+        ("goal", "yes"), ("dock robot: goal", "no (0)"), ("spin", "no (701)"),
+    ]  # fmt: skip
+    assert failure_lines(evaluation.evaluation().goals) == ["spin: error 701: a wall"]
+    totals = evaluation.totals()
+    assert (totals["goals_sent"], totals["goals_reached"]) == (4, 1)
+    # Of the one drive: the other tasks have no shortest path.
+    assert totals["spl"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("off_m", "reached"), [(0.0, True), (0.3, False)])
+def test_a_motion_is_judged_from_the_true_pose_at_its_start(off_m: float, reached: bool) -> None:
+    evaluation = RunEvaluation(make_world())
+    drive(evaluation)
+    moved = planar(1.2 + off_m, 0.0)
+    times = {"start_time_s": 2.0, "end_time_s": 6.0}
+    evaluation.add_result(task("drive_on_heading", displacement=moved, **times))
+    (report,) = evaluation.evaluation().goals
+    assert report.name == "drive_on_heading"
+    assert report.goal_error_m == pytest.approx(off_m, abs=1e-6)
+    assert report.reached == reached
+    assert report.path_length_m == pytest.approx(1.2, abs=0.01)
+
+
+def test_a_task_aborted_by_a_restart_is_not_counted() -> None:
+    evaluation = RunEvaluation(make_world())
+    drive(evaluation)
+    evaluation.add_result(task("spin", status="aborted", error_code=ErrorCode.WORLD_RESTARTED))
+    assert evaluation.evaluation().goals == ()
+
+
+@pytest.mark.parametrize(
+    ("off", "share"),
+    [((0.027, 0.0, 0.0), 1.0), ((0.029, 0.0, 0.0), 0.5), ((0.0, 0.0, 0.029), 0.5)],
+)
+def test_honesty_is_the_share_of_estimates_whose_ellipsoid_holds_the_truth(
+    off: tuple[float, float, float], share: float
+) -> None:
+    # Along one axis the ellipsoid ends at sqrt(7.815) = 2.80 standard deviations.
+    covariance = msg.planar_covariance(np.diag([1e-4, 1e-4, 1e-4]))
+    evaluation = RunEvaluation(make_world())
+    assert evaluation.evaluation().localization.inside_95_percent is None
+    for stamp_ns, error in ((0, (0.0, 0.0, 0.0)), (1_000_000_000, off)):
+        pose = true_pose(stamp_ns)
+        claimed = estimate(stamp_ns, SE2(*(a + b for a, b in zip(pose, error, strict=True))))
+        claimed.pose.covariance = covariance
+        evaluation.add_estimate(claimed)
+    drive(evaluation)
+    localization = evaluation.evaluation().localization
+    assert (localization.inside_95_percent, localization.estimates) == (share, 2)
+    (line, *_) = error_lines(evaluation.evaluation())
+    assert f"{share:.0%} inside" in line
+
+
+def test_an_evaluation_that_is_gone_on_with_keeps_tasks_and_honesty() -> None:
+    evaluation, again = RunEvaluation(make_world()), RunEvaluation(make_world())
+    evaluation.add_estimate(estimate(0, START))
+    drive(evaluation)
+    evaluation.add_feedback(ActionFeedback(goal_id="a-0", action="wait"))
+    evaluation.add_result(task("spin"))
+    waits = task("backup", goal_id="a-2", start_time_s=11.0, end_time_s=13.0)
+    evaluation.add_result(waits)
+    again.restore(*evaluation.state())
+    assert again.evaluation() == evaluation.evaluation()
+    totals = ("goals_sent", "goals_reached", "spl")
+    assert [again.totals()[one] for one in totals] == [evaluation.totals()[one] for one in totals]
+    assert again.evaluation().localization.estimates == 1
+    assert [goal.action for goal in again.evaluation().goals] == ["spin", "backup"]
 
 
 def test_totals_weigh_success_by_path_length() -> None:

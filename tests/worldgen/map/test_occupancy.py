@@ -70,7 +70,7 @@ def assert_exact(polygon: NDArray[np.float64], occupied: NDArray[np.bool_], grid
     assert outside.max(initial=0.0) < 1e-6
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     st.floats(0.05, 3.0), st.floats(0.05, 0.5), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0),
     st.floats(-math.pi, math.pi),

@@ -46,6 +46,16 @@ def test_a_world_of_everything_comes_back(loaded: LoadedWorld, tmp_path: Path) -
     assert (back.map_cells == loaded.map_cells).all()
 
 
+def test_zones_come_back(tmp_path: Path) -> None:
+    square = [[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]
+    made = folder.room() | {
+        "keepout_zones": [{"name": "carpet", "polygon_m": square}],
+        "speed_limits": [{"name": "slow", "polygon_m": square, "percent": 30.0}],
+    }
+    zoned = load_file(everything.make(tmp_path / "worlds", made))
+    assert everything.there_and_back(zoned, tmp_path).world == zoned.world
+
+
 def test_a_ready_map_goes_with_its_world(tmp_path: Path) -> None:
     from services.worldgen.map.map_files import write_map
 

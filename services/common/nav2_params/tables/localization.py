@@ -76,26 +76,51 @@ frame_id string map * !map
     note=_MAP,
 )
 
+_MASK_SERVER = """
+frame_id string map * !map
+topic_name string map *"""
+
+KEEPOUT_MASK_SERVER = namespace(
+    "filter_mask_server",
+    f'yaml_filename string "" * =keepout_mask{_MASK_SERVER} !keepout_filter_mask',
+)
+SPEED_MASK_SERVER = namespace(
+    "filter_mask_server", f'yaml_filename string "" * =speed_mask{_MASK_SERVER} !speed_filter_mask'
+)
 MASK_SERVER = namespace(
     "filter_mask_server",
-    """
-yaml_filename string "" *
-topic_name string map *
-frame_id string map *
-""",
-    note="masks belong to the recipe of the world",
+    f'yaml_filename string "" * =-{_MASK_SERVER}',
+    note="masks are those of keepout_filter_mask_server and speed_filter_mask_server",
 )
 
+_FILTER_INFO = """
+filter_info_topic string costmap_filter_info *
+mask_topic string filter_mask *"""
+
+KEEPOUT_FILTER_INFO = namespace(
+    "costmap_filter_info_server",
+    f"""{_FILTER_INFO} !keepout_filter_mask
+type int 0 {{0,1,2,3}} =- !0
+base double 0.0 * =- !0.0
+multiplier double 1.0 * =- !1.0
+""",
+)
+SPEED_FILTER_INFO = namespace(
+    "costmap_filter_info_server",
+    f"""{_FILTER_INFO} !speed_filter_mask
+type int 0 {{0,1,2,3}} =speed_mask_type
+base double 0.0 * =speed_mask_base
+multiplier double 1.0 * =speed_mask_multiplier
+""",
+)
 FILTER_INFO = namespace(
     "costmap_filter_info_server",
-    """
-type int 0 {0,1,2,3}
-filter_info_topic string costmap_filter_info *
-mask_topic string filter_mask *
-base double 0.0 *
-multiplier double 1.0 *
+    f"""{_FILTER_INFO}
+type int 0 {{0,1,2,3}} =-
+base double 0.0 * =-
+multiplier double 1.0 * =-
 """,
-    note="masks belong to the recipe of the world",
+    note="masks are those of keepout_filter_mask_server and speed_filter_mask_server",
 )
 
 MAP_SAVER = namespace(

@@ -84,7 +84,7 @@ diff_drive.plugin string mppi::DiffDriveMotionModel * =- !mppi::DiffDriveMotionM
 omni.plugin string - * =- # the robot cannot move sideways
 ackermann.plugin string - * =- # the robot turns on the spot
 ackermann.min_turning_r double - >=0 =- # the robot turns on the spot
-visualize bool false * =- # the best trajectories are drawn into every recording
+visualize bool false * =- # thirty rollouts are drawn into every recording
 critic_index_to_visualize int 0 *
 publish_optimal_trajectory bool false *
 publish_optimal_path bool false *

@@ -1,0 +1,49 @@
+"""A line of progress that is written over, where standard output is a terminal."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from types import TracebackType
+from typing import Self
+
+_ERASE_LINE = "\r\x1b[K"
+
+
+class ProgressLine:
+    """Lines of its own stay; the line of progress under them is written over."""
+
+    def __init__(self, wanted: bool = True) -> None:
+        """`wanted`: False prints nothing at all."""
+        self._wanted = wanted
+        self._updates = wanted and sys.stdout.isatty()
+        self._shown = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.show("")
+
+    def say(self, text: str) -> None:
+        """Print a line that stays."""
+        shown = self._shown
+        self.show("")
+        if self._wanted:
+            sys.stdout.write(f"{text}\n")
+            sys.stdout.flush()
+        self.show(shown)
+
+    def show(self, text: str) -> None:
+        """Show a text in place of the one before; "": none. It is cut to the terminal's width."""
+        if not self._updates or text == self._shown:
+            return
+        self._shown = text
+        cut = text[: max(shutil.get_terminal_size().columns - 1, 20)]
+        sys.stdout.write(f"{_ERASE_LINE}{cut}")
+        sys.stdout.flush()

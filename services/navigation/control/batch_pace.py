@@ -1,0 +1,72 @@
+"""How many trajectories a sampling controller tries where control steps come late.
+
+Time is an argument of a step: a period that no step fell into was missed. In lockstep none is ever
+missed, so that there the same seed gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Protocol, runtime_checkable
+
+_LOG = logging.getLogger("navigation")
+
+_SHRINK = 0.7
+_GROW = 1.1
+_LEAST = 0.25
+"""Share of the configured batch that is always tried."""
+_IN_TIME = 100
+"""After so many steps in time the batch grows again."""
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """A controller whose computing time grows with the number of its trajectories."""
+
+    batch_size: int
+    shortfalls: int
+    """How often the batch was made smaller."""
+
+
+class BatchPace:
+    """Makes the batch smaller at a missed control period, and slowly larger again."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._last_ns: int | None = None
+        self._full: dict[int, int] = {}
+        """Configured batch, by the controller's identity."""
+        self._in_time = 0
+        self.missed = 0
+        """Control periods missed so far."""
+
+    def rest(self) -> None:
+        """The robot is not controlled in this step: whether the next one is in time is unknown."""
+        self._last_ns = None
+
+    def step(self, now_ns: int, controller: object) -> None:
+        """Note a step of a controller."""
+        last_ns, self._last_ns = self._last_ns, now_ns
+        if last_ns is None or not isinstance(controller, Batched):
+            return
+        full = self._full.setdefault(id(controller), controller.batch_size)
+        before = controller.batch_size
+        missed = now_ns // self._period_ns - last_ns // self._period_ns - 1
+        if missed > 0:
+            self.missed += missed
+            self._in_time = 0
+            controller.batch_size = max(int(before * _SHRINK), int(full * _LEAST), 1)
+        elif before < full:
+            self._in_time += 1
+            if self._in_time >= _IN_TIME:
+                self._in_time = 0
+                controller.batch_size = min(int(before * _GROW) + 1, full)
+        self._tell(before, controller.batch_size, full)
+
+    def _tell(self, before: int, now: int, full: int) -> None:
+        if before == full and now < full:
+            _LOG.warning(
+                "control steps come late: %d trajectories are tried instead of %d", now, full
+            )
+        elif before < full and now == full:
+            _LOG.info("control steps are in time again: %d trajectories are tried", full)
