@@ -17,11 +17,12 @@ FLAGS: dict[str, tuple[str, ...]] = {
     "localization": (),
     "navigation": (),
 }
-TOUR = ("--world-name", "sim_house_enhanced", "--goal", "[0.5, 0.0, 0.0]")
 
 
 @contextmanager
-def running_stack(pace: str = "2", camera: bool = False) -> Iterator[str]:
+def running_stack(
+    pace: str = "2", camera: bool = False, goal: tuple[float, float, float] = (0.5, 0.0, 0.0)
+) -> Iterator[str]:
     """The endpoint of a stack in the enhanced world, active, with its first goal reached.
 
     Raises AssertionError, with what the services said, where it does not come up.
@@ -40,7 +41,9 @@ def running_stack(pace: str = "2", camera: bool = False) -> Iterator[str]:
         flags_of = {**FLAGS, "physics": ()} if camera else FLAGS
         processes = [start(name, *flags) for name, flags in flags_of.items()]
         try:
-            code = start("bringup", *TOUR).wait(timeout=90)
+            code = start(
+                "bringup", "--world-name", "sim_house_enhanced", "--goal", str(list(goal))
+            ).wait(timeout=90)
             log.seek(0)
             assert code == 0, log.read()
             yield endpoint

@@ -15,6 +15,8 @@ from tests.docs.stack import running_stack
 PYTHON = blocks("python")
 LONG = {"controllers.md", "navigator.md", "own-controller.md"}
 """Pages whose programs drive for a minute."""
+AHEAD_IS_FREE = (0.5, 0.0, -1.57)
+"""A pose with 1.27 m of free floor before it."""
 IN_PROCESS = [
     pytest.param(one, marks=[pytest.mark.slow] if one.page.name in LONG else [], id=str(one))
     for one in PYTHON
@@ -24,7 +26,7 @@ IN_PROCESS = [
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
-    with running_stack(pace="1") as running:
+    with running_stack(pace="1", goal=AHEAD_IS_FREE) as running:
         yield running
 
 
