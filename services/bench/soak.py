@@ -37,11 +37,11 @@ from services.common.node.topics import (
     WORLD,
     WORLD_REQUEST,
 )
+from services.common.world.costmap import FREE
 from services.common.world.grids import connected_regions, distance_cells
 from services.embedded.demo import DemoOptions, bringup_config, robot_nodes
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
-from services.worldgen.map.occupancy import FREE
 from services.worldgen.recipe.loader import LoadedWorld, load_world
 
 CLEARANCE_M = 0.35

@@ -88,7 +88,7 @@ def localize(
         raise ConfigError(f"{missing}: must be given beside {given}")
     if timeout_s is not None:
         raise ConfigError("--timeout: must be given without --map and --log")
-    from services.worldgen.map.map_files import read_map  # noqa: PLC0415 - loads images
+    from services.common.world.map_files import read_map  # noqa: PLC0415 - loads images
 
     if everywhere and start is not None:
         raise ConfigError("--global: start from nothing, or at --start: not both")

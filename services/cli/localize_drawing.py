@@ -17,7 +17,7 @@ from services.common.frames import SE2, Array
 
 if TYPE_CHECKING:
     from services.cli.localize_run import Fix
-    from services.worldgen.map.map_files import MapFile
+    from services.common.world.map_files import MapFile
 
 _LONGEST_PX = 1600
 _COLOURS = {

@@ -13,8 +13,8 @@ from services.common.config import ConfigError
 from services.common.frames import SE2, Array
 
 if TYPE_CHECKING:
+    from services.common.world.map_files import MapFile
     from services.localization.monte_carlo import Localization
-    from services.worldgen.map.map_files import MapFile
 
 HEADER = "time_s,state,quality,x_m,y_m,yaw_rad,std_x_m,std_y_m,std_yaw_rad"
 WAFFLE_LIDAR_M = -0.064

@@ -115,13 +115,13 @@ def _costmap(
 ) -> tuple[Costmap, Footprint | None]:
     """The inflated map, and the footprint if the robot is not round."""
     from services.common.world.costmap import OCCUPIED, straightened  # noqa: PLC0415
+    from services.common.world.map_files import read_map  # noqa: PLC0415
     from services.navigation.costmap.footprint import WAFFLE  # noqa: PLC0415
     from services.navigation.costmap.layered_costmap import (  # noqa: PLC0415
         InflationParams,
         frame_of,
         inflate,
     )
-    from services.worldgen.map.map_files import read_map  # noqa: PLC0415
 
     loaded = read_map(map_file)
     origin, cells = straightened(loaded.resolution_m, loaded.origin, loaded.cells)

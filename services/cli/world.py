@@ -297,8 +297,8 @@ def _loaded(
 
     All errors of a file are printed, one a line, before the command exits.
     """
+    from services.common.problems import WorldError  # noqa: PLC0415
     from services.worldgen.files import load_any  # noqa: PLC0415
-    from services.worldgen.recipe.problems import WorldError  # noqa: PLC0415
 
     refuse_unused(world, arguments, path)
     try:

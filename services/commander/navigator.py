@@ -54,8 +54,8 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
+from services.common.problems import WorldError
 from services.embedded.session import Session
-from services.worldgen.recipe.problems import WorldError
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """The router of a stack on this machine."""
@@ -400,8 +400,8 @@ class Navigator:
         A task ends, and localisation begins anew. Where it cannot be used, `getTaskError` gives
         the number of nav2_msgs/srv/LoadMap, and the cause.
         """
+        from services.common.world.map_files import read_map  # noqa: PLC0415 - loads images
         from services.worldgen.map.map_exchange import document_of_map  # noqa: PLC0415
-        from services.worldgen.map.map_files import read_map  # noqa: PLC0415 - loads images
 
         path = Path(map_filepath)
         if not path.is_file():

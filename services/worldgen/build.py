@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from services.common.world.furnish import furnish
+from services.common.world.map_files import write_map
 from services.worldgen.difficulty import difficulty
 from services.worldgen.map.clearance import reach
-from services.worldgen.map.map_files import write_map
 from services.worldgen.preview import plan_png
 from services.worldgen.recipe.loader import LoadedWorld
 from services.worldgen.sdf.export import export_world

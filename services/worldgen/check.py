@@ -10,9 +10,11 @@ from typing import NamedTuple
 
 from services.common.frames import rotation_from_quaternion, transform_matrix
 from services.common.node.documents import Entities, Marker
+from services.common.problems import Mistake, Problem, WorldError
 from services.common.world.costmap import ROBOT_RADIUS_M
 from services.common.world.furnish import furnish
 from services.common.world.placement import Panel
+from services.common.yaml_source import Source
 from services.worldgen.files import imported_recipe, is_sdf
 from services.worldgen.map.clearance import CORRIDOR_M, Reach, reach, rooms_to_stand
 from services.worldgen.recipe.loader import (
@@ -23,8 +25,6 @@ from services.worldgen.recipe.loader import (
     shown_path,
     sources_of,
 )
-from services.worldgen.recipe.problems import Mistake, Problem, WorldError
-from services.worldgen.recipe.yaml_source import Source
 
 
 class Findings(NamedTuple):

@@ -15,8 +15,8 @@ from services.common import portable
 from services.common.frames import SE2, Array, wrap_angle
 from services.common.kernels import kernel
 from services.common.node.documents import Document, Planar
+from services.common.world.costmap import FREE
 from services.common.world.grids import connected_regions
-from services.worldgen.map.occupancy import FREE
 from services.worldgen.markers.visibility import Bits, reachable
 from services.worldgen.maze import maze as mazes
 from services.worldgen.recipe.loader import LoadedWorld

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from services.common.config import ConfigError
+from services.common.problems import Problem, WorldError
 from services.worldgen.recipe.loader import (
     DEFAULT_WORLDS_DIR,
     LoadedWorld,
@@ -17,7 +18,6 @@ from services.worldgen.recipe.loader import (
     load_world,
     shown_path,
 )
-from services.worldgen.recipe.problems import Problem, WorldError
 
 SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
 RECIPE_SUFFIXES = (".yaml", ".yml")

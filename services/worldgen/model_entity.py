@@ -18,9 +18,9 @@ from services.common import portable
 from services.common.config import ConfigError, one_line
 from services.common.frames import inverse_matrix, pose_matrix, rotation_from_quaternion
 from services.common.node.documents import Material, Mesh, Quaternion, Shape
+from services.common.problems import field_name, shown_value, words
 from services.common.world.geometry import TriangleMesh, mesh_to_bytes, triangles_of
 from services.worldgen.recipe.mistakes import mistakes
-from services.worldgen.recipe.problems import field_name, shown_value, words
 from services.worldgen.recipe.recipe import Recipe
 from services.worldgen.recipe.resolve import MeshAsset, MeshKey, mesh_keys, resolve, with_textures
 from services.worldgen.recipe.texture_file import read_texture_file

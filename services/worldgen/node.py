@@ -11,11 +11,11 @@ from services.common.node.documents import WorldRequest, WorldStatus
 from services.common.node.messages import occupancy_grid
 from services.common.node.node import Inbox, Node, Outbox
 from services.common.node.topics import ASSETS, LOAD_MAP, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS
+from services.common.problems import WorldError
 from services.common.world.assets import asset_message
 from services.worldgen.config import WorldgenConfig
 from services.worldgen.map.map_exchange import MapDataError, map_of_document
 from services.worldgen.recipe.loader import LoadedWorld, load_world
-from services.worldgen.recipe.problems import WorldError
 
 Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 

@@ -16,10 +16,11 @@ from scipy import ndimage
 
 from services.common.frames import SE2, Array, rotation_from_quaternion
 from services.common.node.documents import MarkerEntity, Material, Planar, Wall, World
+from services.common.world.costmap import FREE, UNKNOWN
 from services.common.world.footprint import Footprint, wall_corners
 from services.common.world.furnish import furnish
 from services.common.world.placement import panel_of
-from services.worldgen.map.occupancy import FREE, UNKNOWN, Grid, occupied_cells
+from services.worldgen.map.occupancy import Grid, occupied_cells
 from services.worldgen.markers.visibility import reachable, seen_from
 from services.worldgen.plan_bodies import BodyPlan, body_plans
 from services.worldgen.recipe.loader import LoadedWorld

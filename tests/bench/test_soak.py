@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from services.bench.soak import CLEARANCE_M, Drive, Ended, Sample, drive, main, reachable_goals
+from services.common.world.costmap import FREE
 from services.embedded.demo import DemoOptions
-from services.worldgen.map.occupancy import FREE
 from services.worldgen.recipe.loader import load_world
 
 QUIET = DemoOptions(camera=False, record=False, renderer="none")

@@ -16,7 +16,7 @@ from services.cli.app import app
 from services.common.config import ConfigError
 from services.common.frames import SE2
 from services.common.node import messages as msg
-from services.worldgen.map.map_files import write_map
+from services.common.world.map_files import write_map
 from tests.localization import offline
 
 RUNNER = CliRunner()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from services.common.frames import SE2
-from services.worldgen.map.map_files import Mode, write_map
+from services.common.world.map_files import Mode, write_map
 from tests.cli.test_app import mazebot
 
 

@@ -14,8 +14,8 @@ from services.common.error_codes import ErrorCode
 from services.common.frames import wrap_angle
 from services.common.node import messages as msg
 from services.common.node.topics import CMD_VEL_TELEOP, CONTACTS, MAP
+from services.common.world.map_files import write_map
 from services.embedded.session import Session
-from services.worldgen.map.map_files import write_map
 from tests.docs.stack import running_stack
 
 

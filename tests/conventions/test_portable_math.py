@@ -67,7 +67,7 @@ POSES = {
     "physics/bodies/bodies.py": 2,
     "physics/sensors/odometry.py": 1,
     "worldgen/difficulty.py": 1,
-    "worldgen/map/map_files.py": 1,
+    "worldgen/map/disagreement.py": 1,
     "worldgen/map/occupancy.py": 1,
     "worldgen/markers/visibility.py": 2,
 }

@@ -57,10 +57,10 @@ def test_what_is_transparent_in_mode_scale_is_unknown(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        ({"resolution": None}, "mask.yaml: resolution: is missing"),
+        ({"resolution": None}, "mask.yaml.*: resolution: is missing"),
         ({"resolution": "-1"}, "resolution: -1: must be a number from 0.001 to 100"),
         ({"resolution": ".nan"}, "resolution: nan: must be a number"),
-        ({"origin": "[0, 0]"}, r"origin: \[0, 0\]: must be \[x, y, yaw\]"),
+        ({"origin": "[0, 0]"}, r"origin: \(0, 0\): must be \[x, y, yaw\]"),
         ({"mode": "grey"}, "mode: 'grey': must be trinary, scale or raw"),
         ({"negate": "0.5"}, "negate: 0.5: must be 0 or 1"),
         ({"free_thresh": "0.9"}, "free_thresh: 0.9: must be < occupied_thresh, which is 0.65"),
@@ -84,10 +84,10 @@ def test_a_file_that_is_no_mask_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "list.yaml").write_text("- 1")
     (tmp_path / "bytes.yaml").write_bytes(bytes(range(128, 256)))
     for name, says in (
-        ("list.yaml", "must be a map_server YAML file"),
+        ("list.yaml", "must be a mapping of fields to values"),
         ("bytes.yaml", "bytes.yaml"),
-        ("none.yaml", "no such file"),
-        (".", "no such file"),
+        ("none.yaml", "No such file"),
+        (".", "must be a file"),
     ):
         with pytest.raises(ConfigError, match=says) as caught:
             read_mask("speed_mask", str(tmp_path / name), FilterInfo(1, 100.0, -1.0))

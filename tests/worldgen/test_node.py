@@ -11,10 +11,10 @@ from services.common.node.documents import WorldRequest, WorldStatus
 from services.common.node.messages import cells_from_grid
 from services.common.node.node import Envelope, Inbox, Outbox
 from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
+from services.common.problems import WorldError
 from services.worldgen.config import WorldgenConfig
 from services.worldgen.node import WorldgenNode
 from services.worldgen.recipe.loader import load_world
-from services.worldgen.recipe.problems import WorldError
 from tests.worldgen import folder
 
 

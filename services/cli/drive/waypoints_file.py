@@ -24,8 +24,8 @@ from services.common.frames import yaw_from_quaternion
 from services.common.known_settings import unknown_name
 from services.common.node.action_documents import FollowWaypoints, WaypointTask
 from services.common.node.documents import Location, Planar
-from services.worldgen.recipe.problems import Problem, WorldError, field_name, shown_value
-from services.worldgen.recipe.yaml_source import Source, read_source
+from services.common.problems import Problem, WorldError, field_name, shown_value
+from services.common.yaml_source import Source, read_source
 
 MOST_WAYPOINTS = 1000
 _POSE = ("x_m", "y_m", "yaw_rad")

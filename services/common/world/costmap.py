@@ -19,8 +19,8 @@ Mask = NDArray[np.bool_]
 
 ROBOT_RADIUS_M = 0.24
 """Navigation's default `robot_radius`: a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm margin."""
-OCCUPIED = 100
-"""A map cell with at least this value is a lethal obstacle; below 0 it is unknown."""
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+"""Values of a map's cells; one of at least OCCUPIED is a lethal obstacle, below 0 it is unknown."""
 START_TOLERANCE_M = 0.5
 """Navigation's default `start_tolerance`: a start in inflated cells moves to a free cell this near.
 """
@@ -29,6 +29,9 @@ MAX_MAP_CELLS = 4_000_000
 """Of a map, e.g. 100 m by 100 m in cells of 5 cm: costmap and localisation take some 100 bytes for
 each.
 """
+
+MAX_CELLS = 16_000_000
+"""Of a map's file, and of what a world is made into."""
 
 _STRAIGHT_RAD = 1e-6
 """A map rotated by less counts as not rotated."""

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 from trimesh.resolvers import Resolver
 
-from services.worldgen.recipe.problems import shown_value
+from services.common.problems import shown_value
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 MAX_TEXTURE_PX = 2048

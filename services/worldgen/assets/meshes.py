@@ -28,9 +28,9 @@ from services.common import portable
 from services.common.config import ConfigError
 from services.common.frames import Array
 from services.common.node.documents import Rgba
+from services.common.problems import shown_value, words
 from services.common.world.geometry import MAX_TRIANGLES, TriangleMesh
 from services.worldgen.assets.mesh_files import MeshError, MeshFiles, bare_lines, read_bytes
-from services.worldgen.recipe.problems import shown_value, words
 from services.worldgen.xml_comments import without_comments
 
 MAX_NODES = 20_000

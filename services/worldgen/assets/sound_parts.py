@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from services.worldgen.recipe.problems import Location
+from services.common.problems import Location
 from services.worldgen.recipe.recipe import Recipe
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from services.common.node.action_documents import LoadMap
 from services.common.node.documents import Planar
-from services.worldgen.map.map_files import MapFile
-from services.worldgen.map.occupancy import MAX_CELLS, OCCUPIED, UNKNOWN
+from services.common.world.costmap import MAX_CELLS, OCCUPIED, UNKNOWN
+from services.common.world.map_files import MapFile
 
 
 class MapDataError(ValueError):

@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from services.common import portable
 from services.common.frames import SE2, Array
 from services.common.node.documents import Planar, World
+from services.common.world.costmap import FREE, MAX_CELLS, OCCUPIED, UNKNOWN
 from services.common.world.footprint import Footprint, footprints
 from services.common.world.geometry import TriangleMesh
 from services.common.world.grids import connected_regions
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MARGIN_M = 1.0
 OPEN_MARGIN_M = 10.0
 """Margin of floor on the map around the entities on open floor."""
 OPEN_CELLS = 1_000_000
 """The margin of open floor is reduced, down to MARGIN_M, to keep the map below this many cells."""
-MAX_CELLS = 16_000_000
 
 _TOUCH_M = 1e-6
 """Smaller overlaps with a cell are ignored."""

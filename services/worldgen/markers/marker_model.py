@@ -13,13 +13,13 @@ from pydantic import ValidationError
 
 from services.common import portable
 from services.common.config import ConfigError
+from services.common.folder_writing import write_folder
 from services.common.frames import Array
 from services.common.node.documents import Marker
 from services.common.world import marker_picture
 from services.common.world.furnish import PanelStyle
 from services.common.world.geometry import TriangleMesh
 from services.common.world.marker_dictionary import read_dictionary
-from services.worldgen.folder_writing import write_folder
 from services.worldgen.sdf.writing import add, add_look, numbers, say, sdf_root, xml_bytes
 
 Kind = Literal["panel", "cube"]

@@ -17,11 +17,11 @@ from services.common import portable
 from services.common.frames import SE2, Array
 from services.common.kernels import kernel
 from services.common.node.documents import Planar, World
+from services.common.world.costmap import FREE
 from services.common.world.geometry import TriangleMesh
 from services.common.world.grids import connected_regions, distance_cells
 from services.common.world.obstruction import Obstruction, obstructions, wall_polygons
 from services.common.world.placement import Panel
-from services.worldgen.map.occupancy import FREE
 
 Bits = NDArray[np.bool_]
 Window = tuple[slice, slice, Bits]

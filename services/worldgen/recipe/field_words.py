@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
-from services.worldgen.recipe.problems import words
+from services.common.problems import words
 from services.worldgen.recipe.recipe_fields import fields_of
 
 

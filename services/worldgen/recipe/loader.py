@@ -19,28 +19,7 @@ from pydantic import ValidationError
 from services.common.config import ConfigError
 from services.common.frames import SE2
 from services.common.node.documents import DICTIONARY_FILES, Planar, World
-from services.common.root import ROOT
-from services.common.world.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
-from services.worldgen.assets.sound_parts import SoundParts, sound_parts
-from services.worldgen.map.clearance import automatic_start
-from services.worldgen.map.occupancy import (
-    FREE,
-    OCCUPIED,
-    OPEN_MARGIN_M,
-    Grid,
-    floor_map,
-    grid_of,
-    occupancy,
-)
-from services.worldgen.recipe.field_words import must_of
-from services.worldgen.recipe.mistakes import mistakes
-from services.worldgen.recipe.overrides import (
-    MAX_OVERRIDES,
-    parse_override,
-    shown_override,
-    with_value,
-)
-from services.worldgen.recipe.problems import (
+from services.common.problems import (
     Location,
     Mistake,
     Problem,
@@ -48,6 +27,21 @@ from services.worldgen.recipe.problems import (
     field_name,
     shown_value,
     words,
+)
+from services.common.root import ROOT
+from services.common.world.costmap import FREE, OCCUPIED
+from services.common.world.geometry import MAX_TRIANGLES, TriangleMesh, mesh_to_bytes
+from services.common.yaml_source import Source, read_source
+from services.worldgen.assets.sound_parts import SoundParts, sound_parts
+from services.worldgen.map.clearance import automatic_start
+from services.worldgen.map.occupancy import OPEN_MARGIN_M, Grid, floor_map, grid_of, occupancy
+from services.worldgen.recipe.field_words import must_of
+from services.worldgen.recipe.mistakes import mistakes
+from services.worldgen.recipe.overrides import (
+    MAX_OVERRIDES,
+    parse_override,
+    shown_override,
+    with_value,
 )
 from services.worldgen.recipe.recipe import MAX_ASSETS, Recipe
 from services.worldgen.recipe.recipe_fields import place_of
@@ -61,10 +55,9 @@ from services.worldgen.recipe.resolve import (
     with_textures,
 )
 from services.worldgen.recipe.texture_file import read_texture_file
-from services.worldgen.recipe.yaml_source import Source, read_source
 
 if TYPE_CHECKING:
-    from services.worldgen.map.map_files import MapFile
+    from services.common.world.map_files import MapFile
     from services.worldgen.maze.maze import Maze
 
 MAX_DICTIONARY_DIGITS = 250_000
@@ -513,7 +506,7 @@ class Loading:
     def _with_ready_map(self, name: str, draft: Draft) -> tuple[World, NDArray[np.int8], SE2]:
         """The world, the map's cells and its origin."""
         # Most worlds have none, and do not need the map reader.
-        from services.worldgen.map.map_files import read_map  # noqa: PLC0415
+        from services.common.world.map_files import read_map  # noqa: PLC0415
 
         try:
             ready = read_map(self._worlds_dir / "maps" / name)
@@ -532,7 +525,8 @@ class Loading:
 
     def _judge_map(self, name: str, ready: MapFile, draft: Draft) -> None:
         """A ready map must match the world that it is used in."""
-        from services.worldgen.map.map_files import MapFile, disagreement  # noqa: PLC0415
+        from services.common.world.map_files import MapFile  # noqa: PLC0415
+        from services.worldgen.map.disagreement import disagreement  # noqa: PLC0415
 
         own = MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin)
         try:

@@ -9,7 +9,7 @@ import shapely
 
 from services.common import frames
 from services.common.node import documents as doc
-from services.worldgen.recipe.problems import Location, Mistake
+from services.common.problems import Location, Mistake
 from services.worldgen.recipe.recipe import (
     MAX_ASSETS,
     MAX_COORDINATE_M,

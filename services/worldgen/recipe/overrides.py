@@ -6,10 +6,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from services.worldgen.recipe.problems import Location, Problem, WorldError, field_name, words
+from services.common.problems import Location, Problem, WorldError, field_name, words
+from services.common.yaml_source import parse_value
 from services.worldgen.recipe.recipe import Recipe
 from services.worldgen.recipe.recipe_fields import fields_of, types_of, types_within
-from services.worldgen.recipe.yaml_source import parse_value
 
 MAX_OVERRIDES = 100
 MAX_CHARACTERS = 4000

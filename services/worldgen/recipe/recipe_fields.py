@@ -8,7 +8,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from services.worldgen.recipe.problems import Location
+from services.common.problems import Location
 from services.worldgen.recipe.recipe import Recipe
 
 

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from services.common.folder_writing import write_folder
 from services.common.frames import Array, rotation_from_quaternion, transform_matrix
 from services.common.node import documents as doc
 from services.common.world.furnish import PanelStyle, furnish
 from services.common.world.geometry import TriangleMesh, mesh_from_bytes, triangles_of
 from services.common.world.marker_picture import identity_problem, own_dictionaries, panel_side_m
 from services.common.world.placement import hang
-from services.worldgen.folder_writing import write_folder
 from services.worldgen.markers.marker_model import marker_model_files, model_name
 from services.worldgen.recipe.loader import LoadedWorld
 from services.worldgen.sdf.writing import (
@@ -160,7 +160,7 @@ class _Export:
 
     def _map(self) -> str:
         # The map writer is not needed for worlds without a ready map.
-        from services.worldgen.map.map_files import write_map  # noqa: PLC0415
+        from services.common.world.map_files import write_map  # noqa: PLC0415
 
         world, loaded = self._world, self._loaded
         with tempfile.TemporaryDirectory(prefix="mazebot-export-") as folder:

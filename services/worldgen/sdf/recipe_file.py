@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from services.common.config import ConfigError
-from services.worldgen.folder_writing import write_file
+from services.common.folder_writing import write_file
 from services.worldgen.sdf.model import ImportReport
 
 _HEADER = "# Made from "

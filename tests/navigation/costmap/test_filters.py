@@ -11,11 +11,7 @@ from services.navigation.costmap.filters import (
     SPEED_PERCENT,
     FilterInfo,
     FilterMask,
-    SpeedLimit,
-    in_keepout,
     keepout_costs,
-    occupancy_of_picture,
-    speed_limit,
 )
 from services.navigation.costmap.inflation_layer import InflationParams
 from services.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
@@ -43,15 +39,6 @@ def test_the_robots_side_stays_out_too() -> None:
     assert costs[5, 8:22].tolist() == [0, 253] + [254] * 10 + [253, 0]
 
 
-def test_a_robot_in_a_zone_may_leave_it() -> None:
-    zones = mask(FilterInfo(KEEPOUT), 0, 100)
-    assert in_keepout(zones, 1.5, 0.5)
-    assert not in_keepout(zones, 0.5, 0.5)
-    assert not in_keepout(zones, 5.0, 0.5)
-    grid = GridFrame(0.1, 0.0, 0.0, 10, 20)
-    assert keepout_costs(zones, grid, 0.15, lethal_override_cost=252).max() == 252
-
-
 def test_zones_cost_on_the_static_and_the_combined_map_and_are_no_obstacles() -> None:
     cells = np.zeros((40, 60), np.int8)
     cells[:, 0] = 100
@@ -70,18 +57,6 @@ def test_zones_cost_on_the_static_and_the_combined_map_and_are_no_obstacles() ->
         costmap.set_keepout(np.zeros((3, 3), np.uint8))
 
 
-def test_speed_limits_in_percent_and_in_metres_a_second() -> None:
-    percent = mask(FilterInfo(SPEED_PERCENT, 100.0, -1.0), 0, 60, 100, -1)
-    assert speed_limit(percent, 1.5, 0.5) == SpeedLimit(True, 40.0)
-    assert speed_limit(percent, 1.5, 0.5).linear_m_s(0.46) == pytest.approx(0.184)
-    for x_m in (0.5, 2.5, 3.5, 9.0):
-        assert speed_limit(percent, x_m, 0.5).linear_m_s(0.46) == 0.46
-    metres = mask(FilterInfo(SPEED_M_S, 0.0, 0.01), 0, 20, 100)
-    assert speed_limit(metres, 1.5, 0.5).speed_limit == pytest.approx(0.2)
-    assert not speed_limit(metres, 1.5, 0.5).percentage
-    assert speed_limit(metres, 2.5, 0.5).linear_m_s(0.46) == 0.46
-
-
 @pytest.mark.parametrize(
     ("info", "field"),
     [
@@ -94,21 +69,8 @@ def test_speed_limits_in_percent_and_in_metres_a_second() -> None:
 def test_a_mask_of_nothing_known_is_refused_by_its_field(info: FilterInfo, field: str) -> None:
     with pytest.raises(ValueError, match=field):
         info.check()
-    with pytest.raises(ValueError, match="must be"):
-        speed_limit(mask(info, 0), 0.5, 0.5)
 
 
 def test_a_mask_for_speed_is_no_keepout_mask() -> None:
     with pytest.raises(ValueError, match="must be 0"):
         keepout_costs(mask(FilterInfo(SPEED_PERCENT), 0), GridFrame(1.0, 0.0, 0.0, 1, 1))
-    with pytest.raises(ValueError, match="must be 1"):
-        speed_limit(mask(FilterInfo(KEEPOUT), 0), 0.5, 0.5)
-
-
-def test_pictures_are_read_as_nav2s_map_server_does() -> None:
-    picture = np.array([[0, 128, 205], [254, 255, 100]], np.uint8)
-    assert occupancy_of_picture(picture).tolist() == [[0, 0, -1], [100, -1, 0]]
-    assert occupancy_of_picture(picture, "raw").tolist() == [[-1, -1, 100], [0, -1, -1]]
-    assert occupancy_of_picture(picture, negate=True).tolist() == [[100, 100, -1], [0, -1, 100]]
-    scaled = occupancy_of_picture(picture, "scale", occupied_thresh=1.0, free_thresh=0.0)
-    assert scaled.tolist() == [[1, 0, 61], [100, 50, 20]]

@@ -12,14 +12,14 @@ from PIL import Image
 
 from services.common.config import ConfigError
 from services.common.frames import SE2
-from services.worldgen.map.map_files import (
+from services.common.world.map_files import (
     ImageFormat,
     MapFile,
     Mode,
-    disagreement,
     read_map,
     write_map,
 )
+from services.worldgen.map.disagreement import disagreement
 
 ORIGIN = SE2(-2.07, -1.64, 0.3)
 META: dict[str, Any] = {

@@ -11,8 +11,9 @@ import yaml
 from PIL import Image
 
 from services.common.frames import SE2
+from services.common.world.costmap import Cells
+from services.common.world.map_files import ImageFormat, Mode, write_map
 from services.worldgen.check import problems_of
-from services.worldgen.map.map_files import Cells, ImageFormat, Mode, write_map
 from services.worldgen.recipe.loader import LoadedWorld, load_world
 from tests.worldgen import folder
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from services.common.problems import WorldError
 from services.common.world.furnish import furnish
 from services.common.world.marker_picture import own_dictionaries
 from services.perception.config import PerceptionConfig
@@ -14,7 +15,6 @@ from services.perception.find import MarkerFinder
 from services.perception.pose import Camera
 from services.worldgen.check import problems_of
 from services.worldgen.recipe.loader import load_world
-from services.worldgen.recipe.problems import WorldError
 
 CODES = ("1011000111001010010110110", "0110100101110010001011001", "1100110010010111010001101")
 ROOM = {

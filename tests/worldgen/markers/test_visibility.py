@@ -8,9 +8,9 @@ import pytest
 
 from services.common.frames import SE2
 from services.common.node.documents import Body, Box, Marker, Shape, Wall, World
+from services.common.world.costmap import FREE, OCCUPIED
 from services.common.world.furnish import furnish
 from services.common.world.placement import panel_of
-from services.worldgen.map.occupancy import FREE, OCCUPIED
 from services.worldgen.markers.visibility import Bits, covered_share, reachable, seen_from
 from tests.common.house import marker, wall, world
 

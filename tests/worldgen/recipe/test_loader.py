@@ -16,9 +16,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.worldgen.recipe import yaml_source
+from services.common import yaml_source
+from services.common.problems import WorldError
 from services.worldgen.recipe.loader import load_world
-from services.worldgen.recipe.problems import WorldError
 from tests.worldgen import folder
 
 LINE = re.compile(r"(?<=\.yaml):\d+")

@@ -12,9 +12,9 @@ import pytest
 
 from services.common.frames import rotation_from_quaternion
 from services.common.node.documents import Body, World
+from services.common.problems import WorldError
 from services.common.world.geometry import mesh_from_bytes
 from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
-from services.worldgen.recipe.problems import WorldError
 from tests.worldgen import folder
 
 CUBE_OBJ = """\

@@ -15,10 +15,10 @@ from scipy import ndimage
 from services.common.frames import SE2, rotation_from_quaternion
 from services.common.node.documents import Planar, Room, World
 from services.common.root import ROOT
+from services.common.world.costmap import FREE, OCCUPIED
 from services.common.world.furnish import furnish
 from services.common.world.placement import panel_of
 from services.worldgen.check import problems_of
-from services.worldgen.map.occupancy import FREE, OCCUPIED
 from services.worldgen.markers.visibility import Sight, covered_share
 from services.worldgen.recipe.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
 

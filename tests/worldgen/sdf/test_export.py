@@ -57,7 +57,7 @@ def test_zones_come_back(tmp_path: Path) -> None:
 
 
 def test_a_ready_map_goes_with_its_world(tmp_path: Path) -> None:
-    from services.worldgen.map.map_files import write_map
+    from services.common.world.map_files import write_map
 
     worlds = tmp_path / "worlds"
     made = folder.room()

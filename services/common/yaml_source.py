@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
+from services.common.problems import Location, Problem, WorldError, shown_value, words
 from services.common.yaml_words import line_and_words
-from services.worldgen.recipe.problems import Location, Problem, WorldError, shown_value, words
 
 MAX_BYTES = 4 * 1024 * 1024
 MAX_NODES = 300_000
