@@ -294,8 +294,7 @@ class RobotContext:
         )
         for index in range(len(smooth.points_m)) if check_for_collisions else ():
             pose = pose_on(smooth, index)
-            cost = costmap.cost_at(pose.x_m, pose.y_m)
-            if cost >= INSCRIBED_INFLATED_OBSTACLE or self._touches(costmap, pose):
+            if self.cost_at(pose, use_footprint=True) >= INSCRIBED_INFLATED_OBSTACLE:
                 raise NavigationError(
                     ErrorCode.SMOOTHED_PATH_IN_COLLISION,
                     f"the smoothed path touches an obstacle at ({pose.x_m:.2f}, {pose.y_m:.2f})",
