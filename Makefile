@@ -3,6 +3,8 @@
 SHELL := /bin/bash
 WORLD ?= enhanced
 SEED ?= 7
+# Of demo: a map to drive in, made by slam or saved by `mazebot map save`.
+MAP ?=
 # `field=value` overrides of the world's recipe, separated by spaces.
 SET ?=
 GOAL ?= 0.5 -0.9 0.0
@@ -28,7 +30,7 @@ space := $(subst ,, )
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench bench-nav soak seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -48,8 +50,11 @@ $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .too
 	@$(PYTHON) -m services.embedded.kernels || true
 	@touch $@
 
-demo: $(STAMP) ## drive a tour in one process, no Docker (WORLD=enhanced SEED=7 SET=maze.seed=3)
-	@.venv/bin/mazebot demo --world $(WORLD) --seed $(SEED) $(SET:%=--set '%') --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_$(WORLD)
+demo: $(STAMP) ## drive a tour in one process, no Docker (WORLD=enhanced SEED=7 SET=maze.seed=3 MAP=)
+	@.venv/bin/mazebot demo --world $(WORLD) --seed $(SEED) $(SET:%=--set '%') $(MAP:%=--map '%') --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_$(WORLD)
+
+slam: $(STAMP) ## explore a world without a map in one process (WORLD=enhanced SEED=7 SET=maze.seed=3)
+	@.venv/bin/mazebot demo --slam --world $(WORLD) --seed $(SEED) $(SET:%=--set '%') --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_$(WORLD)_slam
 
 demo-original: $(STAMP) ## the same tour in the original world
 	@.venv/bin/mazebot demo --world original --seed $(SEED) --out recordings/$$(date +%Y-%m-%d_%H-%M-%S)_original
@@ -62,7 +67,7 @@ up: image ## start the containers of WORLD=enhanced|original|... and follow the 
 	esac
 
 down: ## stop the containers and close their recordings
-	@docker compose --profile original --profile enhanced down
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced down
 
 goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 	@.venv/bin/mazebot goal $(GOAL)
@@ -129,8 +134,13 @@ bench-nav: $(STAMP) ## drive many scenarios, judged by the ground truth (SCENARI
 		$(BASELINE:%=--baseline %) $(SETTINGS:%=--settings %) --plots bench-nav \
 		--json $(if $(filter file,$(origin JSON)),bench-nav.json,$(JSON))
 
+bench-slam: $(STAMP) ## explore worlds without a map, judged by the ground truth (WORLDS="original maze" SEED=1 SEEDS=5 SLIP=0.1 NOISE=0.05)
+	@.venv/bin/python -m services.bench.slam_bench $(WORLDS:%=--world %) \
+		$(if $(filter file,$(origin SEED)),,--seed $(SEED)) $(SEEDS:%=--seeds %) $(SLIP:%=--slip %) \
+		$(NOISE:%=--noise %) --json $(if $(filter file,$(origin JSON)),bench-slam.json,$(JSON))
+
 image: ## build the container image
-	@docker compose --profile original --profile enhanced build
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced build
 
 clean: ## remove the environment and caches; recordings stay
 	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

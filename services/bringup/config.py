@@ -35,6 +35,12 @@ class BringupConfig(ServiceConfig):
         (),
         description="overrides the world's recipe: `maze.seed=3`; several with commas or as JSON",
     )
+    slam: bool = Field(
+        False, description="the robot gets no map: mapping makes one, and localises the robot in it"
+    )
+    explore: bool = Field(
+        True, description="with slam: explorer drives; false: the goal, or whoever sends goals"
+    )
     tour: tuple[str, ...] = Field(
         (),
         description="names of the locations to drive to, in order; `home` is the robot's start; "

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 
 from services.bringup.config import BringupConfig
-from services.bringup.table import tour_table
+from services.bringup.table import exploration_table, tour_table
 from services.bringup.tour import NoLocationsError, tour_goals
 from services.common.error_codes import ErrorCode
 from services.common.frames import MAP_FRAME
@@ -22,9 +22,11 @@ from services.common.node.documents import (
     WorldRequest,
 )
 from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.slam_documents import ExplorationStatus
 from services.common.node.topics import (
     DIAGNOSTICS,
     EVALUATION,
+    EXPLORATION_STATUS,
     GOAL_POSE,
     MAP,
     NAVIGATION_RESULT,
@@ -37,7 +39,11 @@ from services.common.node.topics import (
 
 _LOG = logging.getLogger("bringup")
 _MANAGERS = ("lifecycle_manager_localization", "lifecycle_manager_navigation")
+_MAPPERS = ("mapping", "explorer")
 _ACTIVE = "Managed nodes are active"
+
+_SAME_RESOLUTION_M = 1e-6
+"""A map's message has single precision."""
 
 EXIT_NOT_REACHED = 1
 EXIT_REFUSED = 2
@@ -53,7 +59,9 @@ class BringupNode(Node):
     name = "bringup"
     _config: BringupConfig
     period_ns = 100_000_000
-    wakes = (WORLD_STATUS, WORLD, NAVIGATION_STATUS, NAVIGATION_RESULT, EVALUATION)
+    wakes = (
+        WORLD_STATUS, WORLD, NAVIGATION_STATUS, NAVIGATION_RESULT, EXPLORATION_STATUS, EVALUATION,
+    )  # fmt: skip
 
     def __init__(self, config: BringupConfig) -> None:
         self._config = config
@@ -61,7 +69,12 @@ class BringupNode(Node):
             world_name=config.world_name,
             use_aruco=config.use_aruco,
             overrides=config.world_overrides,
+            slam=config.slam,
+            explore=config.explore,
         )
+        self._unneeded = (self.name, *(("localization",) if config.slam else _MAPPERS))
+        self._exploration: ExplorationStatus | None = None
+        """Of this run, once it is navigation's turn."""
         self._requested = False
         self._clock_seen_ns: int | None = None
         self._offered: World | None = None
@@ -87,7 +100,7 @@ class BringupNode(Node):
             return None
         missing = []
         for service in SERVICES:
-            if service == self.name:
+            if service in self._unneeded:
                 continue
             if service not in self._waiting:
                 missing.append(f"{service} (not up)")
@@ -100,6 +113,16 @@ class BringupNode(Node):
         """Number of goals done, number of all goals, and the name of the current goal."""
         name = self._goals[self._goal_index][0] if self._goal_index < len(self._goals) else ""
         return self._goal_index, len(self._goals) or len(self._config.tour), name
+
+    @property
+    def explores(self) -> bool:
+        """Whether the explorer drives."""
+        return self._request.explores
+
+    @property
+    def exploration(self) -> ExplorationStatus | None:
+        """How far the exploration has come; None where nothing is explored."""
+        return self._exploration if self._request.explores else None
 
     @property
     def recording(self) -> str:
@@ -123,16 +146,38 @@ class BringupNode(Node):
         if self._goal_index < len(self._goals):
             self._drive(now_ns, inbox, outbox)
             return
+        if self._config.slam and not self._goals:
+            self._await_map(now_ns)
+            return
         evaluation = self._judged()
         if evaluation is None or len(evaluation.goals) < len(self._results):
             if now_ns - self._tour_end_ns <= EVALUATION_PATIENCE_S * 1e9:
                 return
         self._finish(evaluation)
 
+    def _await_map(self, now_ns: int) -> None:
+        """End when the exploration has; without one, whoever drives ends the run."""
+        status = self._exploration
+        if status is None or status.state not in ("complete", "failed"):
+            self._tour_end_ns = now_ns
+            return
+        evaluation = self._evaluation
+        mapping = None if evaluation is None else evaluation.mapping
+        if mapping is None or mapping.exploration != status.state:
+            if now_ns - self._tour_end_ns <= EVALUATION_PATIENCE_S * 1e9:
+                return
+        said = exploration_table(status, evaluation)
+        if status.state == "complete":
+            _LOG.info("exploration complete\n%s", said)
+        else:
+            _LOG.error("exploration failed: %s\n%s", status.reason, said)
+        self.exit_code = 0 if status.state == "complete" else EXIT_NOT_REACHED
+
     def _begin_anew(self) -> None:
         """Restart the tour: the goals so far belong to another run."""
         if self._world is not None:
             _LOG.info("the simulation began anew: so does the tour")
+        self._exploration = None
         self._clock_seen_ns = None
         self._goal_index = 0
         self._goal_stamp_ns = None
@@ -158,13 +203,11 @@ class BringupNode(Node):
                 self.world_hash = status.world_hash
         self._offered = inbox.latest(WORLD) or self._offered
         self._map = inbox.latest(MAP) or self._map
-        if (
-            self._world is None
-            and self._offered
-            and self._offered.hash == self.world_hash
-            and self._map
-        ):
-            self._enter(self._offered, self._map)
+        offered = self._offered
+        if self._world is None and offered and offered.hash == self.world_hash:
+            # The map of a run with slam comes later, and has no place for a tour.
+            if self._map is not None or self._config.slam:
+                self._enter(offered, self._map)
         for array in inbox.new(DIAGNOSTICS):
             for status_of in array.status:
                 values = {value.key: value.value for value in status_of.values}
@@ -178,8 +221,11 @@ class BringupNode(Node):
             if navigation.goal is not None:
                 self._goal_sign_ns = now_ns
         self._evaluation = inbox.latest(EVALUATION) or self._evaluation
+        for exploration in inbox.new(EXPLORATION_STATUS):
+            if self._request.explores and not self._began_anew:
+                self._exploration = exploration
 
-    def _enter(self, world: World, grid: msg.OccupancyGrid) -> None:
+    def _enter(self, world: World, grid: msg.OccupancyGrid | None) -> None:
         try:
             self._goals = self._goals_in(world, grid)
         except ValueError as error:
@@ -194,10 +240,16 @@ class BringupNode(Node):
             *(world.name, world.hash, walls, bodies, markers),
         )
 
-    def _goals_in(self, world: World, grid: msg.OccupancyGrid) -> list[tuple[str, Planar]]:
+    def _goals_in(self, world: World, grid: msg.OccupancyGrid | None) -> list[tuple[str, Planar]]:
         """Raises ValueError where the tour has no valid goals."""
+        if self._request.explores or (self._config.slam and self._config.goal is None):
+            return []
         if self._config.goal is None:
+            assert grid is not None
             cells, origin = msg.cells_from_grid(grid), msg.se2_from_pose(grid.info.origin)
+            if abs(grid.info.resolution - world.map_resolution_m) > _SAME_RESOLUTION_M:
+                # The map is another one than the world's.
+                world = world.model_copy(update={"map_resolution_m": grid.info.resolution})
             return tour_goals(world, self._config.tour, cells, origin, self._config.seed)
         x_m, y_m, yaw_rad = self._config.goal
         return [("goal", Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))]

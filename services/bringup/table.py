@@ -7,7 +7,9 @@ from rich.console import Console
 from rich.table import Table
 
 from services.common.goal_table import HEADINGS, error_lines, failure_lines, goal_rows
+from services.common.mapping_table import mapping_rows
 from services.common.node.documents import Evaluation
+from services.common.node.slam_documents import ExplorationStatus
 
 
 def tour_table(evaluation: Evaluation) -> str:
@@ -24,3 +26,23 @@ def tour_table(evaluation: Evaluation) -> str:
     lines = [line.rstrip() for line in capture.get().splitlines() if line.strip()]
     said = [*failure_lines(evaluation.goals), *error_lines(evaluation)]
     return "\n".join([*lines, *(f" {line}" for line in said)])
+
+
+def exploration_table(status: ExplorationStatus, evaluation: Evaluation | None) -> str:
+    """How an exploration ended, and the map it made, as lines of text."""
+    rows = [
+        ("explored", f"{status.seen_share:.1%} of the reachable floor, as the explorer sees it"),
+        ("driven", f"{status.driven_m:.1f} m to {status.goals} view points"),
+        (
+            "frontiers",
+            f"{status.frontiers} left: {status.reachable} reachable, {status.set_aside} set aside",
+        ),
+    ]
+    mapping = None if evaluation is None else evaluation.mapping
+    if evaluation is None or mapping is None:
+        rows.append(("map", "the recorder has not judged it"))
+    else:
+        rows += mapping_rows(mapping)
+        rows += [("", line) for line in error_lines(evaluation)]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"  {name:{width}}  {text}".rstrip() for name, text in rows)

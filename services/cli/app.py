@@ -16,6 +16,7 @@ from services.cli import entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
 from services.cli.completion import run_names, topic_names, world_names, written_topic_names
 from services.cli.drive import behaviors, teleop, waypoints
+from services.cli.map import group as map_group
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.common.config import ConfigError
@@ -31,6 +32,7 @@ recordings_app = App(help="List and view the recordings of runs.")
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 app.add_typer(world.app, name="world")
+app.add_typer(map_group.app, name="map")
 app.add_typer(markers.app, name="markers")
 app.add_typer(sim.app, name="sim")
 
@@ -115,6 +117,24 @@ def demo(
         tuple[float, float, float] | None,
         typer.Option(help="x, y (m) and yaw (rad) in the map: one goal instead of the tour"),
     ] = None,
+    slam: Annotated[
+        bool | None,
+        typer.Option(
+            "--slam/--no-slam",
+            help="the robot gets no map: it explores the world and makes one [default: no-slam]",
+        ),
+    ] = None,
+    explore: Annotated[
+        bool | None,
+        typer.Option("--explore/--no-explore", help="with --slam: or drive to --goal only"),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="YAML file of a map to drive in, instead of the world's own; with "
+            "markers.yaml beside it, the robot knows these markers",
+        ),
+    ] = None,
     use_aruco: Annotated[
         str | None,
         typer.Option(
@@ -140,11 +160,23 @@ def demo(
     ] = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Drive the tour of a world in a single process, as fast as possible."""
+    """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
+    possible.
+    """
     said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
     known.check_not_for_make([option for option, value in said.items() if value])
     if goal is not None and not all(map(math.isfinite, goal)):
         raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
+    if slam and map_file is not None:
+        raise ConfigError(f"--map: {map_file}: must be given without --slam, which makes the map")
+    if explore is not None and not slam:
+        raise ConfigError("--explore: must be given with --slam")
+    if slam and goal is not None and explore is None:
+        explore = False
+    if slam and explore and goal is not None:
+        raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
+    if slam and explore is False and goal is None:
+        raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
     if config is not None:
         known.check_file(config)
     with collections_held_off():
@@ -164,6 +196,9 @@ def demo(
             texture_base=texture_base,
             renderer=renderer,
             goal=goal,
+            slam=slam,
+            explore=explore,
+            map_file=map_file,
             overrides=tuple(overrides or ()),
             worlds_dir=worlds_dir,
             controller=controller,
@@ -290,7 +325,7 @@ def topic_pub(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="TOPIC", help="/cmd_vel, /goal_pose or /initialpose",
+            metavar="TOPIC", help="/cmd_vel, /goal_pose, /initialpose or /explore/resume",
             autocompletion=written_topic_names,
         ),
     ],

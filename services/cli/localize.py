@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from services.cli.localize_log import ScanForm, read_log
-from services.cli.localize_run import HEADER, WAFFLE_LIDAR_M, run
+from services.cli.localize_run import HEADER, run
+from services.cli.logs.log import Topics
+from services.cli.logs.options import (
+    AngleIncrement,
+    AngleMin,
+    Lidar,
+    LogFile,
+    OdomTopic,
+    RangeMax,
+    RangeMin,
+    ScanTopic,
+    finite_pose,
+    scan_form,
+)
+from services.cli.logs.read import read_log
 from services.cli.options import ROUTER, Connect, Json, print_json
 from services.common.config import ConfigError
-from services.common.frames import SE2
 
 
 def localize(
     map_file: Annotated[
         Path | None, typer.Option("--map", help="the map's YAML file, as Nav2's")
     ] = None,
-    log_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--log",
-            help="CSV with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,...; "
-            "*.mcap or a folder of rosbag2 with /odom and /scan",
-        ),
-    ] = None,
+    log_file: LogFile = None,
     everywhere: Annotated[
         bool,
         typer.Option(
@@ -43,21 +47,13 @@ def localize(
         Path | None, typer.Option(help="a PNG of map, trajectory and 95 % ellipses")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="of the filter")] = 0,
-    lidar: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            help="x, y (m) and yaw (rad) of the lidar on the robot "
-            f"[default: the log's /tf_static, else {WAFFLE_LIDAR_M} 0 0]"
-        ),
-    ] = None,
-    angle_min: Annotated[
-        float, typer.Option(help="rad; direction of range_0 of a CSV file, 0 is ahead")
-    ] = 0.0,
-    angle_increment: Annotated[
-        float | None, typer.Option(help="rad between its ranges [default: a full turn in all]")
-    ] = None,
-    range_min: Annotated[float, typer.Option(help="m; its least range")] = 0.12,
-    range_max: Annotated[float, typer.Option(help="m; its longest range")] = 3.5,
+    lidar: Lidar = None,
+    angle_min: AngleMin = None,
+    angle_increment: AngleIncrement = None,
+    range_min: RangeMin = None,
+    range_max: RangeMax = None,
+    scan_topic: ScanTopic = "/scan",
+    odom_topic: OdomTopic = "/odom",
     timeout_s: Annotated[
         float | None,
         typer.Option("--timeout", min=0.1, help="seconds to wait for a running robot's pose"),
@@ -92,13 +88,13 @@ def localize(
 
     if everywhere and start is not None:
         raise ConfigError("--global: start from nothing, or at --start: not both")
-    form = _form(angle_min, angle_increment, range_min, range_max)
+    form = scan_form(angle_min, angle_increment, range_min, range_max)
     chart = read_map(map_file)
-    begin = None if start is None else _finite("--start", start)
-    base_from_scan = None if lidar is None else _finite("--lidar", lidar)
+    begin = None if start is None else finite_pose("--start", start)
+    base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is no folder")
-    log = read_log(log_file, form)
+    log = read_log(log_file, form, Topics(scan_topic, odom_topic))
     fixes = list(run(chart, log, begin, base_from_scan, seed))
     if not fixes:
         raise ConfigError(f"--log: {log_file}: has no scan with odometry at its time")
@@ -110,23 +106,3 @@ def localize(
         print_json([fix.document() for fix in fixes])
     else:
         sys.stdout.write("\n".join([HEADER, *(fix.row() for fix in fixes)]) + "\n")
-
-
-def _form(
-    angle_min: float, angle_increment: float | None, range_min: float, range_max: float
-) -> ScanForm:
-    if not math.isfinite(angle_min):
-        raise ConfigError(f"--angle-min: {angle_min}: must be a finite number of radians")
-    if angle_increment is not None and not 0.0 < abs(angle_increment) <= math.pi:
-        raise ConfigError(f"--angle-increment: {angle_increment}: must be radians, not 0")
-    if not 0.0 <= range_min < range_max < 1e4:
-        raise ConfigError(
-            f"--range-max: {range_max}: must be > --range-min, {range_min}, which is >= 0"
-        )
-    return ScanForm(angle_min, angle_increment, range_min, range_max)
-
-
-def _finite(option: str, values: tuple[float, float, float]) -> SE2:
-    if not all(math.isfinite(value) for value in values):
-        raise ConfigError(f"{option}: {' '.join(map(str, values))}: must be finite numbers")
-    return SE2(*values)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from services.cli.localize_log import Log, LoggedScan
+from services.cli.logs.log import WAFFLE_LIDAR, Log
 from services.common.config import ConfigError
 from services.common.frames import SE2, Array
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from services.localization.monte_carlo import Localization
 
 HEADER = "time_s,state,quality,x_m,y_m,yaw_rad,std_x_m,std_y_m,std_yaw_rad"
-WAFFLE_LIDAR_M = -0.064
 _START_STD = (0.2, 0.2, 0.2)
 
 
@@ -77,21 +76,17 @@ def run(
     else:
         std = np.array(_START_STD)
         localization.initialize(start, np.diag(std * std))
-    place = base_from_scan or log.base_from_scan or SE2(WAFFLE_LIDAR_M, 0.0, 0.0)
-    waiting: list[tuple[int, LoggedScan]] = []
-    for entry in log.entries:
-        if entry.odom_from_base is not None:
-            localization.odometry(entry.stamp_ns, entry.odom_from_base)
-        if entry.scan is not None:
-            waiting.append((entry.stamp_ns, entry.scan))
-        # A scan waits for the odometry that follows it, so that its own time lies between two.
-        while waiting and (entry.odom_from_base is not None):
-            stamp_ns, scan = waiting.pop(0)
+    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    for step in log.steps():
+        if step.odom_from_base is not None:
+            localization.odometry(step.stamp_ns, step.odom_from_base)
+        if step.scan is not None:
+            scan = step.scan
             localization.scan(
-                stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
+                step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
                 scan.range_min_m, scan.range_max_m, place,
             )  # fmt: skip
-            yield _fix(stamp_ns * 1e-9, localization)
+            yield _fix(step.stamp_ns * 1e-9, localization)
 
 
 def _fix(time_s: float, localization: Localization) -> Fix:

@@ -131,7 +131,7 @@ class Panel:
 
     def done(self) -> Picture:
         """The picture under its title."""
-        return np.vstack([_title(self._title, _PANEL_PX), np.array(self._picture)])
+        return np.vstack([title_strip(self._title, _PANEL_PX), np.array(self._picture)])
 
     def _pixels(self, points_m: Array) -> list[tuple[float, float]]:
         x = (points_m[:, 0] - self._low[0]) * self._scale
@@ -216,7 +216,7 @@ def _told(session: Session, topic: Topic[M]) -> M:
 def localisation_panel(scene: Scene) -> Picture:
     """The map, the particles, and the scan as it lies by the estimated pose."""
     panel = Panel("localisation: particles and scan on the map", scene.truth[:2], 4.0)
-    panel.grid(scene.chart, SE2(0.0, 0.0, 0.0), _map_inks)
+    panel.grid(scene.chart, SE2(0.0, 0.0, 0.0), map_inks)
     ranges = np.array(scene.scan.ranges, np.float64)
     turns = scene.scan.angle_min + scene.scan.angle_increment * np.arange(len(ranges))
     seen = np.isfinite(ranges)
@@ -240,7 +240,7 @@ def planning_panel(scene: Scene) -> Picture:
 
 def _on_map(scene: Scene, title: str, middle: tuple[float, float], side_m: float) -> Panel:
     panel = Panel(title, middle, side_m)
-    panel.grid(scene.chart, SE2(0.0, 0.0, 0.0), _map_inks)
+    panel.grid(scene.chart, SE2(0.0, 0.0, 0.0), map_inks)
     panel.grid(scene.global_costmap, SE2(0.0, 0.0, 0.0), _cost_inks)
     return panel
 
@@ -276,7 +276,7 @@ def tree_panel(title: str, tree: BehaviorTreeLog, line_px: float) -> Picture:
     for number, (status, ink) in enumerate(_STATUS.items()):
         place = 10.0 + 100.0 * number, height_px - 0.7 * line_px
         draw.text(place, status.lower(), fill=ink, font=font, anchor="lm")
-    return np.vstack([_title(title, _PANEL_PX), np.array(picture)])
+    return np.vstack([title_strip(title, _PANEL_PX), np.array(picture)])
 
 
 def pictures() -> dict[str, Picture]:
@@ -293,12 +293,12 @@ def pictures() -> dict[str, Picture]:
     follows = tree_panel("the path is followed", scene.tree, large_px)
     waits = tree_panel("the way is shut", shut(), large_px)
     return {
-        "navigation.png": _stacked(
-            _beside(localisation_panel(scene), planning), _beside(control, tree)
+        "navigation.png": stacked(
+            beside(localisation_panel(scene), planning), beside(control, tree)
         ),
-        "costmaps.png": _beside(near.done(), local.done()),
+        "costmaps.png": beside(near.done(), local.done()),
         "rollouts.png": control_panel(scene, 1.8),
-        "behavior-tree.png": _beside(follows, waits),
+        "behavior-tree.png": beside(follows, waits),
     }
 
 
@@ -310,7 +310,8 @@ def _places(marker: Any) -> Array:
     return np.array([(p.x, p.y) for p in marker.points]).reshape(-1, 2)
 
 
-def _map_inks(cells: Array) -> Array:
+def map_inks(cells: Array) -> Array:
+    """Unknown cells grey, occupied ones dark, free ones white."""
     grey = np.where(cells < 0, 205.0, np.where(cells >= 50, 60.0, 255.0))
     return np.column_stack([grey, grey, grey, np.ones_like(grey)])
 
@@ -327,19 +328,22 @@ def _cost_inks(cells: Array) -> Array:
     return inks
 
 
-def _title(text: str, width_px: int) -> Picture:
+def title_strip(text: str, width_px: int) -> Picture:
+    """A strip with a line of text."""
     strip = Image.new("RGB", (width_px, _TITLE_PX), (255, 255, 255))
     font = ImageFont.load_default(size=18.0)
     ImageDraw.Draw(strip).text((4, _TITLE_PX / 2), text, fill=_INK, font=font, anchor="lm")
     return np.array(strip)
 
 
-def _beside(left: Picture, right: Picture) -> Picture:
+def beside(left: Picture, right: Picture) -> Picture:
+    """Two pictures of one height, side by side."""
     gap = np.full((len(left), _GAP_PX, 3), 255, np.uint8)
     return np.hstack([left, gap, right])
 
 
-def _stacked(above: Picture, below: Picture) -> Picture:
+def stacked(above: Picture, below: Picture) -> Picture:
+    """Two pictures of one width, one above the other."""
     return np.vstack([above, np.full((_GAP_PX, above.shape[1], 3), 255, np.uint8), below])
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -16,9 +18,12 @@ from services.common.config import ConfigError
 
 if TYPE_CHECKING:
     from services.common.frames import SE2
+    from services.navigation.costmap.costmap import Costmap, GridFrame
     from services.navigation.costmap.footprint import Footprint
-    from services.navigation.costmap.layered_costmap import Costmap
+    from services.navigation.costmap.zones import Zones
     from services.navigation.errors import NavigationError
+    from services.navigation.mask_files import Masks
+    from services.navigation.planning.interface import PlannerParams
     from services.navigation.planning.path import PlannedPath
 
 NOT_PLANNED = 1
@@ -60,6 +65,14 @@ def plan(
     allow_reverse: Annotated[
         bool, typer.Option("--allow-reverse", help="drive backwards where nothing else is possible")
     ] = False,
+    keepout: Annotated[
+        Path | None,
+        typer.Option(metavar="MASK.yaml", help="a keepout mask of Nav2, as `keepout_mask`"),
+    ] = None,
+    speed: Annotated[
+        Path | None,
+        typer.Option(metavar="MASK.yaml", help="a speed mask in percent, as `speed_mask`"),
+    ] = None,
     draw: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="draw the map with the path")
     ] = None,
@@ -72,15 +85,17 @@ def plan(
     from services.common.frames import SE2  # noqa: PLC0415
     from services.navigation.errors import NavigationError  # noqa: PLC0415
     from services.navigation.planners import make_planner  # noqa: PLC0415
-    from services.navigation.planning.planner import PlannerParams  # noqa: PLC0415
+    from services.navigation.planning.interface import PlannerParams, iterations_of  # noqa: PLC0415
 
     from_pose, to_pose = _pose("--start", start), _pose("--goal", goal)
     if draw is not None and draw.suffix.lower() != ".png":
         raise ConfigError(f"--draw: {draw}: must end in .png")
+    masks = _masks(keepout, speed)
     costmap, footprint = _costmap(map_file, radius, inflation_radius, cost_scaling_factor)
+    zones = _zones(costmap.frame, masks)
     params = PlannerParams(
         cost_travel_multiplier=cost_travel_multiplier,
-        max_iterations=costmap.costs.size * 4,
+        max_iterations=iterations_of(-1),
         start_tolerance_m=0.5,
         path_spacing_m=costmap.frame.resolution_m,
         smoothing_iterations=100,
@@ -91,6 +106,8 @@ def plan(
     chosen = make_planner(planner, params)
     start_pose, goal_pose = SE2(*from_pose), SE2(*to_pose)
     try:
+        if zones is not None and zones.keepout.size:
+            costmap = _with_zones(costmap, zones, params, start_pose, goal_pose)
         # The first time its kernels are loaded.
         chosen.plan(costmap, start_pose, goal_pose, tolerance)
         begun_s = time.perf_counter()
@@ -102,7 +119,7 @@ def plan(
         _fail(error, as_json)
     if draw is not None:
         _draw(draw, costmap, start_pose, goal_pose, path, None)
-    _tell(path, taken_s, planner, as_json)
+    _tell(path, taken_s, planner, as_json, _slow(path, zones))
 
 
 def _pose(option: str, text: str) -> tuple[float, float, float]:
@@ -134,7 +151,71 @@ def _costmap(
     return inflate(frame, cells >= OCCUPIED, cells < 0, inflation), footprint
 
 
-def _tell(path: PlannedPath, taken_s: float, planner: str, as_json: bool) -> None:
+def _masks(keepout: Path | None, speed: Path | None) -> Masks:
+    from services.navigation.config import NavigationConfig  # noqa: PLC0415
+    from services.navigation.mask_files import masks_of  # noqa: PLC0415
+
+    given = {"keepout_mask": keepout, "speed_mask": speed}
+    told = {name: str(file) for name, file in given.items() if file is not None}
+    try:
+        return masks_of(NavigationConfig.model_validate(told))
+    except ConfigError as error:
+        setting, colon, said = str(error).partition(":")
+        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{said}") from error
+
+
+def _zones(frame: GridFrame, masks: Masks) -> Zones | None:
+    from services.navigation.config import NavigationConfig  # noqa: PLC0415
+    from services.navigation.costmap.zones import zones_of  # noqa: PLC0415
+
+    highest_m_s = NavigationConfig().desired_linear_vel
+    return zones_of(frame, highest_m_s, keepout_masks=masks.keepout, speed_masks=masks.speed)
+
+
+def _with_zones(
+    costmap: Costmap, zones: Zones, params: PlannerParams, start: SE2, goal: SE2
+) -> Costmap:
+    """The costmap with the keepout zones; that of the start can be left.
+
+    Raises NavigationError with GOAL_OCCUPIED for a goal in one.
+    """
+    from services.navigation.costmap.costmap import NO_INFORMATION  # noqa: PLC0415
+    from services.navigation.planning.ends import nearest_free_pose  # noqa: PLC0415
+    from services.navigation.planning.search_grid import search_grid  # noqa: PLC0415
+    from services.navigation.robot import forbidden_goal  # noqa: PLC0415
+
+    def with_costs(leaving_m: tuple[float, float] | None) -> Costmap:
+        costs = zones.costs(costmap.inscribed_radius_m, leaving_m)
+        assert costs is not None
+        # As where a costmap is composed: zones count in unknown cells too.
+        stronger = (costs > 0) & ((costmap.costs == NO_INFORMATION) | (costs > costmap.costs))
+        return replace(costmap, costs=np.where(stronger, costs, costmap.costs))
+
+    zone = zones.keepout_at(*goal[:2])
+    if zone is not None:
+        kept_out, footprint = with_costs(None), params.footprint
+        passing_m = costmap.inscribed_radius_m if footprint is None else footprint.half_width_m
+        grid = search_grid(kept_out, passing_m, params.allow_unknown)
+        near = nearest_free_pose(grid, kept_out, footprint, goal, math.inf)
+        raise forbidden_goal(goal, zone, near)
+    return with_costs(start[:2] if zones.keepout_at(*start[:2]) is not None else None)
+
+
+def _slow(path: PlannedPath, zones: Zones | None) -> dict[float, float]:
+    """By speed limit, m/s, the length of the path below it, in metres; the lowest limit first."""
+    lengths: dict[float, float] = {}
+    if zones is not None and zones.limits_m_s.size:
+        steps_m = np.linalg.norm(np.diff(path.points_m, axis=0), axis=1)
+        limits = zones.limits_at((path.points_m[:-1] + path.points_m[1:]) / 2.0)
+        for limit_m_s, step_m in zip(limits.tolist(), steps_m.tolist(), strict=True):
+            if limit_m_s < math.inf:
+                lengths[limit_m_s] = lengths.get(limit_m_s, 0.0) + step_m
+    return dict(sorted(lengths.items()))
+
+
+def _tell(
+    path: PlannedPath, taken_s: float, planner: str, as_json: bool, slow: dict[float, float]
+) -> None:
     poses = np.column_stack([path.points_m, path.yaws_rad])
     if as_json:
         print_json(
@@ -144,6 +225,10 @@ def _tell(path: PlannedPath, taken_s: float, planner: str, as_json: bool) -> Non
                 "length_m": round(path.length_m, 4),
                 "cost_m": round(path.cost_m, 4),
                 "planning_time_s": round(taken_s, 6),
+                "speed_limits": [
+                    {"speed_limit_m_s": round(limit_m_s, 4), "length_m": round(length_m, 4)}
+                    for limit_m_s, length_m in slow.items()
+                ],
                 "poses": [[round(float(value), 4) for value in pose] for pose in poses],
             }
         )
@@ -152,6 +237,8 @@ def _tell(path: PlannedPath, taken_s: float, planner: str, as_json: bool) -> Non
         f"length {path.length_m:.2f} m, cost {path.cost_m:.2f} m, {len(poses)} poses, "
         f"planned in {taken_s * 1e3:.1f} ms by {planner}\n"
     )
+    for limit_m_s, length_m in slow.items():
+        sys.stdout.write(f"at most {limit_m_s:.3g} m/s over {length_m:.2f} m\n")
     for x_m, y_m, yaw_rad in poses:
         sys.stdout.write(f"{x_m:.3f} {y_m:.3f} {yaw_rad:.3f}\n")
 

@@ -108,10 +108,10 @@ def message_at(topic: Topic[object], content: object, now_ns: int) -> object:
     Raises ConfigError where a field is unknown, of another type or out of range.
     """
     message: Any = _built(wire.type_name(topic), content, f"topic pub: {topic.name}")
-    header = message.header
-    if not (header.stamp.sec or header.stamp.nanosec):
+    header = getattr(message, "header", None)
+    if header is not None and not (header.stamp.sec or header.stamp.nanosec):
         header.stamp = msg.header(now_ns, "").stamp
-    if not header.frame_id:
+    if header is not None and not header.frame_id:
         header.frame_id = BASE_FOOTPRINT_FRAME if topic.name == CMD_VEL.name else MAP_FRAME
     try:
         wire.validate(topic, message)

@@ -6,6 +6,11 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+_YOUNG_OBJECTS = 50_000
+"""New objects until the youngest are searched for cycles. Messages have none, and are freed without
+a search: with Python's 700, one of many poses is searched several times while it is made.
+"""
+
 
 @contextmanager
 def collections_held_off() -> Iterator[None]:
@@ -21,4 +26,5 @@ def settled() -> None:
     """Enable garbage collection where it was held off; existing objects are excluded from it."""
     if not gc.isenabled():
         gc.freeze()
+        gc.set_threshold(_YOUNG_OBJECTS, *gc.get_threshold()[1:])
         gc.enable()

@@ -26,8 +26,13 @@ from services.common.load import config_flag, load, world_hash_of_run
 from services.common.node import log
 from services.common.node.executive import Executive, MemoryTransport, StalledError
 from services.common.node.node import Node
+from services.common.world.map_files import read_map
+from services.explorer.config import ExplorerConfig
+from services.explorer.node import ExplorerNode
 from services.localization.config import LocalizationConfig
 from services.localization.node import LocalizationNode
+from services.mapping.config import MappingConfig
+from services.mapping.node import MappingNode
 from services.navigation.config import NavigationConfig
 from services.navigation.node import NavigationNode
 from services.perception.config import PerceptionConfig
@@ -71,6 +76,12 @@ class DemoOptions:
     overrides: tuple[str, ...] = ()
     """`field=value`, overrides the world's recipe."""
     worlds_dir: Path | None = None
+    slam: bool | None = None
+    """Whether the robot makes the map itself."""
+    explore: bool | None = None
+    """With slam: whether it explores, instead of driving to the goal."""
+    map_file: Path | None = None
+    """YAML file of a map to drive in, instead of the world's own."""
     controller: str | None = None
     """Name of navigation's controller, or FILE.py:Class."""
     settings: Path | None = None
@@ -97,9 +108,10 @@ def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]
         "compact_timeout_s": COMPACT_TIMEOUT_S,
     }
     # In this order, so that errors are reported before anything is written.
+    bringup = bringup_config(options)
     return [
-        *robot_nodes(options, load_world=load_world),
-        BringupNode(bringup_config(options)),
+        *robot_nodes(options, load_world=load_world, slam=bringup.slam),
+        BringupNode(bringup),
         RecorderNode(_configured(options, RecorderConfig, "recorder", recorder)),
     ]
 
@@ -108,10 +120,12 @@ def robot_nodes(
     options: DemoOptions,
     physics: Mapping[str, object] = MappingProxyType({}),
     load_world: Load = load_any,
+    slam: bool = False,
 ) -> list[Node]:
     """The nodes of the world and of the robot in it, which wait for requests.
 
-    `physics` are fields of PhysicsConfig, which win over the options.
+    `physics` are fields of PhysicsConfig, which win over the options. With `slam`, mapping and the
+    explorer take localisation's place.
 
     Raises ConfigError where an option cannot be met.
     """
@@ -119,13 +133,20 @@ def robot_nodes(
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     told = {**seed, **camera, **physics}
     navigation = {**seed, "controller": options.controller}
+    mappers: list[Node] = []
+    if not slam:
+        localization = _configured(options, LocalizationConfig, "localization", seed)
+        mappers.append(LocalizationNode(localization))
+    else:
+        mappers.append(MappingNode(_configured(options, MappingConfig, "mapping", seed)))
+        mappers.append(ExplorerNode(_configured(options, ExplorerConfig, "explorer", seed)))
     return [
         WorldgenNode(_worldgen_config(options), load_world),
         PhysicsNode(_configured(options, PhysicsConfig, "physics", told)),
         SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
         PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
-        LocalizationNode(_configured(options, LocalizationConfig, "localization", seed)),
         NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
+        *mappers,
     ]
 
 
@@ -137,6 +158,8 @@ def bringup_config(options: DemoOptions) -> BringupConfig:
         "use_aruco": options.use_aruco,
         "world_overrides": options.overrides or None,
         "goal": options.goal,
+        "slam": options.slam,
+        "explore": options.explore,
     }
     return _configured(options, BringupConfig, "bringup", told)
 
@@ -146,6 +169,7 @@ def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
         "seed": options.seed,
         "texture_base": options.texture_base,
         "worlds_dir": options.worlds_dir,
+        "map_file": options.map_file,
     }
     return _configured(options, WorldgenConfig, "worldgen", told)
 
@@ -173,11 +197,18 @@ def check_world(options: DemoOptions) -> LoadedWorld:
         options.roots,
     )
     _check_repeats(options, bringup, loaded)
-    if bringup.goal is None:
+    if bringup.slam and config.map_file is not None:
+        raise ConfigError(f"map_file: {config.map_file}: must be given without slam")
+    if bringup.goal is None and not bringup.slam:
+        # The tour of a world without locations depends on the map.
+        cells, origin = loaded.map_cells, loaded.map_origin
+        world = loaded.world
+        if config.map_file is not None:
+            chart = read_map(config.map_file)
+            cells, origin = chart.cells, chart.origin
+            world = world.model_copy(update={"map_resolution_m": chart.resolution_m})
         try:
-            tour_goals(
-                loaded.world, bringup.tour, loaded.map_cells, loaded.map_origin, bringup.seed
-            )
+            tour_goals(world, bringup.tour, cells, origin, bringup.seed)
         except NoLocationsError:
             raise
         except ValueError as error:
@@ -221,7 +252,8 @@ def run(options: DemoOptions) -> int:
     executive = Executive(nodes, MemoryTransport(), rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
     with _stop_on_signal() as stopped, _progress(console) as progress:
-        task = progress.add_task("starting", total=None)
+        unit = "%" if bringup.explores else "goals"
+        task = progress.add_task("starting", total=None, unit=unit)
         start_s = shown_s = time.monotonic()
         runs = False
 
@@ -234,10 +266,10 @@ def run(options: DemoOptions) -> int:
             now_s = time.monotonic()
             if now_s - shown_s > 0.1:
                 shown_s = now_s
-                done, total, name = bringup.progress
+                done, total, text = _doing(bringup)
                 sim_s = executive.now_ns * 1e-9
                 factor = sim_s / (now_s - start_s)
-                text = f"{name or 'starting'}  {sim_s:.0f} s simulated, {factor:.1f}x real time"
+                text = f"{text}  {sim_s:.0f} s simulated, {factor:.1f}x real time"
                 progress.update(task, total=total, completed=done, description=text)
             return bool(stopped)
 
@@ -255,6 +287,16 @@ def run(options: DemoOptions) -> int:
         console.print("interrupted; the recording is closed")
         return EXIT_INTERRUPTED
     return code
+
+
+def _doing(bringup: BringupNode) -> tuple[int, int, str]:
+    """How much of how much is done, and what is being done."""
+    status = bringup.exploration
+    if status is None:
+        done, total, name = bringup.progress
+        return done, total, name or "starting"
+    frontiers = f"{status.reachable} of {status.frontiers} frontiers"
+    return round(100.0 * status.seen_share), 100, f"{status.state}, {frontiers}"
 
 
 def _tell_json(folder: Path, code: int | None) -> None:
@@ -297,7 +339,7 @@ def _progress(console: Console) -> Progress:
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed}/{task.total} goals"),
+        TextColumn("{task.completed}/{task.total} {task.fields[unit]}"),
         TimeElapsedColumn(),
         console=console,
         transient=True,

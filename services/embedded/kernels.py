@@ -1,5 +1,5 @@
-"""Compiles every kernel in advance, by driving half a second of the enhanced tour and generating
-mazes. `make env` runs it.
+"""Compiles every kernel in advance, by driving half a second of the enhanced tour, as long without
+a map, and generating mazes. `make env` runs it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,21 @@ EPISODE_S = 0.5
 
 
 def main() -> None:
-    """Drive, and generate mazes."""
+    """Drive in a map and while one is made, and generate mazes."""
     logging.disable(logging.WARNING)
     compile_kernels()
     with tempfile.TemporaryDirectory() as folder:
-        options = DemoOptions(out_dir=Path(folder) / "run", record=False)
-        executive = Executive(build_nodes(options), MemoryTransport())
-        try:
-            executive.run(lambda: executive.now_ns >= EPISODE_S * 1e9)
-        finally:
-            executive.close()
+        for slam in (False, True):
+            out_dir = Path(folder) / ("slam" if slam else "tour")
+            _drive(DemoOptions(out_dir=out_dir, record=False, slam=slam))
+
+
+def _drive(options: DemoOptions) -> None:
+    executive = Executive(build_nodes(options), MemoryTransport())
+    try:
+        executive.run(lambda: executive.now_ns >= EPISODE_S * 1e9)
+    finally:
+        executive.close()
 
 
 if __name__ == "__main__":

@@ -132,6 +132,9 @@ class Session:
         out_dir: Path | None = None,
         settings: Path | None = None,
         controller: str | None = None,
+        slam: bool = False,
+        explore: bool = True,
+        map_file: Path | None = None,
         **physics: object,
     ) -> None:
         """Load a world.
@@ -146,6 +149,9 @@ class Session:
             out_dir: folder for the recording; None: no recording.
             settings: a settings file, as for `mazebot demo --config`.
             controller: its name or your own, as for `mazebot demo --controller`.
+            slam: whether the robot gets no map, and mapping makes one.
+            explore: with `slam`, whether the explorer sends goals as soon as time advances.
+            map_file: YAML file of a map to drive in, instead of the world's own.
             physics: fields of PhysicsConfig by name, e.g. `scan_noise_m=0.0`.
 
         Raises ConfigError, in one line, for an invalid option or a world that cannot be loaded.
@@ -157,11 +163,13 @@ class Session:
             renderer="auto" if camera else "none",
             settings=settings,
             controller=controller,
+            map_file=map_file,
         )
         bringup = BringupConfig(
-            world_name=world, use_aruco=use_aruco, world_overrides=overrides, only_ask=True
-        )
-        nodes = [*robot_nodes(options, physics), BringupNode(bringup)]
+            world_name=world, use_aruco=use_aruco, world_overrides=overrides, slam=slam,
+            explore=explore, only_ask=True,
+        )  # fmt: skip
+        nodes = [*robot_nodes(options, physics, slam=slam), BringupNode(bringup)]
         if out_dir is not None:
             recorder = {"seed": seed, "out_dir": out_dir}
             nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))

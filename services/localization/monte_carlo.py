@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from services.common import portable, portable_kernels
 from services.common.frames import SE2, Array, wrap_angle
+from services.common.odometry_history import OdometryHistory
 from services.localization import particle_filter as pf
 from services.localization.beam_model import (
     HIT,
@@ -41,7 +42,6 @@ from services.localization.marker_model import (
     mixture_likelihood,
     sightings,
 )
-from services.localization.odometry_history import OdometryHistory
 from services.localization.params import LocalizationParams
 from services.localization.particle_set import ParticleSet
 from services.localization.pose_monitor import PoseMonitor

@@ -5,6 +5,7 @@ that uses topics.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +23,13 @@ from services.common.frames import (
 )
 from services.common.node import messages as msg
 from services.common.node.action_documents import Reply
-from services.common.node.documents import Entities, LocalizationStatus, World
+from services.common.node.documents import (
+    Entities,
+    LocalizationStatus,
+    MappedMarker,
+    MarkerEntity,
+    World,
+)
 from services.common.node.frame_tree import FrameTree
 from services.common.node.node import Inbox, Node, Outbox, random_generator
 from services.common.node.simulation_watch import SimulationWatch
@@ -88,6 +95,9 @@ class LocalizationNode(Node):
         """A phrase for the first missing input that keeps the pose from being known."""
         if self._world is None:
             return "the world"
+        if self._world.slam:
+            # Mapping localises the robot.
+            return None
         if self._localization is None:
             return "the map"
         if SCAN_FRAME not in self._base_from:
@@ -107,6 +117,8 @@ class LocalizationNode(Node):
     def facts(self) -> dict[str, str]:
         """The state, how well the scans match the map, and the number of particles."""
         localization = self._localization
+        if self._is_off():
+            return {"state": "off: mapping localises the robot"}
         if localization is None:
             return {"state": self._state()}
         return {
@@ -121,9 +133,23 @@ class LocalizationNode(Node):
             _LOG.info("the simulation began anew: so does localisation")
             self._begin_anew()
         self._learn_world(inbox)
+        if self._is_off():
+            self._leave_to_mapping(inbox)
+            return
         self._localize(inbox)
         self._reinitialize(inbox)
         self._tell(now_ns, outbox)
+
+    def _is_off(self) -> bool:
+        """Whether mapping localises the robot in this run."""
+        return self._world is not None and self._world.slam
+
+    def _leave_to_mapping(self, inbox: Inbox) -> None:
+        """Publish nothing. Of sensors only the newest messages wait, undecoded."""
+        inbox.new(INITIAL_POSE)
+        inbox.new(GLOBAL_LOCALIZATION_REQUEST)
+        for request in inbox.requests(REINITIALIZE_GLOBAL_LOCALIZATION):
+            request.respond(Reply(error="slam: mapping localises the robot of this run"))
 
     def _learn_world(self, inbox: Inbox) -> None:
         """Process latched topics. The same world or map, received again, changes nothing."""
@@ -161,12 +187,17 @@ class LocalizationNode(Node):
         used.
         """
         self._markers = {}
-        if self._entities is None or self._world is None:
+        if self._world is None:
             return
-        if self._entities.world_hash != self._world.hash:
+        known: Sequence[MarkerEntity | MappedMarker]
+        if self._world.mapped_markers is not None:
+            known = self._world.mapped_markers
+        elif self._entities is not None and self._entities.world_hash == self._world.hash:
+            known = self._entities.markers
+        else:
             return
         doubled = set()
-        for entity in self._entities.markers:
+        for entity in known:
             key = (entity.dictionary, entity.marker_id)
             if key in self._markers:
                 doubled.add(key)
@@ -181,7 +212,7 @@ class LocalizationNode(Node):
         self._scanned = self._started = False
         self._due_ns.clear()
         self._localization = None
-        if self._map is None or self._world is None:
+        if self._map is None or self._world is None or self._is_off():
             return
         try:
             self._localization = Localization(

@@ -13,7 +13,8 @@ import numpy as np
 from services.common import portable
 from services.common.frames import SE2, Array
 from services.common.node import messages as msg
-from services.common.world.costmap import Cells
+from services.common.world.costmap import Cells, Clearance
+from services.common.world.grids import distance_cells
 from services.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
 from services.navigation.behavior.context import MarkerPose, planar_marker
 from services.navigation.behavior.docking import DockingParams
@@ -50,6 +51,10 @@ class Drive:
     search: SearchMotionParams
     cells: Cells
     pace: BatchPace = field(default_factory=lambda: BatchPace(CONTROL_PERIOD_NS))
+    known_m: Clearance | None = None
+    """(rows, columns) distance from walls and from unknown cells of a map that grows; None: it does
+    not.
+    """
     monitor_told: tuple[Action, str] = (Action.DO_NOTHING, "")
     """Action and polygon of the monitor's state last published."""
 
@@ -58,6 +63,17 @@ class Drive:
         if self.robot.controlled:
             return "controlling"
         return "planning" if self.robot.command is None else "recovering"
+
+    def take_map(
+        self, frame: GridFrame, cells: Cells, margin_m: float, zones: Zones | None
+    ) -> None:
+        """Drive on in a map that has grown or changed."""
+        self.robot.take_map(frame, cells, margin_m, zones)
+        self.cells = cells
+        # What stands where the map shows nothing yet is no obstacle that moves.
+        unknown_m = distance_cells(np.asarray(cells < 0)) * frame.resolution_m
+        static = self.robot.costmap.static
+        self.known_m = np.minimum(static.distance_m, unknown_m).astype(np.float32)
 
     def see_markers(
         self, stamp_ns: int, seen: msg.Detection3DArray, base_from_camera: Array, odom: SE2

@@ -22,7 +22,7 @@ from services.navigation.control.velocity_smoother import (
 )
 from services.navigation.costmap.footprint import WAFFLE, Footprint
 from services.navigation.costmap.layered_costmap import InflationParams, ObstacleParams
-from services.navigation.planning.planner import PlannerParams
+from services.navigation.planning.interface import PlannerParams, iterations_of
 from services.navigation.robot import RobotParams
 
 CONTROL_PERIOD_NS = 50_000_000
@@ -65,7 +65,10 @@ class NavigationConfig(ServiceConfig):
         "counts for, in metres",
     )
     max_planning_iterations: int = Field(
-        1_000_000, ge=1, description="the planner gives up after expanding this many cells"
+        -1,
+        ge=-1,
+        description="the planner gives up after expanding this many cells; 0 or -1: never, so that "
+        "a map of any size is searched to its end (Nav2: 1000000)",
     )
     start_tolerance: float = Field(
         START_TOLERANCE_M,
@@ -209,7 +212,7 @@ class NavigationConfig(ServiceConfig):
         """Parameters of the planners on a map; paths are as fine as its cells."""
         return PlannerParams(
             cost_travel_multiplier=self.cost_travel_multiplier,
-            max_iterations=self.max_planning_iterations,
+            max_iterations=iterations_of(self.max_planning_iterations),
             start_tolerance_m=self.start_tolerance,
             path_spacing_m=map_resolution_m,
             smoothing_iterations=self.smoothing_iterations,

@@ -298,13 +298,14 @@ def trajectories_message(now_ns: int, drawn: Trajectories) -> msg.MarkerArray:
     white above them.
     """
     every = slice(None, None, _STEPS_A_POINT)
+    lifted_m = _lifted(drawn.points_m[:, every], _ROLLOUTS_Z_M)
     shares = np.linspace(0.0, 1.0, len(drawn.costs)).tolist()
     markers = [
         msg.line_strip(
-            now_ns, MAP_FRAME, "rollouts", number, _lifted(points[every], _ROLLOUTS_Z_M),
+            now_ns, MAP_FRAME, "rollouts", number, points_m,
             _ROLLOUT_WIDTH_M, (min(1.0, 2.0 * share), min(1.0, 2.0 - 2.0 * share), 0.0, 1.0),
         )
-        for number, (points, share) in enumerate(zip(drawn.points_m, shares, strict=True))
+        for number, (points_m, share) in enumerate(zip(lifted_m, shares, strict=True))
     ]  # fmt: skip
     markers.append(
         msg.line_strip(
@@ -316,7 +317,8 @@ def trajectories_message(now_ns: int, drawn: Trajectories) -> msg.MarkerArray:
 
 
 def _lifted(points_m: Array, z_m: float) -> Array:
-    return np.column_stack([points_m, np.full(len(points_m), z_m)])
+    """(..., 3) of (..., 2) points."""
+    return np.concatenate([points_m, np.full((*points_m.shape[:-1], 1), z_m)], axis=-1)
 
 
 def monitor_document(state: MonitorState) -> act.CollisionMonitorState:

@@ -304,6 +304,10 @@ class NavigationNode(Node):
 
     def _take_map(self, now_ns: int, grid: msg.OccupancyGrid, inbox: Inbox) -> None:
         origin = msg.se2_from_pose(grid.info.origin)
+        grows = self._world is not None and self._world.slam
+        stamp_ns = msg.ns_from_time(grid.header.stamp)
+        if grows and not self._watch.is_of_this_run(stamp_ns, MAP, inbox):
+            return
         try:
             if len(grid.data) > MAX_MAP_CELLS:
                 raise ValueError(f"{len(grid.data)} cells: must be at most {MAX_MAP_CELLS}")
@@ -311,7 +315,14 @@ class NavigationNode(Node):
             # Planning needs the rows along the axes of the map's frame.
             origin, cells = straightened(grid.info.resolution, origin, cells)
             frame = frame_of(grid.info.resolution, origin, cells)
+            if grows and self._drive is not None:
+                zones, margin_m = self._zones(frame), self._static_margin_m()
+                self._drive.take_map(frame, cells, margin_m, zones)
+                self._map = grid
+                return
             drive = self._made_drive(frame, cells)
+            if grows:
+                drive.take_map(frame, cells, 0.0, self._zones(frame))
         except (ValueError, ConfigError) as error:
             inbox.reject(MAP, "not a map to drive in")
             _LOG.error("map: %s", error)
@@ -337,7 +348,8 @@ class NavigationNode(Node):
         """Each marker of the world is a dock, by its id and by its name."""
         if self._drive is None or self._entities is None or self._world is None:
             return
-        if self._entities.world_hash != self._world.hash:
+        if self._world.slam or self._entities.world_hash != self._world.hash:
+            # With slam, nobody has told where they hang.
             self._drive.robot.docks.learn((), None)
             return
         view = None
@@ -350,19 +362,25 @@ class NavigationNode(Node):
         self._abort(now_ns, code, why)
         if self._drive is None:
             return
+        if self._world is not None and self._world.slam:
+            # The map begins anew as well.
+            self._drive = self._map = None
+            return
         self._drive = self._made_drive(self._drive.robot.costmap.frame, self._drive.cells)
         self._know_docks()
 
     def _made_drive(self, frame: GridFrame, cells: Cells) -> Drive:
         """Navigation for a map, with the zones of the world and of the masks."""
         random = random_generator(self._watch.seed, "navigation/control")
+        return made_drive(self._config, frame, cells, random, self._zones(frame))
+
+    def _zones(self, frame: GridFrame) -> Zones | None:
         world, masks = self._world, self._masks
-        zones = zones_of(
+        return zones_of(
             frame, self._config.desired_linear_vel,
             world.keepout_zones if world is not None else (),
             world.speed_limits if world is not None else (), masks.keepout, masks.speed,
         )  # fmt: skip
-        return made_drive(self._config, frame, cells, random, zones)
 
     def _abort(self, now_ns: int, code: ErrorCode, why: str) -> None:
         """Abort the task and drop all measurements."""
@@ -440,7 +458,7 @@ class NavigationNode(Node):
         margin_m = self._static_margin_m()
         drive.tracker.update(
             stamp_ns * 1e-9, moved_points(points_m, map_from_base, _NOWHERE),
-            static.distance_m, static.frame, margin_m,
+            static.distance_m if drive.known_m is None else drive.known_m, static.frame, margin_m,
         )  # fmt: skip
         moving = [(t.x_m, t.y_m, t.radius_m) for t in drive.tracker.moving(stamp_ns * 1e-9)]
         drive.robot.costmap.update(
@@ -833,7 +851,7 @@ class NavigationNode(Node):
             outbox.put(GLOBAL_COSTMAP, costmap_message(now_ns, costmap, MAP_FRAME))
 
     def _tell_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
-        self._tree_log.add(navigator.snapshot())
+        self._tree_log.add(navigator.running_tree())
         if not self._is_due("tree", now_ns, _TREE_PERIOD_NS):
             return
         action = navigator.request.action if navigator.request is not None else ""

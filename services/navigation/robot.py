@@ -11,6 +11,7 @@ import numpy as np
 
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
+from services.common.world.costmap import Cells
 from services.navigation.behavior.context import (
     ClearRequest,
     Dock,
@@ -31,6 +32,7 @@ from services.navigation.costmap.layered_costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     Costmap,
+    GridFrame,
     LayeredCostmap,
     LocalCostmap,
 )
@@ -140,6 +142,32 @@ class RobotContext:
         self._forbidden = self.zones.forbidden if self.zones is not None else None
         self._gives_way_since_ns: int | None = None
 
+    def take_map(
+        self, frame: GridFrame, cells: Cells, static_margin_m: float, zones: Zones | None
+    ) -> None:
+        """Drive on in a map that has grown or changed, with the zones on its grid. A path that the
+        map now shows to be blocked is not kept.
+        """
+        costmap = self.costmap
+        costmap.take_map(frame, cells, static_margin_m)
+        if zones is not None:
+            costmap.set_keepout(zones.costs(costmap.master.inscribed_radius_m))
+        self.zones = zones
+        self._forbidden = zones.forbidden if zones is not None else None
+        kept = self._kept
+        if kept is not None:
+            nothing = Costmap(
+                frame, costmap.master.inscribed_radius_m,
+                np.zeros_like(costmap.master.costs),
+                np.full_like(costmap.master.distance_m, np.inf),
+            )  # fmt: skip
+            hit = new_collisions(
+                costmap.static, nothing, self.params.footprint, kept.points_m, kept.yaws_rad,
+                LETHAL_OBSTACLE, True,
+            )  # fmt: skip
+            if len(hit):
+                self._kept = None
+
     def begin(self, view: View) -> None:
         """Begin a step."""
         self.view = view
@@ -241,7 +269,7 @@ class RobotContext:
             zone = self.zones.keepout_at(*goal[:2]) if self.zones is not None else None
             if zone is None or error.code != ErrorCode.GOAL_OCCUPIED:
                 raise
-            raise _forbidden_goal(goal, zone, error.nearest_free) from error
+            raise forbidden_goal(goal, zone, error.nearest_free) from error
 
     def _costmaps_from(self, start: SE2, goal: SE2) -> tuple[Costmap, Costmap]:
         """The static and the combined costmap for a path from a place: where that is in a keepout
@@ -259,7 +287,7 @@ class RobotContext:
         if zone is not None and cell is not None and costs[cell] < LETHAL_OBSTACLE:
             grid = search_grid(costmap.master, self.params.footprint.half_width_m, False)
             near = nearest_free_pose(grid, costmap.master, self.params.footprint, goal, math.inf)
-            raise _forbidden_goal(goal, zone, near)
+            raise forbidden_goal(goal, zone, near)
         return static, master
 
     def _is_as_good(self, path: PlannedPath) -> bool:
@@ -502,7 +530,8 @@ class RobotContext:
         return self.planners[name]
 
 
-def _forbidden_goal(goal: SE2, zone: str, nearest_free: SE2 | None) -> NavigationError:
+def forbidden_goal(goal: SE2, zone: str, nearest_free: SE2 | None) -> NavigationError:
+    """The error of a goal in a keepout zone."""
     at = f"goal ({goal.x_m:.2f}, {goal.y_m:.2f})"
     instead = ""
     if nearest_free is not None:

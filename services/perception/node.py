@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
@@ -33,7 +35,7 @@ from services.common.node.topics import (
     Topic,
 )
 from services.common.pose_history import PoseHistory
-from services.common.world.marker_picture import own_dictionaries
+from services.common.world.marker_picture import marker_count, own_dictionaries
 from services.perception.config import PerceptionConfig
 from services.perception.detect import dictionary_exists, grey_from_rgb
 from services.perception.find import Found, MarkerFinder, Name
@@ -70,6 +72,8 @@ class PerceptionNode(Node):
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
         """The world's own"""
+        self._slam = False
+        """Whether nobody knows which markers hang where."""
         self._ignored: dict[str, int] = {}
         """How often, by key in /diagnostics"""
         self._infos: dict[int, msg.CameraInfo] = {}
@@ -130,6 +134,7 @@ class PerceptionNode(Node):
         if world is not None and world.hash != self.world_hash:
             self.world_hash = world.hash
             self._dictionaries = own_dictionaries(world.dictionaries)
+            self._slam = world.slam
             self._published = False
             self._forget_pictures()
         entities = inbox.latest(ENTITIES)
@@ -138,9 +143,12 @@ class PerceptionNode(Node):
         elif world is None:
             return
         self._finder.clear()
-        if self._entities is not None and self._entities.world_hash == self.world_hash:
-            for entity in self._entities.markers:
-                self._register(entity, inbox)
+        if self._entities is None or self._entities.world_hash != self.world_hash:
+            return
+        if self._slam:
+            self._register_dictionaries(self._entities.markers)
+        for entity in self._entities.markers:
+            self._register(entity, inbox)
 
     def _forget_pictures(self) -> None:
         """Drop images and transforms, which are from the simulation before."""
@@ -151,6 +159,21 @@ class PerceptionNode(Node):
         self._ignored.clear()
         self._finder.forget_picture()
 
+    def _register_dictionaries(self, markers: Iterable[MarkerEntity]) -> None:
+        """Look for every marker of each dictionary used, at the size that most of its markers have:
+        which ones hang in the world is to be found out.
+        """
+        sizes: dict[str, Counter[float]] = {}
+        for entity in markers:
+            sizes.setdefault(entity.dictionary, Counter())[entity.marker_size_m] += 1
+        for name, counts in sizes.items():
+            book = self._dictionaries.get(name)
+            if book is None and not dictionary_exists(name):
+                continue
+            (side_m, _), *_ = counts.most_common(1)
+            for marker_id in range(marker_count(name, book)):
+                self._finder.register(name, marker_id, side_m, None, book)
+
     def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
         name = entity.dictionary
         book = self._dictionaries.get(name)
@@ -158,7 +181,7 @@ class PerceptionNode(Node):
             inbox.reject(ENTITIES, "unknown dictionary")
             _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
             return
-        map_from_marker = pose_matrix(entity)
+        map_from_marker = None if self._slam else pose_matrix(entity)
         self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker, book)
 
     def _take_transforms(self, inbox: Inbox) -> None:

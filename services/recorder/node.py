@@ -20,10 +20,12 @@ from services.common.node.topics import (
     DIAGNOSTICS,
     ENTITIES,
     EVALUATION,
+    EXPLORATION_STATUS,
     GOAL_POSE,
     MAP,
     NAVIGATION_RESULT,
     PARAMETERS,
+    POSE_GRAPH,
     ROSOUT,
     SIMULATION_STATS,
     TF,
@@ -56,6 +58,7 @@ received counts once, one that either missed is lost.
 """
 SIMULATION_PATIENCE_S = 5.0
 """Wall time within which simulation stats must arrive for an interrupted run to be resumed."""
+_READ: tuple[Topic[Any], ...] = tuple(read_by("recorder"))
 _EARLY: tuple[Topic[Any], ...] = (
     WORLD_REQUEST,
     WORLD_STATUS,
@@ -68,8 +71,17 @@ _EARLY: tuple[Topic[Any], ...] = (
     CONTACTS,
 )
 """Messages that are queued until there is a run."""
-_FIXED: tuple[Topic[Any], ...] = (MAP, TF_STATIC, DESIRED_ENTITIES, ENTITIES)
-"""Latched messages, which stay valid until the next one, even in the next run."""
+_FIXED: tuple[Topic[Any], ...] = (
+    MAP,
+    TF_STATIC,
+    DESIRED_ENTITIES,
+    ENTITIES,
+    POSE_GRAPH,
+    EXPLORATION_STATUS,
+)
+"""Latched messages, which stay valid until the next one, even in the next run;"""
+_OF_A_RUN: tuple[Topic[Any], ...] = (MAP, POSE_GRAPH, EXPLORATION_STATUS)
+"""but of these none is, where the robot makes the map."""
 
 _MOST_ASSETS = 1000
 _MOST_ASSET_BYTES = 256 * 1024 * 1024
@@ -94,7 +106,7 @@ class RecorderNode(Node):
     # Stats announce a pause while simulation time stands still.
     wakes = (
         SIMULATION_STATS,
-        *(topic for topic in read_by("recorder") if topic.rate_hz is None),
+        *(topic for topic in _READ if topic.rate_hz is None),
     )
     depth = 64
 
@@ -161,9 +173,14 @@ class RecorderNode(Node):
         now_ns = self._beginnings.now_ns
         ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
         later: list[tuple[Topic[Any], _Arrival]] = []
-        for topic in read_by(self.name):
-            for arrival in stats if topic is SIMULATION_STATS else inbox.arrivals(topic):
-                problem = self._problem_with(topic, arrival)
+        for topic in _READ:
+            if topic is not SIMULATION_STATS and not inbox.pending(topic):
+                continue
+            frames = self._frames.get(topic)
+            arrivals: list[_Arrival] = stats if topic is SIMULATION_STATS else inbox.arrivals(topic)
+            for arrival in arrivals:
+                # A conflict with earlier messages; empty: none.
+                problem = "" if frames is None else frames.add(arrival[0])
                 if problem:
                     inbox.reject(topic, problem)
                 elif not begins:
@@ -188,11 +205,6 @@ class RecorderNode(Node):
             evaluation = self._run.evaluation()
             self._run.show(evaluation)
             outbox.put(EVALUATION, evaluation)
-
-    def _problem_with(self, topic: Topic[Any], arrival: _Arrival) -> str:
-        """Conflict of a message with earlier ones; empty: none."""
-        frames = self._frames.get(topic)
-        return "" if frames is None else frames.add(arrival[0])
 
     def close(self) -> None:
         """End the run: its summary is written and its recording closed."""
@@ -232,7 +244,8 @@ class RecorderNode(Node):
             self._early.append((topic, arrival))
 
     def _take_world(self, world: doc.World, now_ns: int) -> None:
-        if self._run is not None and world.hash == self._run.world.hash:
+        run = self._run.world if self._run is not None else None
+        if run is not None and (run.hash, run.slam) == (world.hash, world.slam):
             return
         interrupted, self._offered = self._interrupted, None
         if interrupted is not None and interrupted[1].world_hash == world.hash:
@@ -299,6 +312,9 @@ class RecorderNode(Node):
         if self._run is not None:
             self._run.close()
             self._run = None
+            if world.slam:
+                for topic in _OF_A_RUN:
+                    self._setting.fixed.pop(topic, None)
         folders = [interrupted] if interrupted is not None else []
 
         def make_folder() -> RunFolder:

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import shapely
+
 from services.common.frames import rotation_from_quaternion, transform_matrix
 from services.common.node.documents import Entities, Marker
 from services.common.problems import Mistake, Problem, WorldError
@@ -16,7 +18,13 @@ from services.common.world.furnish import furnish
 from services.common.world.placement import Panel
 from services.common.yaml_source import Source
 from services.worldgen.files import imported_recipe, is_sdf
-from services.worldgen.map.clearance import CORRIDOR_M, Reach, reach, rooms_to_stand
+from services.worldgen.map.clearance import (
+    CORRIDOR_M,
+    Reach,
+    cut_off_by_zones,
+    reach,
+    rooms_to_stand,
+)
 from services.worldgen.recipe.loader import (
     DEFAULT_WORLDS_DIR,
     Draft,
@@ -106,6 +114,7 @@ def _judged(
 def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
     yield from _narrow_maze(draft)
     yield from _room_to_stand(draft)
+    yield from _kept_out(draft)
     if found is not None:
         yield from _pocket(draft, found)
         # Marker visibility is checked from there.
@@ -145,6 +154,36 @@ def _room_to_stand(draft: Draft) -> Iterator[Mistake]:
         elif not reached:
             must = f"must be reached from the start by a way {2 * ROBOT_RADIUS_M:g} m wide"
             yield Mistake(field, xy, must, fatal=False)
+
+
+def _kept_out(draft: Draft) -> Iterator[Mistake]:
+    """Keepout zones must leave a way from the start to each location and back."""
+    world = draft.world
+    if not world.keepout_zones or not draft.is_free(world.start):
+        return
+    start = shapely.Point(world.start.x_m, world.start.y_m)
+    areas = [(zone, shapely.Polygon(zone.polygon_m)) for zone in world.keepout_zones]
+    # One that crosses itself is a problem of its own.
+    zones = [(zone, area) for zone, area in areas if area.is_valid]
+    for zone, area in zones:
+        if area.intersects(start):
+            must = f"must not lie in keepout zone {zone.name}: the robot cannot come back to it"
+            yield Mistake(("start",), (start.x, start.y), must, fatal=False)
+    # What lies in a zone is a problem of the recipe, told there.
+    places = [
+        place
+        for place in world.locations
+        if not any(area.intersects(shapely.Point(place.x_m, place.y_m)) for _, area in zones)
+    ]
+    blocked = cut_off_by_zones(
+        draft.map_cells, draft.map_resolution_m, draft.map_origin, world.start, places,
+        [zone for zone, _ in zones],
+    )  # fmt: skip
+    for place, names in zip(places, blocked, strict=True):
+        if names:
+            which = f"zone{'s' if len(names) > 1 else ''} {', '.join(names)}"
+            must = f"must be reached from the start by a way that keeps out of keepout {which}"
+            yield Mistake(("locations", place.name), (place.x_m, place.y_m), must, fatal=False)
 
 
 def _pocket(draft: Draft, found: Reach) -> Iterator[Mistake]:

@@ -70,6 +70,21 @@ demo --goal 1 nan 0 : --goal|nan|finite
 demo --goal inf 0 0 : --goal|inf|finite
 demo --goal a 0 0 : --goal|a|number
 demo --goal 1,2,3 : --goal|1,2,3
+demo --slam --map map.yaml : --map|map.yaml|without --slam
+demo --explore : --explore|--slam
+demo --no-explore : --explore|--slam
+demo --slam --no-explore : --no-explore|--goal
+demo --slam --explore --goal 0 0 0 : --goal|--explore
+demo --slam=yes : --slam
+demo --map nowhere.yaml : nowhere.yaml
+demo --map '' : --map|empty
+demo --map file.txt : file.txt
+demo --map broken.yaml : broken.yaml
+map nope : nope|save
+map save : NAME
+map save a/-b : -b|letters
+map save ../ä : ä|letters
+map save '' : empty
 demo --out '' : --out|empty
 demo --out file.txt : --out|file.txt|folder
 demo --out file.txt/run : --out|file.txt/run
@@ -107,12 +122,35 @@ demo --config value.yaml : value.yaml|renderer|vulkan
 demo --config type.yaml : type.yaml|scan_rate_hz|fast
 demo --config nan.yaml : nan.yaml|scan_noise_m|nan
 plan --map nowhere.yaml --start 0,0 --goal 1,1 : nowhere.yaml|No such file
+plan --map map.yaml --start 0,0 --goal 1,1 --keepout text.yaml : --keepout|text.yaml|hello
+plan --map map.yaml --start 0,0 --goal 1,1 --speed broken.yaml : --speed|broken.yaml:2|not YAML
 localize : --map|--log|--global
 localize --log log.csv : --map|--log
 localize --map map.yaml : --log|--map
 localize --global --start 0 0 0 : --start|--map
 localize --global --timeout 0 : --timeout|0
 localize --map map.yaml --log log.csv --timeout 3 : --timeout|--map
+localize --map map.yaml --log log.csv --range-max 0 : --range-max|0
+map bild : bild|build
+map build : --log
+map build --log file.txt : --out
+map build --log nowhere.log --out new : nowhere.log|no such file
+map build --log file.txt --out new : file.txt:1|time_s|FLASER
+map build --log damaged.log --out new : damaged.log:2|num_readings|x
+map build --log file.txt --out file.txt : --out|file.txt|folder
+map build --log file.txt --out file.txt/new : --out|file.txt/new|folder
+map build --log file.txt --out new --draw nowhere/a.png : --draw|nowhere
+map build --log file.txt --out new --relations nowhere.txt : --relations|nowhere.txt|No such file
+map build --log file.txt --out new --relations file.txt : --relations|file.txt:1|8 numbers
+map build --log file.txt --out new --params nowhere.yaml : nowhere.yaml|No such file
+map build --log file.txt --out new --params list.yaml : list.yaml|mapping
+map build --log file.txt --out new --params section.yaml : section.yaml:1|physcis|no such parameter
+map build --log file.txt --out new --range-min -1 : --range-min|-1
+map build --log file.txt --out new --range-max 0.1 --range-min 3 : --range-max|0.1|--range-min
+map build --log file.txt --out new --angle-min nan : --angle-min|nan
+map build --log file.txt --out new --angle-increment 0 : --angle-increment|0
+map build --log file.txt --out new --lidar 0 0 inf : --lidar|inf|finite
+map build --log file.txt --out new --lidar 0 0 : --lidar|0 0|3 values
 waypoints : FILE|NAME
 waypoints nowhere.yaml : nowhere.yaml|No such file
 waypoints broken.yaml : broken.yaml:2|not YAML
@@ -221,6 +259,8 @@ topic echo /scan --onec : --onec|--once
 topic pub : TOPIC
 topic pub /nope {{}} : /nope
 topic pub /scan {{}} : /scan|physics|/cmd_vel
+topic pub /explore/resume "{{data: 3}}" : /explore/resume|data|3
+topic pub /explore/resume "{{stop: true}}" : /explore/resume|stop
 topic pub /cmd_vel 5 : /cmd_vel|5|fields
 topic pub /cmd_vel [] : /cmd_vel|[]|fields
 topic pub /cmd_vel "{{twist: {{linear: {{x: 1" : /cmd_vel|twist|not closed
@@ -403,6 +443,7 @@ maze: {rows: 0} : maze.rows|0
 
 FILES = {
     "file.txt": "text",
+    "damaged.log": "# CARMEN Logfile\nFLASER x 1 2\nSYNC end\n",
     "file.sdf": "not xml",
     "broken.sdf": "<sdf><world>",
     "broken.yaml": "physics: {\n",

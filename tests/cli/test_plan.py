@@ -11,6 +11,7 @@ import pytest
 
 from services.common.frames import SE2
 from services.common.world.map_files import Mode, write_map
+from services.navigation.config import NavigationConfig
 from tests.cli.test_app import mazebot
 
 
@@ -75,6 +76,46 @@ def test_why_there_is_no_path(
     assert (answer["nearest_free"] is not None) == ("nearest free" in answer["error_msg"])
 
 
+def mask(folder: Path, name: str, x_m: tuple[float, float], value: int) -> str:
+    """A mask over all of the house's y, in cells of another size than the map's."""
+    cells = np.zeros((30, 50), np.int8)
+    columns = [round((x + 1.0) / 0.1) for x in x_m]
+    cells[:, slice(*columns)] = value
+    return str(write_map(folder, name, cells, 0.1, SE2(-1.0, -2.0, 0.0), "raw"))
+
+
+def test_a_keepout_mask_is_kept_out_of(tmp_path: Path) -> None:
+    chart = house(tmp_path)
+    ways = ("plan", "--map", chart, "--start", "-0.2,-1", "--json")
+    free = json.loads(mazebot(*ways, "--goal", "1,-1").stdout)
+    assert free["length_m"] == pytest.approx(1.2, abs=0.02)
+    # Across all of the room.
+    shut = mask(tmp_path, "shut", (0.2, 0.6), 100)
+    said = json.loads(mazebot(*ways, "--goal", "1,-1", "--keepout", shut).stdout)
+    assert said["error_code"] == 208
+    # The goal's own zone is named, with the nearest pose outside; that of the start is left.
+    said = json.loads(mazebot(*ways, "--goal", "0.4,-1", "--keepout", shut).stdout)
+    assert said["error_code"] == 206
+    assert "is in the keepout zone of shut.yaml" in said["error_msg"]
+    assert not 0.2 < said["nearest_free"][0] < 0.6
+    inside = mask(tmp_path, "inside", (-0.5, 0.3), 100)
+    said = json.loads(mazebot(*ways, "--goal", "1,-1", "--keepout", inside).stdout)
+    assert said["length_m"] == pytest.approx(1.2, abs=0.05)
+
+
+def test_a_speed_mask_says_where_the_robot_is_slow(tmp_path: Path) -> None:
+    slow = mask(tmp_path, "slow", (0.2, 0.6), 60)
+    ways = ("plan", "--map", house(tmp_path), "--start", "-0.2,-1", "--goal", "1,-1")
+    said = json.loads(mazebot(*ways, "--speed", slow, "--json").stdout)
+    (limit,) = said["speed_limits"]
+    highest_m_s = NavigationConfig().desired_linear_vel
+    assert limit["speed_limit_m_s"] == pytest.approx(0.4 * highest_m_s, abs=1e-4)
+    assert limit["length_m"] == pytest.approx(0.4, abs=0.06)
+    lines = mazebot(*ways, "--speed", slow).stdout.splitlines()
+    assert lines[1].startswith("at most ")
+    assert json.loads(mazebot(*ways, "--json").stdout)["speed_limits"] == []
+
+
 def test_the_picture_shows_the_path_or_what_blocks_it(tmp_path: Path) -> None:
     chart = house(tmp_path)
     for goal, radius in (("3,-1", "0.2"), ("3,-1", "0.6")):
@@ -100,6 +141,8 @@ def test_the_picture_shows_the_path_or_what_blocks_it(tmp_path: Path) -> None:
         (("--radius", "-1"), "--radius"),
         (("--draw", "path.jpg"), ".png"),
         (("--map", "missing.yaml"), "missing.yaml"),
+        (("--keepout", "missing.yaml"), "error: --keepout: missing.yaml"),
+        (("--speed", "missing.yaml"), "error: --speed: missing.yaml"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, arguments: tuple[str, str], said: str) -> None:

@@ -10,6 +10,7 @@ from services.common.frames import SE2
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
+from services.common.node import slam_documents as slam
 from services.common.node import topics as table
 from services.common.node.topics import Topic
 
@@ -219,6 +220,74 @@ SAMPLES: dict[Topic[Any], Any] = {
             act.BehaviorTreeNode(name="FollowPath", kind="FollowPath", status="FAILURE", depth=1),
         ),
     ),
+    table.POSE_GRAPH: slam.PoseGraph(
+        world_hash="0123456789abcdef",
+        nodes=tuple(
+            slam.GraphNode(
+                id=number,
+                stamp_ns=STAMP_NS,
+                pose=doc.Planar(x_m=float(number), y_m=0.0, yaw_rad=0.5),
+                scan=slam.GraphScan(
+                    points_mm="6AMAAAAAAAA=",
+                    sensor=doc.Planar(x_m=-0.06, y_m=0.0, yaw_rad=0.0),
+                ),
+            )
+            for number in range(2)
+        ),
+        landmarks=(
+            slam.GraphLandmark(
+                dictionary="DICT_4X4_100",
+                marker_id=60,
+                position_m=(0.0, 1.0, 0.3),
+                orientation_xyzw=(0.5, -0.5, -0.5, 0.5),
+                std_m=0.01,
+                sightings=3,
+            ),
+        ),
+        edges=(
+            slam.GraphEdge(
+                kind="odometry",
+                source=0,
+                target=1,
+                relative=doc.Planar(x_m=1.0, y_m=0.0, yaw_rad=0.0),
+                covariance=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01),
+                residual=0.1,
+            ),
+            slam.GraphEdge(
+                kind="marker",
+                source=1,
+                target=0,
+                relative=doc.Planar(x_m=-1.0, y_m=1.0, yaw_rad=0.0),
+                covariance=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01),
+                residual=0.2,
+            ),
+        ),
+        loops=1,
+    ),
+    table.EXPLORATION_STATUS: slam.ExplorationStatus(
+        state="exploring",
+        frontiers=3,
+        reachable=2,
+        set_aside=1,
+        free_m2=12.5,
+        seen_share=0.6,
+        driven_m=4.2,
+        goals=2,
+    ),
+    table.FRONTIERS: msg.marker_array(
+        [
+            msg.line_strip(
+                STAMP_NS,
+                "map",
+                "frontier",
+                0,
+                np.array([[0.0, 0.0, 0.1], [1.0, 0.0, 0.1]]),
+                0.02,
+                (0.2, 0.8, 0.2, 1.0),
+            )
+        ]
+    ),
+    table.EXPLORE_RESUME: msg.Bool(data=False),
     table.TRAJECTORIES: msg.marker_array(
         [
             msg.line_strip(

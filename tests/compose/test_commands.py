@@ -40,7 +40,7 @@ def test_a_bare_up_starts_nothing_and_says_what_to_do(stack: Stack) -> None:
     refused = stack.compose("up")
     assert refused.returncode != 0
     (line,) = refused.stdout.strip().splitlines()
-    assert "NAME A DEMO: demo-world or demo-world-enhanced" in line
+    assert "NAME A DEMO: demo-world, demo-world-enhanced, slam-world or slam-world-enhanced" in line
     assert stack.containers() == []
 
 

@@ -15,32 +15,46 @@ from services.common.root import ROOT
 FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())
 STANZAS: dict[str, Any] = FILE["services"]
 NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
+MAPPERS = {"mapping", "explorer"}
 OURS = [name for name in STANZAS if name != "nothing-named"]
-PROFILES = {"original", "enhanced"}
-DEMO_ENHANCED = "demo-world-enhanced"
+PROFILES = {"original", "enhanced", "slam", "slam-enhanced"}
+DEMOS = {
+    "original": "demo-world",
+    "enhanced": "demo-world-enhanced",
+    "slam": "slam-world",
+    "slam-enhanced": "slam-world-enhanced",
+}
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_service_has_a_stanza_that_runs_it_in_both_profiles(name: str) -> None:
+def test_each_service_has_a_stanza_that_runs_it_in_its_profiles(name: str) -> None:
     stanza = STANZAS[name]
     assert stanza["command"][:3] == ["python", "-m", f"services.{name}"]
-    assert set(stanza["profiles"]) == PROFILES
+    if name in MAPPERS:
+        assert set(stanza["profiles"]) == {"slam", "slam-enhanced"}
+    elif name == "localization":
+        assert set(stanza["profiles"]) == {"original", "enhanced"}
+    else:
+        assert set(stanza["profiles"]) == PROFILES
     assert stanza["restart"] == "unless-stopped"
     assert stanza["healthcheck"]["test"][-1] == name
 
 
 def test_each_demo_needs_every_service() -> None:
-    for profile, demo in (("original", "demo-world"), ("enhanced", "demo-world-enhanced")):
+    for profile, demo in DEMOS.items():
         stanza = STANZAS[demo]
         assert stanza["command"] == ["python", "-m", "services.bringup"]
         assert stanza["profiles"] == [profile]
         assert stanza["restart"] == "no"
-        assert set(stanza["depends_on"]) == {*NAMES, f"one-world-at-a-time-{profile}"}
+        without = {"localization"} if profile.startswith("slam") else MAPPERS
+        needed = {*NAMES, f"one-world-at-a-time-{profile}"} - without
+        assert set(stanza["depends_on"]) == needed
+        slam = stanza["environment"].get("MAZEBOT_BRINGUP_SLAM")
+        assert slam == ("True" if profile.startswith("slam") else None)
 
 
 def test_a_demo_asks_for_any_world_with_anything_put_over_it() -> None:
-    asked = "demo-world", "demo-world-enhanced"
-    for name in (*asked, "one-world-at-a-time-original", "one-world-at-a-time-enhanced"):
+    for name in (*DEMOS.values(), *(f"one-world-at-a-time-{profile}" for profile in DEMOS)):
         environment = STANZAS[name]["environment"]
         assert environment["MAZEBOT_BRINGUP_WORLD_NAME"].startswith("${WORLD_NAME:-sim_house")
         assert environment["MAZEBOT_BRINGUP_WORLD_OVERRIDES"] == "${WORLD_SET:-}"
@@ -69,7 +83,7 @@ def test_worlds_and_textures_are_the_image_s_or_one_s_own(
     assert path("WORLDS_DIR") == worlds
     assert path("TEXTURE_BASE") == textures
     targets = {volume["target"] for volume in STANZAS["worldgen"]["volumes"]}
-    assert targets == {"/worlds", "/textures"}
+    assert targets == {"/worlds", "/textures", "/maps"}
     assert all(volume["read_only"] for volume in STANZAS["worldgen"]["volumes"])
 
 
@@ -89,7 +103,7 @@ def test_each_stanza_is_hardened(name: str) -> None:
 def test_one_stanza_builds_the_image_for_all_and_nobody_looks_for_it_elsewhere() -> None:
     assert [name for name in OURS if "build" in STANZAS[name]] == ["router"]
     assert {STANZAS[name]["pull_policy"] for name in OURS} == {"never"}
-    assert all("router" in STANZAS[demo]["depends_on"] for demo in ("demo-world", DEMO_ENHANCED))
+    assert all("router" in STANZAS[demo]["depends_on"] for demo in DEMOS.values())
 
 
 def test_the_environment_file_enables_every_profile() -> None:

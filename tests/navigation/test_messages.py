@@ -8,10 +8,12 @@ import pytest
 from services.common.frames import SE2
 from services.navigation.behavior import actions
 from services.navigation.behavior.actions import Request, TaskResult, TaskStatus
-from services.navigation.behavior.tree import NodeSnapshot, NodeStatus
+from services.navigation.behavior.blackboard import Blackboard
+from services.navigation.behavior.tree import BehaviorTree, Node, NodePlace, NodeStatus
 from services.navigation.behavior.tree_log import TreeLog
 from services.navigation.messages import result_action
 from services.navigation.planning.path import path_through
+from tests.navigation.behavior.scripted_tree import Scripted
 
 POSE, DOCKED = SE2(1.0, 2.0, 0.5), SE2(3.0, 1.0, -1.0)
 PATH = path_through(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.3)
@@ -49,20 +51,54 @@ def test_a_result_says_where_the_robot_should_be(
         assert told.displacement.se2() == pytest.approx(displacement)
 
 
-def test_a_node_that_answers_at_once_is_seen_by_who_looks_seldom() -> None:
-    def tick(status: NodeStatus) -> tuple[NodeSnapshot, ...]:
-        return (
-            NodeSnapshot(1, "Root", "Sequence", NodeStatus.RUNNING, 0),
-            NodeSnapshot(2, "Plan", "ComputePathToPose", status, 1),
-        )
+class Root(Node):
+    """Ticks its child where the script has no dash."""
 
-    log = TreeLog()
-    for status in (NodeStatus.IDLE, NodeStatus.FAILURE, NodeStatus.SUCCESS, NodeStatus.IDLE):
-        log.add(tick(status))
-    assert log.take() == tick(NodeStatus.SUCCESS)
-    log.add(tick(NodeStatus.IDLE))
-    assert log.take() == tick(NodeStatus.IDLE)
+    def __init__(self, script: str) -> None:
+        child = Scripted("SFSS")
+        super().__init__(NodePlace(1, "Root", "root", {}, Blackboard(), child.place.run), [child])
+        self.script = script
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self.script[now_ns] != "-":
+            self.children[0].tick(now_ns)
+        return NodeStatus.RUNNING
+
+
+def test_a_node_that_answers_at_once_is_seen_by_who_looks_seldom() -> None:
+    def tree_of(script: str) -> BehaviorTree:
+        root = Root(script)
+        return BehaviorTree("tree", root, Blackboard(), root.place.run)
+
+    def taken() -> list[NodeStatus]:
+        return [one.status for one in log.take()]
+
+    log, tree = TreeLog(), tree_of("x-xx--x")
+    answers = []
+    for now in range(6):
+        tree.tick(now)
+        log.add(tree)
+        if now in (0, 4, 5):
+            answers.append(taken())
+    running = NodeStatus.RUNNING
+    assert answers == [
+        [running, NodeStatus.SUCCESS],
+        # The newest of two.
+        [running, NodeStatus.SUCCESS],
+        [running, NodeStatus.IDLE],
+    ]
+    # While the robot is held, the last tick goes on being shown.
+    tree.tick(6)
+    for _ in range(2):
+        log.add(tree)
+        assert taken() == [running, NodeStatus.SUCCESS]
+    # A tree in place of another has its answers, until it gives its own.
+    log.add(tree)
+    other = tree_of("-")
+    other.tick(0)
+    log.add(other)
+    assert taken() == [running, NodeStatus.SUCCESS]
     # A tree that has ended leaves nothing behind.
-    log.add(tick(NodeStatus.SUCCESS))
-    log.add(())
-    assert log.take() == ()
+    log.add(other)
+    log.add(None)
+    assert taken() == []

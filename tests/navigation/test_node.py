@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -64,6 +64,7 @@ from services.common.node.topics import (
     TF_STATIC,
     TRAJECTORIES,
     WORLD,
+    Topic,
 )
 from services.common.world.footprint import wall_corners
 from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
@@ -85,6 +86,8 @@ from tests.navigation.driving import (
     wall_distance_m,
 )
 from tests.navigation.house_tour import house
+
+M = TypeVar("M")
 
 
 def ready(**options: object) -> NodeDriver:
@@ -920,3 +923,98 @@ def test_after_a_stop_between_two_periods_nothing_moves_any_more() -> None:
     sent = len(driver.of(CMD_VEL))
     driver.run(1.0)
     assert set(commands_m_s(driver)[sent - 1 :]) == {0.0}
+
+
+class GrowingMapDriver(NodeDriver):
+    """Navigation hears of a robot that maps; whoever localises it knows the whole map."""
+
+    def deliver(self, topic: Topic[M], message: M | bytes) -> None:
+        if topic.name not in (WORLD.name, MAP.name):
+            super().deliver(topic, message)
+            return
+        number = self._sequence.get(topic.name, 0)
+        self._sequence[topic.name] = number + 1
+        envelope = Envelope("test", number, self.now_ns, house().world.hash)
+        self.localization_inbox.deliver(topic, message, envelope)
+        if topic.name == WORLD.name:
+            mapped = house().world.model_copy(update={"slam": True})
+            self.inbox.deliver(WORLD, mapped, envelope)
+
+    def show(self, limit_x_m: float) -> None:
+        """The map as far as a line across the house: the rest is unknown, and left out."""
+        columns = round((limit_x_m - house().map_origin.x_m) / 0.05)
+        cells = house().map_cells[:, :columns].copy()
+        grid = msg.occupancy_grid(self.now_ns, 0.05, house().map_origin, cells)
+        self.inbox.deliver(MAP, grid, Envelope("mapping", self.now_ns, self.now_ns, ""))
+
+    def refusals(self) -> Counter[str]:
+        return self.inbox.counts[MAP.name].rejected
+
+
+def test_a_map_grows_while_the_robot_drives_and_the_task_goes_on() -> None:
+    driver = GrowingMapDriver()
+    driver.learn()
+    driver.run(0.2)
+    driver.show(2.0)
+    driver.run(0.5)
+    assert driver.node.waiting_for() is None
+    assert driver.drive_to(LOCATIONS["location3"]).error_code != 0
+    driver.show(3.0)
+    driver.run(0.2)
+    driver.goal(SE2(1.6, -0.9, 0.0))
+    results = len(driver.results())
+    for step in range(40):
+        driver.show(3.0 + 0.05 * step)
+        driver.run(0.3)
+    assert [one.error_code for one in driver.results()[results:]] == [0]
+    assert driver.drive_to(LOCATIONS["location3"]).error_code == 0
+    assert driver.of(GLOBAL_COSTMAP)[-1].info.width > driver.of(GLOBAL_COSTMAP)[0].info.width
+    assert not driver.refusals()
+
+
+def test_a_wall_that_the_map_comes_to_show_makes_a_new_way() -> None:
+    driver = GrowingMapDriver()
+    driver.learn()
+    driver.run(0.2)
+    driver.show(9.0)
+    driver.run(0.3)
+    driver.goal(LOCATIONS["location3"])
+    driver.run(1.0)
+    before = driver.of(PLAN)[-1]
+    cells = house().map_cells.copy()
+    x_m = before.poses[len(before.poses) // 2].pose.position.x
+    column = round((x_m - house().map_origin.x_m) / 0.05)
+    cells[:, column - 2 : column + 2] = 100
+    grid = msg.occupancy_grid(driver.now_ns, 0.05, house().map_origin, cells)
+    driver.inbox.deliver(MAP, grid, Envelope("mapping", driver.now_ns, driver.now_ns, ""))
+    for _ in range(60):
+        driver.run(1.0)
+        if driver.results():
+            break
+    assert driver.results()[-1].error_code == ErrorCode.NO_VALID_PATH
+    assert driver.robot.map_from_base.x_m < x_m
+
+
+def test_a_map_of_an_earlier_run_is_not_driven_in() -> None:
+    driver = GrowingMapDriver()
+    driver.learn()
+    driver.run(0.2)
+    late = msg.occupancy_grid(99_000_000_000, 0.05, house().map_origin, house().map_cells)
+    driver.inbox.deliver(MAP, late, Envelope("mapping", 0, 0, ""))
+    driver.step()
+    assert driver.node.waiting_for() == "the map"
+    assert driver.refusals() == {"later than now": 1}
+
+
+def test_of_a_world_that_is_being_mapped_no_dock_is_known() -> None:
+    driver = GrowingMapDriver()
+    marker = SAMPLES[ENTITIES].entities[0]
+    driver.learn(entities=Entities(world_hash=house().world.hash, entities=(marker,)))
+    driver.run(0.2)
+    driver.show(9.0)
+    driver.run(0.5)
+    send = SendGoal(goal_id="d", goal=DockRobot(dock_id="60"))
+    asked(driver, SEND_GOAL, send)
+    driver.run(1.0)
+    (result,) = driver.of(ACTION_RESULT)
+    assert result.error_code == ErrorCode.DOCK_NOT_IN_DB

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,12 @@ from services.common.frames import SE2
 from services.common.world.costmap import Cells
 from services.navigation.config import NavigationConfig
 from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.layered_costmap import LayeredCostmap, frame_of
+from services.navigation.costmap.layered_costmap import (
+    InflationParams,
+    LayeredCostmap,
+    frame_of,
+    inflate,
+)
 from services.navigation.errors import NavigationError
 from services.navigation.planning.path import PlannedPath
 from services.navigation.planning.planner import Planner
@@ -163,6 +169,32 @@ def test_planning_gives_up_after_so_many_cells() -> None:
     with pytest.raises(NavigationError) as caught:
         planner.plan(HOUSE, START, LOCATIONS["location4"])
     assert caught.value.code is ErrorCode.PLANNER_TIMEOUT
+
+
+def test_a_map_is_searched_to_its_end_unless_a_limit_is_set() -> None:
+    # A corridor to and fro, of more cells than Nav2's limit.
+    solid = np.zeros((1210, 1200), np.bool_)
+    for number, row in enumerate(range(10, 1200, 12)):
+        solid[row : row + 2] = True
+        solid[row : row + 2, slice(0, 10) if number % 2 else slice(-10, None)] = False
+    frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), solid.astype(np.int8))
+    costmap = inflate(frame, solid, np.zeros_like(solid), InflationParams(0.0, 0.1, 10.0))
+    start, goal = (SE2(*frame.center(row, 5), 0.0) for row in (5, 1205))
+
+    def plan_within(iterations: int) -> PlannedPath:
+        config = NavigationConfig(max_planning_iterations=iterations)
+        planner = Planner(replace(config.planner_params(0.05, WAFFLE), footprint=None))
+        return planner.plan(costmap, start, goal)
+
+    assert plan_within(NavigationConfig().max_planning_iterations).length_m > 5000.0
+    with pytest.raises(NavigationError, match="max_planning_iterations"):
+        plan_within(1_000_000)
+    # As in Nav2, 0 and -1 are no limit.
+    limits = {
+        NavigationConfig(max_planning_iterations=none).planner_params(0.05, WAFFLE).max_iterations
+        for none in (0, -1)
+    }
+    assert len(limits) == 1
 
 
 def test_a_start_too_near_to_a_wall_is_led_out() -> None:

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -68,9 +68,12 @@ class RunningServices:
 
 @contextmanager
 def running_services(
-    endpoint: str, folder: Path, environment: Mapping[str, str] | None = None
+    endpoint: str,
+    folder: Path,
+    environment: Mapping[str, str] | None = None,
+    without: Collection[str] = ("mapping", "explorer"),
 ) -> Iterator[RunningServices]:
-    """All services on a router; each one's output is in a file of the folder."""
+    """All services of a run on a router; each one's output is in a file of the folder."""
     settings = {
         **os.environ,
         "MAZEBOT_BUS_CONNECT": endpoint,
@@ -84,6 +87,8 @@ def running_services(
     heard = [subscribe(session, topic, stack.hear(topic)) for topic in TOPICS]
     try:
         for name in SERVICES:
+            if name in without:
+                continue
             with (folder / f"{name}.log").open("wb") as output:
                 stack.processes[name] = subprocess.Popen(
                     [sys.executable, "-m", f"services.{name}"],

@@ -498,3 +498,21 @@ def test_what_a_person_may_configure_wrongly_is_named() -> None:
         PerceptionConfig(seed=7, threshold_window_px=12)
     with pytest.raises(ValueError, match="max_range_m"):
         PerceptionConfig(seed=7, max_range_m=0.0)
+
+
+def test_where_a_map_is_made_every_id_of_the_dictionary_counts_at_any_height() -> None:
+    other = marker(3, size_m=MARKER_SIDE_M, height_m=1.5)
+    made = Bench()
+    made.hear(WORLD, world().model_copy(update={"slam": True}))
+    made.hear(ENTITIES, Entities(world_hash="first", entities=(other, marker(4, size_m=0.1))))
+    made.hear(
+        ENTITIES, Entities(world_hash="first", entities=(other, marker(4, size_m=0.1), other))
+    )
+    made.place(0, SE2(0.0, 0.0, 0.0), SE2(0.0, 0.0, 0.0))
+    (array,) = made.look(image(PERIOD_NS))
+    (detection,) = array.detections
+    assert detection.id == f"DICT_4X4_100:{MARKER_ID}"
+    assert detection.bbox.size.x == MARKER_SIDE_M
+    assert not made.node.facts()
+    known = bench([other])
+    assert not known.look(image(PERIOD_NS))[0].detections

@@ -4,14 +4,22 @@ import hashlib
 import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 
 from services.common.bus import wire
-from services.common.node.documents import WorldRequest, WorldStatus
-from services.common.node.messages import cells_from_grid
+from services.common.config import ConfigError
+from services.common.frames import SE2, pose_matrix
+from services.common.node.documents import MappedMarker, World, WorldRequest, WorldStatus
+from services.common.node.messages import OccupancyGrid, cells_from_grid, se2_from_pose
 from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.slam_documents import GraphLandmark
 from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
 from services.common.problems import WorldError
+from services.common.world.map_files import write_map
+from services.common.world.marker_file import write_markers
+from services.common.world.placement import hang
 from services.worldgen.config import WorldgenConfig
 from services.worldgen.node import WorldgenNode
 from services.worldgen.recipe.loader import load_world
@@ -29,11 +37,19 @@ class Bench:
         self._sequence = 0
 
     def ask(
-        self, world_name: str, use_aruco: bool = True, overrides: tuple[str, ...] = ()
+        self,
+        world_name: str,
+        use_aruco: bool = True,
+        overrides: tuple[str, ...] = (),
+        slam: bool = False,
+        explore: bool = True,
     ) -> WorldStatus:
         """Ask for a world and return the answer; `sent` holds what came with it."""
         self.sent.clear()
-        request = WorldRequest(world_name=world_name, use_aruco=use_aruco, overrides=overrides)
+        request = WorldRequest(
+            world_name=world_name, use_aruco=use_aruco, overrides=overrides, slam=slam,
+            explore=explore,
+        )  # fmt: skip
         self.inbox.deliver(WORLD_REQUEST, request, Envelope("bringup", self._sequence, 0, ""))
         self._sequence += 1
         self.node.step(0, self.inbox, self._outbox)
@@ -141,3 +157,118 @@ def test_the_node_reads_through_the_function_it_is_given() -> None:
     bench.inbox = Inbox(bench.node)
     assert bench.ask("room", use_aruco=False).error == "no"
     assert asked == [("room", False, Path("worlds"), Path("textures"), ())]
+
+
+def test_a_robot_that_maps_gets_no_map_and_the_world_says_so(bench: Bench) -> None:
+    status = bench.ask("room", slam=True)
+    assert status.error == ""
+    assert [topic for topic, _, _ in bench.sent] == [ASSETS, WORLD, WORLD_STATUS]
+    _, (_, world, _), _ = bench.sent
+    assert isinstance(world, World)
+    assert (world.slam, world.explore) == (True, True)
+    assert world.hash == status.world_hash == world.content_hash()
+    assert wire.decode(WORLD, wire.encode(WORLD, world)) == world
+    assert bench.ask("room", slam=True).error == ""
+    said = bench.ask("room").error
+    assert said.startswith("slam: with a map: must be as 'room' is running, exploring")
+    said = bench.ask("room", slam=True, explore=False).error
+    assert said.startswith("slam: mapping without exploring: must be as 'room' is running")
+
+
+def test_a_world_without_slam_is_hashed_as_before_there_was_any(bench: Bench) -> None:
+    bench.ask("room")
+    (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+    assert isinstance(world, World)
+    assert {"slam", "explore", "mapped_markers"}.isdisjoint(world.model_dump())
+
+
+def saved_map(folder_: Path, markers: str = "") -> Path:
+    """A map of 3 by 2 cells, and what lies beside it."""
+    cells = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
+    if markers:
+        (folder_ / "markers.yaml").write_text(markers)
+    return write_map(folder_, "map", cells, 0.1, SE2(-1.0, 2.0, 0.0))
+
+
+def test_a_saved_map_takes_the_place_of_the_world_s(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    map_file = saved_map(tmp_path)
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=map_file))
+    bench.ask("room")
+    _, (_, world, _), (_, grid, _), _ = bench.sent
+    assert isinstance(world, World)
+    assert isinstance(grid, OccupancyGrid)
+    assert cells_from_grid(grid).tolist() == [[0, 100, -1], [0, 0, 100]]
+    assert se2_from_pose(grid.info.origin) == SE2(-1.0, 2.0, 0.0)
+    assert world.mapped_markers is None
+
+
+def test_who_makes_a_map_is_given_none(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=saved_map(tmp_path)))
+    assert "must be without a map" in bench.ask("room", slam=True).error
+
+
+def test_markers_beside_a_map_are_those_that_the_robot_knows(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    found = GraphLandmark(
+        dictionary="DICT_4X4_100", marker_id=3, instance=0, position_m=(1.0, 2.0, 0.3),
+        orientation_xyzw=(0.0, 0.0, 0.0, 1.0), std_m=0.01, sightings=4,
+    )  # fmt: skip
+    map_file = saved_map(tmp_path)
+    write_markers(tmp_path / "map.markers.yaml", [found, found.model_copy(update={"instance": 1})])
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=map_file))
+    bench.ask("room")
+    (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+    assert isinstance(world, World)
+    assert world.mapped_markers == (
+        MappedMarker(
+            dictionary="DICT_4X4_100", marker_id=3, position_m=(1.0, 2.0, 0.3),
+            orientation_xyzw=(0.0, 0.0, 0.0, 1.0),
+        ),
+    )  # fmt: skip
+    assert world.hash == world.content_hash()
+
+
+def test_markers_of_a_recipe_hang_where_the_world_hangs_them(tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    loaded = load_world("room", worlds_dir=tmp_path)
+    (marker,) = loaded.world.markers
+    text = yaml.safe_dump({"markers": [marker.model_dump(mode="json")]})
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=saved_map(tmp_path, text)))
+    bench.ask("room")
+    (world,) = [message for topic, message, _ in bench.sent if topic is WORLD]
+    assert isinstance(world, World)
+    assert world.mapped_markers is not None
+    (known,) = world.mapped_markers
+    wall = next(one for one in world.walls if one.name == marker.wall)
+    panel = hang("", marker, wall, marker.size_m, 0.0)
+    assert np.allclose(known.position_m, panel.centre_m)
+    assert np.allclose(pose_matrix(known)[:3, 2], panel.normal)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("markers: 3", "markers: 3: must be a list of markers"),
+        ("markers: [5]", "markers[0]: 5: must be a mapping"),
+        ("markers: [{id: -1, dictionary: d, position_m: [0, 0, 0], "
+         "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].id: -1"),
+        ("markers: [{id: 1, dictionary: d, position_m: [0, .nan, 0], "
+         "orientation_xyzw: [0, 0, 0, 1]}]", "markers[0].position_m[1]: nan"),
+        ("markers: [{id: 1, wall: nowhere, side: left, height_m: 1.0}]",
+         "markers[0].wall: 'nowhere': must be a wall of the world"),
+    ],
+)  # fmt: skip
+def test_what_is_no_marker_is_refused_by_its_place(text: str, said: str, tmp_path: Path) -> None:
+    folder.make(tmp_path)
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=saved_map(tmp_path, text)))
+    error = bench.ask("room").error
+    assert error.startswith(f"{tmp_path / 'markers.yaml'}:1: {said}"), error
+    assert bench.node.waiting_for() is not None
+
+
+def test_a_map_that_is_none_is_a_mistake_of_the_settings(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no_such\.yaml"):
+        WorldgenNode(WorldgenConfig(map_file=tmp_path / "no_such.yaml"))
+    assert WorldgenConfig.model_validate({"map_file": ""}).map_file is None

@@ -11,7 +11,9 @@ from services.cli.pages.schema_words import default_in_yaml, kind_in_words, one_
 from services.common.bus.bus import BusConfig
 from services.common.config import ServiceConfig
 from services.common.root import ROOT
+from services.explorer.config import ExplorerConfig
 from services.localization.config import LocalizationConfig
+from services.mapping.config import MappingConfig
 from services.navigation.config import NavigationConfig
 from services.perception.config import PerceptionConfig
 from services.physics.config import PhysicsConfig
@@ -27,7 +29,9 @@ CONFIGS: dict[str, type[ServiceConfig]] = {
     "spawner": SpawnerConfig,
     "perception": PerceptionConfig,
     "localization": LocalizationConfig,
+    "mapping": MappingConfig,
     "navigation": NavigationConfig,
+    "explorer": ExplorerConfig,
     "recorder": RecorderConfig,
     "bringup": BringupConfig,
     "router": RouterConfig,

@@ -8,6 +8,7 @@ from typing import Any
 
 from services.recorder.judging.summary import RunSummary
 from services.recorder.keeping.digests import HEAD, ROW, ROW_FIELDS
+from services.recorder.keeping.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
 from services.recorder.keeping.run_folder import CONFIG, DIGESTS, LOCK, RECORDING, SUMMARY
 
 _HEAD = """# Recordings: what a run leaves
@@ -37,12 +38,18 @@ _FILES = (
         "a hash of each message, by which `mazebot diff` finds the first one in which two runs "
         "differ",
     ),
+    (
+        MAP_FOLDER,
+        f"of a run in which the robot makes the map ([mapping](mapping.md)): `{MAP_NAME}.yaml` and "
+        f"`{MAP_NAME}.pgm` for Nav2's map_server, the markers in `{MARKERS}`, and the pose graph "
+        f"in `{POSE_GRAPH_FILE}`; each is at most 5 s old at any time of the run",
+    ),
 )
 
 _VIEWER = f"""
 `{SUMMARY}` is rewritten every 5 s during the run, and at its end. Without recording
-(`--no-record`) only `{SUMMARY}` and `{CONFIG}` are written. While its recorder is alive, the folder
-also contains a locked file `{LOCK}`.
+(`--no-record`) only `{SUMMARY}`, `{CONFIG}` and `{MAP_FOLDER}` are written. While its recorder is
+alive, the folder also contains a locked file `{LOCK}`.
 
 `mazebot recordings list` lists the runs, `mazebot recordings view` shows one in the browser.
 
@@ -53,6 +60,13 @@ also contains a locked file `{LOCK}`.
 """
 
 _TABS = (
+    (
+        "mapping",
+        "only where the robot makes the map: the map as it grows, the walls that the lidar can "
+        "see in green, the pose graph with its keyframes in blue, its loops in bright green and "
+        "its markers as axes, frontiers, and the robot as in Maze; with plots of how much is "
+        "mapped, of the frontiers and of the graph",
+    ),
     (
         "Maze",
         "the world from above and south. The robot model is at the true pose, an orange outline "
@@ -70,7 +84,8 @@ _TABS = (
     ("States", "the state of each service, of localisation and of navigation over time"),
     (
         "Results",
-        "the table that the tour prints: the finished goals and other actions, the run's errors",
+        "the table that the tour prints: the finished goals and other actions, the run's errors; "
+        "where the robot makes the map, the map's figures",
     ),
     (
         "the plots",

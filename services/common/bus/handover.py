@@ -10,7 +10,7 @@ from typing import Any, cast
 import zenoh
 
 from services.common.bus.bus import Bus, pack_attachment, unpack_attachment
-from services.common.node.held import HeldMessage, newest, wanted_by
+from services.common.node.held import HeldMessage, is_alone, newest, wanted_by
 from services.common.node.node import Envelope, Inbox
 from services.common.node.topics import BY_NAME, Topic
 
@@ -75,9 +75,9 @@ class Handover:
 
     def _take(self, held: HeldMessage[Envelope], of_the_living: bool) -> None:
         topic = held.topic
-        # A message received meanwhile from a living publisher is newer. With several owners, each
-        # has its own messages.
-        if topic in self._wanted and (len(topic.owners) > 1 or not self._is_heard(topic)):
+        # A message received meanwhile from a living publisher is newer. Where several publish at
+        # the same time, each has its own messages.
+        if topic in self._wanted and not (is_alone(topic) and self._is_heard(topic)):
             self._inbox.deliver(topic, held.data, held.envelope)
             if not of_the_living:
                 self._inbox.leave(held.envelope.source)

@@ -36,6 +36,8 @@ A = TypeVar("A")
 
 MAY_LEAVE = ("bringup",)
 """Services that may exit; the others continue without them."""
+LOCALIZER, MAPPERS = "localization", ("mapping", "explorer")
+"""A run needs the one or the others."""
 MAX_UNTOLD = 1000
 """Messages pending for a service that is not due; beyond this it receives them without a step."""
 MAX_OUTSIDE = 1000
@@ -456,8 +458,13 @@ class Lockstep:
         return [name for name in SERVICES if name not in self._remote and name != self._own.name]
 
     def awaited(self) -> list[str]:
-        """The services without which turns cannot begin, in table order."""
-        return [name for name in self.missing() if not self._candidates[name]]
+        """The services without which turns cannot begin, in table order: either localisation or
+        mapping, and with that the explorer.
+        """
+        absent = [name for name in self.missing() if not self._candidates[name]]
+        maps = LOCALIZER in absent and not set(MAPPERS) <= set(absent)
+        unneeded = (LOCALIZER,) if maps else MAPPERS
+        return [name for name in absent if name not in unneeded]
 
     def note(self, service: str, source: str, there: bool | None) -> None:
         """Note that a service is alive, or gone, or (None) has a message from outside pending.
@@ -512,7 +519,7 @@ class Lockstep:
 
     def _seat_newcomers(self) -> None:
         newcomers = [name for name in self.missing() if self._candidates[name]]
-        if not self._begun and newcomers != self.missing():
+        if not self._begun and self.awaited():
             return
         for name in SERVICES:
             # In table order, as they start in one process.

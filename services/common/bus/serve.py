@@ -363,7 +363,7 @@ class _Service:
                     wait_s = 0.0
                 else:
                     # Without bringup's tour, run in real time.
-                    speed = node.speed or (1.0 if lockstep.missing() else 0.0)
+                    speed = node.speed or (1.0 if "bringup" in lockstep.missing() else 0.0)
                     wait_s = pace.wait_s(time.monotonic(), next_ns, speed)
                 moved = lockstep.turn(advance=wait_s == 0.0)
                 if not moved:

@@ -160,13 +160,11 @@ def validate(topic: Topic[M], message: M) -> None:
     wrong length, a list has too many items, a quaternion is not of unit length, or frames form a
     cycle.
     """
-    if not isinstance(message, topic.type):
+    # The first comparison alone is several times as fast for a document, whose class is abstract.
+    if type(message) is not topic.type and not isinstance(message, topic.type):
         raise WireError("not of its type", type(message).__name__)
     try:
-        if isinstance(message, Document):
-            problem = _document(message)
-        else:
-            problem = _checker(type_name(topic))(message)
+        problem = _checker_of(cast("Any", topic.type))(message)
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
         raise WireError("not of its type", str(error)) from error
     if problem:
@@ -244,19 +242,28 @@ def _checks(type_name_: str) -> _Checks:
 
 
 @functools.cache
+def _checker_of(kind: type[Any]) -> _Check:
+    """The function that validates messages of a class; made once."""
+    return _document if issubclass(kind, Document) else _checker(kind.__msgtype__)
+
+
 def _checker(type_name_: str) -> _Check:
-    """The function that validates messages of a type; made once."""
     checks = _checks(type_name_)
+    limits = [
+        (get, largest)
+        for get, largest in ((checks.coordinates, MAX_COORDINATE), (checks.numbers, MAX_NUMBER))
+        if get is not None
+    ]
+    others = checks.others
 
     def check(message: object) -> str:
-        for get, largest in (
-            (checks.coordinates, MAX_COORDINATE), (checks.numbers, MAX_NUMBER)
-        ):  # fmt: skip
-            if get is not None:
-                problem = _within(get(message), largest)
+        for get, largest in limits:
+            values = get(message)
+            if not math.hypot(*values) <= largest:
+                problem = _within(values, largest)
                 if problem:
                     return problem
-        for get_one, problem_of in checks.others:
+        for get_one, problem_of in others:
             problem = problem_of(get_one(message))
             if problem:
                 return problem
@@ -309,7 +316,8 @@ def _within(values: Sequence[float], largest: float) -> str:
 
 def _array(values: Any) -> str:
     if len(values) <= _FEW:
-        return _within(values.tolist(), MAX_IN_ARRAY)
+        numbers = values.tolist()
+        return "" if math.hypot(*numbers) <= MAX_IN_ARRAY else _within(numbers, MAX_IN_ARRAY)
     if np.abs(values).max() <= MAX_IN_ARRAY:
         return ""
     return _OUT_OF_RANGE if np.isfinite(values).all() else _NOT_FINITE
@@ -320,6 +328,8 @@ def _array_with_inf(values: Any) -> str:
 
 
 def _each(type_name_: str, most: int, messages: list[object]) -> str:
+    if not messages:
+        return ""
     if len(messages) > most:
         return _TOO_MANY
     checks = _checks(type_name_)
@@ -329,8 +339,7 @@ def _each(type_name_: str, most: int, messages: list[object]) -> str:
             if problem:
                 return problem
     for get_one, problem_of in checks.others:
-        for value in map(get_one, messages):
-            problem = problem_of(value)
+        for problem in map(problem_of, map(get_one, messages)):
             if problem:
                 return problem
     return ""

@@ -17,7 +17,11 @@ REAL_TIME_FACTOR_KEY = "real_time_factor"
 STEP_TIME_KEY = "step_time_p99_ms"
 MISSED_KEY = "missed_periods"
 FIGURE_KEYS = frozenset(
-    {REAL_TIME_FACTOR_KEY, STEP_TIME_KEY, MISSED_KEY, "state", "controller", "quality", "particles"}
+    {
+        *(REAL_TIME_FACTOR_KEY, STEP_TIME_KEY, MISSED_KEY, "state", "controller", "quality"),
+        *("particles", "keyframes", "markers", "loops", "loops rejected"),
+        *("seen", "frontiers", "driven"),
+    }
 )
 """Keys of values that change all the time."""
 

@@ -46,6 +46,13 @@ class WorldRequest(Document):
     overrides: tuple[str, ...] = Field(
         (), description="`field=value` in YAML, overrides the recipe's value: `maze.seed=3`"
     )
+    slam: bool = Field(False, description="`mapping` makes the map and localises the robot in it")
+    explore: bool = Field(True, description="with `slam`: `explorer` drives by itself")
+
+    @property
+    def explores(self) -> bool:
+        """Whether `explorer` drives."""
+        return self.slam and self.explore
 
 
 class WorldStatus(Document):
@@ -316,8 +323,19 @@ class MarkerDictionary(Document):
         return self
 
 
+class MappedMarker(Document):
+    """A marker as it was found when the map was made."""
+
+    dictionary: str
+    marker_id: Annotated[int, Field(ge=0)]
+    position_m: Vector
+    orientation_xyzw: Quaternion = Field(description="x to its right, y up, z out of its face")
+
+
 class World(Document):
-    """A resolved world: everything it contains, with the hash that identifies it."""
+    """A resolved world: everything it contains, with the hash that identifies it; and how this run
+    knows it, which is not part of the hash.
+    """
 
     name: str
     recipe: str = Field(description="file name of the recipe it came from")
@@ -343,21 +361,29 @@ class World(Document):
     light_direction: tuple[Finite, Finite, Finite] = (-0.5, 0.1, -0.9)
     light_ambient: Finite = 0.8
     light_diffuse: Finite = 0.8
+    slam: bool = Field(False, description="the robot gets no map: `mapping` makes one")
+    explore: bool = Field(False, description="with `slam`: `explorer` drives by itself")
+    mapped_markers: tuple[MappedMarker, ...] | None = Field(
+        None, description="the markers that the robot knows; none given: all, where they hang"
+    )
 
     @model_serializer(mode="wrap")
     def _without_empty(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A world without zones and dictionaries is written, and so hashed, as if these did not
-        exist.
+        """A world without zones, dictionaries and a map of its own is written, and so hashed, as
+        if these did not exist.
         """
         content: dict[str, Any] = handler(self)
-        for field in ("keepout_zones", "speed_limits", "dictionaries"):
+        for field in ("keepout_zones", "speed_limits", "dictionaries", "slam", "explore"):
             if not content.get(field, True):
                 del content[field]
+        if content.get("mapped_markers", ()) is None:
+            del content["mapped_markers"]
         return content
 
     def content_hash(self) -> str:
         """The value that `hash` must have."""
-        content = json.dumps(self.model_dump(mode="json", exclude={"hash"}), sort_keys=True)
+        known = {"hash", "slam", "explore", "mapped_markers"}
+        content = json.dumps(self.model_dump(mode="json", exclude=known), sort_keys=True)
         return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
@@ -710,6 +736,108 @@ class GoalReport(Document):
     contacts: int = Field(0, description="number of contacts during the drive")
 
 
+class TrajectoryError(Document):
+    """Root mean square, 95th percentile and maximum of an error; null where none was measured."""
+
+    rmse: Finite | None = Field(None, description="in the unit of the error's name: m or rad")
+    p95: Finite | None = Field(None, description="95th percentile, in the same unit")
+    max: Finite | None = Field(None, description="in the same unit")
+
+
+class CoverageStep(Document):
+    """How much of the floor was mapped at one time of the exploration."""
+
+    time_s: Finite = Field(description="simulation time, s")
+    driven_m: Finite = Field(description="length of the true path until then, m")
+    coverage_share: Finite = Field(description="of the reachable floor, 0 to 1")
+
+
+class MarkersMapped(Document):
+    """The markers in the pose graph, compared with those in the world of the same id."""
+
+    found: int = Field(0, description="number of the world's markers in the graph")
+    missing: int = Field(0, description="number of the world's markers that are not in the graph")
+    false: int = Field(
+        0, description="number of markers in the graph without one of their id within 1 m"
+    )
+    error_m: ErrorStatistics = Field(
+        ErrorStatistics(), description="distance between a marker's mapped and true position, m"
+    )
+    error_rad: ErrorStatistics = Field(
+        ErrorStatistics(), description="angle between its mapped and true heading, rad"
+    )
+
+
+class MapEvaluation(Document):
+    """The map made so far, its pose graph and the estimated path, against the world. Its walls are
+    the faces of everything solid and static on the lidar's level that can be seen, at 10 degrees
+    or more, from floor that the robot can reach.
+    """
+
+    walls_found_share: Finite | None = Field(
+        None,
+        description="share of the walls, in points 0.05 m apart, with an occupied cell's centre "
+        "within 0.10 m, 0 to 1; null: there is no map, or nothing to see",
+    )
+    walls_true_share: Finite | None = Field(
+        None,
+        description="share of the occupied cells with their centres within 0.10 m of something "
+        "solid; null: there is none",
+    )
+    free_wrong_share: Finite | None = Field(
+        None,
+        description="share of the free cells with their centres inside something solid, deeper "
+        "than half a cell; null: there is none",
+    )
+    coverage_share: Finite | None = Field(
+        None,
+        description="share of the reachable floor (where the robot's centre can be, with 0.24 m "
+        "around it) that is free on the map; null: there is no map, or the floor has no end",
+    )
+    coverage: tuple[CoverageStep, ...] = Field(
+        (), description="the coverage over time, a step for each 0.5 % more, oldest first"
+    )
+    milestones: tuple[CoverageStep, ...] = Field(
+        (), description="when the coverage first was at least 0.90, 0.95 and 0.99"
+    )
+    trajectory_error_m: TrajectoryError = Field(
+        TrajectoryError(),
+        description="absolute trajectory error (ATE): distance between estimated and true pose, m",
+    )
+    aligned_error_m: TrajectoryError = Field(
+        TrajectoryError(),
+        description="the same after the rotation and shift that fit the path best, m",
+    )
+    relative_error_m: TrajectoryError = Field(
+        TrajectoryError(),
+        description="relative pose error (RPE): of the way over 1 m driven, m",
+    )
+    relative_error_rad: TrajectoryError = Field(
+        TrajectoryError(), description="the same of the heading, rad"
+    )
+    markers: MarkersMapped = Field(
+        MarkersMapped(), description="the markers in the pose graph against the world's"
+    )
+    keyframes: int = Field(0, description="nodes of the pose graph")
+    loops: int = Field(0, description="loops closed, as mapping says")
+    loops_rejected: int = Field(0, description="loops tried and found wrong, as mapping says")
+    false_loops: int = Field(
+        0,
+        description="loop edges that are more than 0.3 m or 10 degrees off the true poses of their "
+        "nodes",
+    )
+    driven_m: Finite | None = Field(
+        None, description="length of the true path, m; null: no ground truth"
+    )
+    exploration: str = Field(
+        "", description="the explorer's state, such as `complete`; empty: nothing explores"
+    )
+    exploration_reason: str = Field("", description="its reason, in words")
+    explored_s: Finite | None = Field(
+        None, description="simulation time at which it was complete or had failed, s"
+    )
+
+
 class Evaluation(Document):
     """The evaluation of the run so far against the ground truth."""
 
@@ -735,5 +863,8 @@ class Evaluation(Document):
         None,
         description="distance between the pose by wheel odometry alone and the true one at the "
         "newest odometry message, m; null: no odometry or no ground truth",
+    )
+    mapping: MapEvaluation | None = Field(
+        None, description="the map that the robot has made; null: it makes none"
     )
     recording: str = Field("", description="folder of the run, as given by the recorder")

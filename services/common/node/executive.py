@@ -204,12 +204,13 @@ class Executive:
 
         Raises StalledError, with what each node waits for, where no further step is possible.
         """
+        nodes = self.nodes
         while True:
             moved = self.turn()
-            for seat in self._seats:
-                if seat.exit_code is not None:
+            for node in nodes:
+                if node.exit_code is not None:
                     self._flush()
-                    return seat.exit_code
+                    return node.exit_code
             if until():
                 return None
             if not moved:

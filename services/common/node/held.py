@@ -42,6 +42,11 @@ def wanted_by(service: str) -> list[Topic[object]]:
     return [topic for topic in (*read, *own) if topic.delivery is Delivery.LATCHED]
 
 
+def is_alone(topic: Topic[Any]) -> bool:
+    """Whether a topic has only one publisher at a time."""
+    return topic.in_turn or len(topic.owners) == 1
+
+
 class HeldMessages(Generic[E]):
     """The newest messages of each publisher, for topics that others may request."""
 
@@ -90,7 +95,7 @@ class HeldMessages(Generic[E]):
 
 def newest(messages: Iterable[HeldMessage[E]]) -> list[HeldMessage[E]]:
     """The messages kept by several subscribers, without duplicates, oldest first; of a topic with
-    only one owner, only the messages of the most recent publisher.
+    only one publisher at a time, only the messages of the most recent one.
     """
     by_topic: dict[str, dict[str, list[HeldMessage[E]]]] = {}
     for message in sorted(messages, key=lambda one: one.received_ns):
@@ -103,7 +108,7 @@ def newest(messages: Iterable[HeldMessage[E]]) -> list[HeldMessage[E]]:
     chosen: list[HeldMessage[E]] = []
     for sources in by_topic.values():
         lists = list(sources.values())
-        alone = len(lists[-1][-1].topic.owners) == 1
+        alone = is_alone(lists[-1][-1].topic)
         for kept in lists[-1:] if alone else lists:
             chosen += kept[-kept[-1].topic.depth :]
     return chosen

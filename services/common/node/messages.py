@@ -57,6 +57,7 @@ from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__Imu as Imu
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__JointState as JointState
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__LaserScan as LaserScan
 from rosbags.typesys.stores.ros2_jazzy import sensor_msgs__msg__RegionOfInterest as RegionOfInterest
+from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Bool as Bool
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__ColorRGBA as ColorRGBA
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as Header
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as String
@@ -77,6 +78,7 @@ from services.common.frames import (
 )
 
 __all__ = [
+    "Bool",
     "CameraInfo",
     "Clock",
     "ColorRGBA",
@@ -344,7 +346,7 @@ def line_strip(
         color=ColorRGBA(*map(float32, color)),
         lifetime=Duration(0, 0),
         frame_locked=False,
-        points=[Point(x, y, z) for x, y, z in points_m.tolist()],
+        points=list(map(Point, *points_m.T.tolist())),
         colors=[],
         texture_resource="",
         texture=_NO_TEXTURE,

@@ -228,24 +228,30 @@ class Inbox:
 
         If the queue is full, the oldest messages of the topic are dropped and counted.
         """
-        name, source = topic.name, envelope.source
+        name = topic.name
+        calls = name in self._waking_names
         with self._lock:
-            counts, queue = self.counts[name], self._queues[name]
-            counts.take_in(source, envelope.sequence)
+            queue = self._queues[name]
+            self.counts[name].take_in(envelope.source, envelope.sequence)
             queue.append((message, envelope))
             if isinstance(message, bytes):
                 self._kept.keep(name, message, envelope)
-            self._waiting_bytes += _size(message)
-            most, dropped = self._depths[name], 0
-            while len(queue) > most or (self._waiting_bytes > MAX_WAITING_BYTES and queue):
-                self._waiting_bytes -= _size(queue.popleft()[0])
-                dropped += 1
-            if dropped and topic.delivery is not Delivery.LATEST:
-                counts.reject(QUEUE_FULL, dropped)
-            calls = name in self._waking_names
-            self._may_wake = self._may_wake or calls
+                self._waiting_bytes += len(message)
+            if len(queue) > self._depths[name] or self._waiting_bytes > MAX_WAITING_BYTES:
+                self._drop_oldest(topic)
+            if calls:
+                self._may_wake = True
         if calls or self._calls_always:
             self._on_delivery()
+
+    def _drop_oldest(self, topic: Topic[M]) -> None:
+        """Make room in the queue of a topic."""
+        queue, most, dropped = self._queues[topic.name], self._depths[topic.name], 0
+        while len(queue) > most or (self._waiting_bytes > MAX_WAITING_BYTES and queue):
+            self._waiting_bytes -= _size(queue.popleft()[0])
+            dropped += 1
+        if dropped and topic.delivery is not Delivery.LATEST:
+            self.counts[topic.name].reject(QUEUE_FULL, dropped)
 
     def leave(self, source: str) -> None:
         """Mark a message source as gone. Its last messages may still arrive after that."""
@@ -278,6 +284,8 @@ class Inbox:
 
         Raises KeyError where the table does not name this node as a reader.
         """
+        if not self._queues[topic.name]:
+            return []
         return [message for message, _ in self.arrivals(topic)]
 
     def arrivals(self, topic: Topic[M]) -> list[tuple[M, Envelope]]:
@@ -288,7 +296,8 @@ class Inbox:
         with self._lock:
             waiting = list(queue)
             queue.clear()
-            self._waiting_bytes -= sum(_size(raw) for raw, _ in waiting)
+            if self._waiting_bytes:
+                self._waiting_bytes -= sum(_size(raw) for raw, _ in waiting)
         arrivals: list[tuple[M, Envelope]] = []
         for raw, envelope in waiting:
             if isinstance(raw, bytes):
@@ -301,11 +310,10 @@ class Inbox:
             else:
                 # The sender's outbox has validated it.
                 message = cast("M", raw)
-            ours = self._node.world_hash
-            if ours and envelope.world_hash and envelope.world_hash != ours:
-                if topic.delivery is not Delivery.LATCHED:
-                    self.reject(topic, "other world")
-                    continue
+            ours, theirs = self._node.world_hash, envelope.world_hash
+            if theirs != ours and theirs and ours and topic.delivery is not Delivery.LATCHED:
+                self.reject(topic, "other world")
+                continue
             arrivals.append((message, envelope))
         return arrivals
 
@@ -344,17 +352,17 @@ class Outbox:
         An invalid message (such as one with non-finite values) is dropped and counted.
         Raises PermissionError where the table does not name this node as an owner.
         """
-        if self._node.name not in topic.owners:
-            raise PermissionError(f"{self._node.name} may not write {topic.name}")
+        node, name = self._node, topic.name
+        if node.name not in topic.owners:
+            raise PermissionError(f"{node.name} may not write {name}")
         try:
             wire.validate(topic, message)
         except wire.WireError as error:
-            self.rejected[topic.name, error.reason] += 1
+            self.rejected[name, error.reason] += 1
             return
-        envelope = Envelope(
-            self._source, self._sequence[topic.name], self.now_ns, self._node.world_hash
-        )
-        self._sequence[topic.name] += 1
+        sequence = self._sequence[name]
+        self._sequence[name] = sequence + 1
+        envelope = Envelope(self._source, sequence, self.now_ns, node.world_hash)
         self._send(cast("Topic[object]", topic), message, envelope)
 
     def sent(self, topic: Topic[M]) -> int:
@@ -375,10 +383,8 @@ class Beat:
 
     def due(self, now_ns: int) -> bool:
         """As `is_due()`, and move on to the next multiple."""
-        if now_ns < self._next_ns - self._period_ns:
-            # The simulation was reset.
-            self._next_ns = now_ns
-        if now_ns < self._next_ns:
+        next_ns = self._next_ns
+        if next_ns - self._period_ns <= now_ns < next_ns:
             return False
         self._next_ns = (now_ns // self._period_ns + 1) * self._period_ns
         return True
@@ -392,7 +398,8 @@ class Trigger:
 
     def due(self, now_ns: int, inbox: Inbox) -> bool:
         """Whether the node has to step at `now_ns`; the call advances a periodic node's timer."""
-        return (self._beat is not None and self._beat.due(now_ns)) or inbox.wakes()
+        beat = self._beat
+        return (beat is not None and beat.due(now_ns)) or inbox.wakes()
 
     def is_time(self, now_ns: int) -> bool:
         """Whether the node's timer is due at `now_ns`."""

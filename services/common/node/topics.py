@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
+from services.common.node import slam_documents as slam
 
 M = TypeVar("M")
 
@@ -20,7 +21,9 @@ SERVICES = (
     "spawner",
     "perception",
     "localization",
+    "mapping",
     "navigation",
+    "explorer",
     "recorder",
     "bringup",
 )
@@ -61,6 +64,8 @@ class Topic(Generic[M]):
     """Whether its owner gets its last message back from the readers after a restart."""
     large: bool = False
     """Whether a message may be so large that replies to a late reader must block, not drop."""
+    in_turn: bool = False
+    """Whether only one of its owners publishes in a run."""
 
 
 Q = TypeVar("Q")
@@ -107,14 +112,18 @@ ASSETS = Topic(
 )  # fmt: skip
 WORLD = Topic(
     "/world", doc.World, ("worldgen",),
-    ("physics", "spawner", "perception", "localization", "navigation", "recorder", "bringup"),
+    (
+        "physics", "spawner", "perception", "localization", "mapping", "navigation", "explorer",
+        "recorder", "bringup",
+    ),
     _LATCHED,
     "the resolved world", large=True,
 )  # fmt: skip
 MAP = Topic(
-    "/map", msg.OccupancyGrid, ("worldgen",),
-    ("localization", "navigation", "recorder", "bringup"), _LATCHED,
-    "occupancy map rasterised from the walls", large=True,
+    "/map", msg.OccupancyGrid, ("worldgen", "mapping"),
+    ("localization", "navigation", "explorer", "recorder", "bringup"), _LATCHED,
+    "occupancy map: rasterised from the walls, or as mapping has made it so far", large=True,
+    in_turn=True,
 )  # fmt: skip
 DESIRED_ENTITIES = Topic(
     "/entities/desired", doc.Entities, ("spawner",), ("physics", "recorder"), _LATCHED,
@@ -126,17 +135,18 @@ ENTITIES = Topic(
     "the entities that exist, and those that physics refused",
 )  # fmt: skip
 TF = Topic(
-    "/tf", msg.TFMessage, ("physics", "localization"),
+    "/tf", msg.TFMessage, ("physics", "localization", "mapping"),
     ("spawner", "perception", "navigation", "recorder"), _LATEST,
     "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
 )  # fmt: skip
 TF_STATIC = Topic(
     "/tf_static", msg.TFMessage, ("physics",),
-    ("perception", "localization", "navigation", "recorder"), _LATCHED,
+    ("perception", "localization", "mapping", "navigation", "recorder"), _LATCHED,
     "the robot's fixed frames",
 )  # fmt: skip
 ODOM = Topic(
-    "/odom", msg.Odometry, ("physics",), ("localization", "navigation", "recorder"), _LATEST,
+    "/odom", msg.Odometry, ("physics",),
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
     "wheel odometry: odom from base_footprint", rate_hz=30, depth=30,
 )  # fmt: skip
 JOINT_STATES = Topic(
@@ -148,7 +158,8 @@ IMU = Topic(
     "gyroscope and accelerometer", rate_hz=120, depth=10,
 )  # fmt: skip
 SCAN = Topic(
-    "/scan", msg.LaserScan, ("physics",), ("localization", "navigation", "recorder"), _LATEST,
+    "/scan", msg.LaserScan, ("physics",),
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
     "lidar, counter-clockwise from straight ahead", rate_hz=10,
 )  # fmt: skip
 CAMERA_IMAGE = Topic(
@@ -183,12 +194,12 @@ CONTACTS = Topic(
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",),
-    ("localization", "navigation", "recorder"), _LATCHED,
+    ("localization", "mapping", "navigation", "explorer", "recorder"), _LATCHED,
     "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
 )  # fmt: skip
 DETECTIONS = Topic(
     "/aruco/detections", msg.Detection3DArray, ("perception",),
-    ("localization", "navigation", "recorder"), _LATEST,
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
     "markers in the camera's optical frame; a second result is the other IPPE solution", rate_hz=10,
     depth=10,
 )  # fmt: skip
@@ -201,12 +212,13 @@ INITIAL_POSE = Topic(
     "the initial pose set by the user",
 )  # fmt: skip
 GOAL_POSE = Topic(
-    "/goal_pose", msg.PoseStamped, ("bringup", EDGE), ("navigation", "recorder"), _EVERY,
+    "/goal_pose", msg.PoseStamped, ("bringup", "explorer", EDGE), ("navigation", "recorder"),
+    _EVERY,
     "the goal pose",
 )  # fmt: skip
 AMCL_POSE = Topic(
-    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization",), ("navigation", "recorder"),
-    _LATEST,
+    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization", "mapping"),
+    ("navigation", "explorer", "recorder"), _LATEST,
     "estimated pose: map from base_footprint", rate_hz=10,
 )  # fmt: skip
 PARTICLE_CLOUD = Topic(
@@ -214,12 +226,29 @@ PARTICLE_CLOUD = Topic(
     "particles of the localisation", rate_hz=2,
 )  # fmt: skip
 LOCALIZATION_STATUS = Topic(
-    "/localization/status", doc.LocalizationStatus, ("localization",), ("navigation", "recorder"),
-    _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
+    "/localization/status", doc.LocalizationStatus, ("localization", "mapping"),
+    ("navigation", "recorder"), _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
 )  # fmt: skip
 GLOBAL_LOCALIZATION_REQUEST = Topic(
     "/navigation/global_localization", act.Empty, ("navigation",), ("localization", "recorder"),
     _EVERY, "a behaviour tree asks for the robot to be searched on the whole map",
+)  # fmt: skip
+POSE_GRAPH = Topic(
+    "/pose_graph", slam.PoseGraph, ("mapping",), ("recorder",), _LATCHED,
+    "keyframes with their scans, markers and all measurements between them; the map is made of it",
+    rate_hz=0.2, returned=True, large=True,
+)  # fmt: skip
+EXPLORATION_STATUS = Topic(
+    "/explore/status", slam.ExplorationStatus, ("explorer",), ("bringup", "recorder"), _LATCHED,
+    "how far the exploration has come", rate_hz=1,
+)  # fmt: skip
+FRONTIERS = Topic(
+    "/explore/frontiers", msg.MarkerArray, ("explorer",), ("recorder",), _LATEST,
+    "frontiers to go to, those set aside, and the view point chosen", rate_hz=1,
+)  # fmt: skip
+EXPLORE_RESUME = Topic(
+    "/explore/resume", msg.Bool, (EDGE,), ("explorer", "recorder"), _EVERY,
+    "false: the exploration stops here, true: it goes on",
 )  # fmt: skip
 GLOBAL_COSTMAP = Topic(
     "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
@@ -279,11 +308,13 @@ TRAJECTORIES = Topic(
     rate_hz=2,
 )  # fmt: skip
 NAVIGATION_STATUS = Topic(
-    "/navigation/status", doc.NavigationStatus, ("navigation",), ("bringup", "recorder"), _LATCHED,
+    "/navigation/status", doc.NavigationStatus, ("navigation",),
+    ("explorer", "bringup", "recorder"), _LATCHED,
     "state of navigation, and of localisation as it sees it", rate_hz=2,
 )  # fmt: skip
 NAVIGATION_RESULT = Topic(
-    "/navigation/result", doc.NavigationResult, ("navigation",), ("bringup", "recorder"), _EVERY,
+    "/navigation/result", doc.NavigationResult, ("navigation",),
+    ("explorer", "bringup", "recorder"), _EVERY,
     "the result of a goal",
 )  # fmt: skip
 EVALUATION = Topic(

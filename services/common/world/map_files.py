@@ -110,7 +110,7 @@ def write_map(
     lines = (
         f"image: {image}",
         f"mode: {mode}",
-        f"resolution: {float(resolution_m)!r}",
+        f"resolution: {_shortest(resolution_m)}",
         f"origin: [{', '.join(repr(float(value)) for value in origin)}]",
         "negate: 0",
         f"occupied_thresh: {_OCCUPIED_THRESH[mode]}",
@@ -125,6 +125,12 @@ def write_map(
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
     return path
+
+
+def _shortest(value: float) -> str:
+    """A number; one of single precision, as in a message, by the digits that it has."""
+    single = np.float32(value)
+    return str(single) if float(single) == value else repr(float(value))
 
 
 _PILLOW_FORMATS = {"pgm": "PPM", "png": "PNG", "bmp": "BMP"}

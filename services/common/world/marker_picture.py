@@ -53,10 +53,15 @@ def identity_problem(marker: Marker, dictionary: cv2.aruco.Dictionary | None = N
     """
     if dictionary is None and marker.dictionary not in _DICTIONARIES:
         return f"dictionary: {marker.dictionary!r:.60}: must be one of {', '.join(_DICTIONARIES)}"
-    count = len((dictionary or _predefined(marker.dictionary)).bytesList)
+    count = marker_count(marker.dictionary, dictionary)
     if marker.id >= count:
         return f"id: {marker.id}: must be less than {count} in {marker.dictionary}"
     return ""
+
+
+def marker_count(name: str, dictionary: cv2.aruco.Dictionary | None = None) -> int:
+    """Number of markers of a dictionary. Raises KeyError where there is none of this name."""
+    return len((dictionary or _predefined(name)).bytesList)
 
 
 def modules(marker: Marker, dictionary: cv2.aruco.Dictionary | None = None) -> int:

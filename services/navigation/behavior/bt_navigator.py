@@ -30,7 +30,7 @@ from services.navigation.behavior.tasks import (
     TreeTask,
     single_node_tree,
 )
-from services.navigation.behavior.tree import Ending, NodeSnapshot
+from services.navigation.behavior.tree import BehaviorTree, Ending, NodeSnapshot
 from services.navigation.behavior.waypoints import (
     FollowWaypointsTask,
     WaitAtWaypoint,
@@ -200,7 +200,12 @@ class BtNavigator:
 
     def snapshot(self) -> tuple[NodeSnapshot, ...]:
         """The tree of the task that runs, with each node's status in the last tick."""
-        return self._running.task.snapshot() if self._running else ()
+        tree = self.running_tree()
+        return () if tree is None else tree.snapshot()
+
+    def running_tree(self) -> BehaviorTree | None:
+        """The tree of the task that runs."""
+        return self._running.task.running_tree() if self._running else None
 
     def _holds(self, running: _Running) -> Hold:
         if self._paused:

@@ -92,6 +92,10 @@ class Dock:
     """Pose of the docked robot before the marker: it faces it."""
     whole_view_m: float = 0.0
     """Nearer to the marker than this, the camera does not see all of it."""
+    side_m: float = 0.0
+    """Of the marker's panel."""
+    half_view_rad: float = math.inf
+    """To each side of straight ahead the camera sees as far as this."""
 
     @property
     def map_from_dock(self) -> SE2:

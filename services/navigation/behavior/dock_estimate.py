@@ -55,6 +55,10 @@ class DockEstimate:
         """Standard deviation of the marker's yaw."""
         return math.sqrt(self._yaw_var)
 
+    def position_std_m(self, odom_from_base: SE2) -> float:
+        """Standard deviation of the marker's position along each axis, seen from here."""
+        return math.sqrt(self._position_var + self._drifts(odom_from_base)[0])
+
     def add(self, seen: MarkerPose) -> None:
         """Take in a sighting, if it is newer than the last one."""
         if seen.stamp_ns <= self.last_stamp_ns:
@@ -95,13 +99,21 @@ class DockEstimate:
 
     def _drift(self, odom_from_base: SE2) -> None:
         """Grow the variances by what odometry may be wrong since the last sighting."""
-        last, self._at = self._at, odom_from_base
+        position_var, yaw_var = self._drifts(odom_from_base)
+        self._at = odom_from_base
+        self._position_var += position_var
+        self._yaw_var += yaw_var
+
+    def _drifts(self, odom_from_base: SE2) -> tuple[float, float]:
+        """Variances of odometry's position and heading since the last sighting."""
+        p, last = self._params, self._at
         if last is None:
-            return
-        p = self._params
+            return 0.0, 0.0
         driven_m = last.distance_m(odom_from_base)
         turned_rad = abs(wrap_angle(odom_from_base.yaw_rad - last.yaw_rad))
         position_std = p.drift_std_per_m
         yaw_std = p.drift_std_rad_per_rad
-        self._position_var += position_std * position_std * (driven_m + 0.1 * turned_rad)
-        self._yaw_var += yaw_std * yaw_std * (driven_m + turned_rad)
+        return (
+            position_std * position_std * (driven_m + 0.1 * turned_rad),
+            yaw_std * yaw_std * (driven_m + turned_rad),
+        )

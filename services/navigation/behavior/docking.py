@@ -11,7 +11,7 @@ from enum import IntEnum
 from services.common import portable
 from services.common.error_codes import ErrorCode
 from services.common.frames import SE2
-from services.navigation.behavior.context import MarkerPose
+from services.navigation.behavior.context import Dock, MarkerPose
 from services.navigation.behavior.dock_estimate import DockEstimate, SightingParams
 from services.navigation.behavior.graceful_controller import GracefulParams, graceful_velocity
 from services.navigation.behavior.motion import TimeToCollision, toward
@@ -106,28 +106,27 @@ class Docker:
     def __init__(
         self,
         params: DockingParams,
-        marker_from_dock: SE2,
+        dock: Dock,
         odom_from_dock: SE2 | None = None,
-        whole_view_m: float = 0.0,
     ) -> None:
         """Begin to dock.
 
         Args:
             params: how to dock.
-            marker_from_dock: pose of the docked robot before the marker: it faces it.
+            dock: the marker, and where the robot docks before it.
             odom_from_dock: where the dock should be; None: anywhere ahead.
-            whole_view_m: nearer to the marker than this, the camera does not see all of it, and
-                the robot goes by odometry.
         """
         self._params = params
-        self._marker_from_dock = marker_from_dock
-        self._whole_view_m = whole_view_m
+        self._marker_from_dock = dock.marker_from_dock
+        self._dock = dock
         self._expected = odom_from_dock
         self._estimate = DockEstimate(params.sighting)
         self._limited = _Limited(params)
         self._state = DockState.INITIAL_PERCEPTION
         self._since_ns: int | None = None
         self._began_ns = 0
+        self._hidden_ns = 0
+        """When the marker was last out of the picture, by odometry."""
         self._seen_before = 0
         self._retries = 0
         self._returns = 0
@@ -181,7 +180,7 @@ class Docker:
         dock_from_base = dock.inverse() @ base
         if self._state is DockState.RETRY:
             return self._return_to_staging(now_ns, elapsed_s, dock_from_base, time_to_collision)
-        return self._approach(now_ns, elapsed_s, dock_from_base, time_to_collision)
+        return self._approach(now_ns, elapsed_s, base, dock_from_base, time_to_collision)
 
     def _perceive(self, now_ns: int, elapsed_s: float, base: SE2) -> DockingStep:
         p, estimate = self._params, self._estimate
@@ -227,10 +226,15 @@ class Docker:
         return Velocity(0.0, rate if left else -rate)
 
     def _approach(
-        self, now_ns: int, elapsed_s: float, at: SE2, time_to_collision: TimeToCollision
+        self,
+        now_ns: int,
+        elapsed_s: float,
+        base: SE2,
+        at: SE2,
+        time_to_collision: TimeToCollision,
     ) -> DockingStep:
         p = self._params
-        self._check_approach(now_ns, at, time_to_collision)
+        self._check_approach(now_ns, base, at, time_to_collision)
         if self._aligning:
             return self._align(now_ns, elapsed_s, at)
         if at.x_m < -p.final_straight_m:
@@ -251,19 +255,32 @@ class Docker:
         speed_m_s = min(p.straight_speed_m_s, math.sqrt(p.acceleration_m_s2 * left_m))
         return self._answer(self._along_axis(at, max(speed_m_s, 0.01)), elapsed_s)
 
-    def _check_approach(self, now_ns: int, at: SE2, time_to_collision: TimeToCollision) -> None:
+    def _is_hidden(self, base: SE2, at: SE2) -> bool:
+        """Whether the marker is out of the picture because of where the robot looks, and odometry
+        is good enough to go on by: a curve to a dock far aside leads there.
+        """
+        marker = self._marker_from_dock.inverse()
+        half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
+        outside = abs(_bearing(at, marker)) > self._dock.half_view_rad - half_side_rad
+        return outside and self._estimate.position_std_m(base) <= self._params.lateral_tolerance_m
+
+    def _check_approach(
+        self, now_ns: int, base: SE2, at: SE2, time_to_collision: TimeToCollision
+    ) -> None:
         p = self._params
+        if self._is_hidden(base, at):
+            self._hidden_ns = now_ns
         if self._running_s(now_ns) > p.dock_approach_timeout_s:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
                 f"the dock was not reached in {p.dock_approach_timeout_s:.0f} s: {-at.x_m:.3f} m "
                 f"before it, {at.y_m:.3f} m aside",
             )
-        lost_s = (now_ns - self._estimate.last_stamp_ns) * 1e-9
+        lost_s = (now_ns - max(self._estimate.last_stamp_ns, self._hidden_ns)) * 1e-9
         # So near the end odometry is good enough, and so near the marker it has to be.
         by_odometry = (
             at.x_m >= -0.5 * p.final_straight_m
-            or (self._marker_from_dock @ at).x_m < self._whole_view_m
+            or (self._marker_from_dock @ at).x_m < self._dock.whole_view_m
         )
         if lost_s > p.external_detection_timeout_s and not by_odometry:
             raise NavigationError(

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from services.common import portable
 from services.common.error_codes import ErrorCode
@@ -60,6 +62,17 @@ class CameraView:
                 least_m = max(least_m, -fixed / grows)
         seen = all(fixed + least_m * grows >= -1e-9 for fixed, grows in limits)
         return least_m if seen else math.inf
+
+    def half_view_rad(self, margin: float) -> float:
+        """Angle from straight ahead to the nearer of the picture's left and right edge, less the
+        margin, a share of its width; 0 where the camera does not look ahead.
+        """
+        least_rad = math.inf
+        for sign, u_px in ((1.0, margin * self.size_px[0]), (-1.0, (1 - margin) * self.size_px[0])):
+            ray = np.array([(u_px - self.centre_px[0]) / self.focal_px[0], 0.0, 1.0])
+            x, y, _ = portable.product(self.base_from_camera[:3, :3], ray).tolist()
+            least_rad = min(least_rad, sign * portable.atan2(y, x))
+        return max(least_rad, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +141,8 @@ class Docks:
         # In whole centimetres: the same for cameras that differ in the last bit.
         away_m = max(places.least_m, math.ceil(seen_m * 100.0 - 1e-6) / 100.0)
         return Dock(
-            str(marker.marker_id), map_from_marker, SE2(away_m, 0.0, math.pi), seen_m
+            str(marker.marker_id), map_from_marker, SE2(away_m, 0.0, math.pi), seen_m,
+            marker.panel_side_m, camera.half_view_rad(places.picture_margin),
         )  # fmt: skip
 
     def by_name(self, name: str) -> Dock:
@@ -174,7 +188,7 @@ class Docks:
                 f"{places.most_m} m; docks are {_listed(self.known)}",
             )
         _, _, dock, back = min(faced, key=lambda one: one[:2])
-        return Dock(dock.marker_id, dock.map_from_marker, back, dock.whole_view_m)
+        return replace(dock, marker_from_dock=back)
 
 
 def _listed(docks: Mapping[str, Dock]) -> str:

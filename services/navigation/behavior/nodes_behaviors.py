@@ -243,9 +243,8 @@ class DockRobotNode(ActionNode):
             odom_from_map = odom_from_base @ context.pose().inverse()
             self._docker = Docker(
                 self._docking,
-                self._dock.marker_from_dock,
+                self._dock,
                 odom_from_map @ self._dock.map_from_dock,
-                self._dock.whole_view_m,
             )
         step = self._docker.step(
             now_ns,

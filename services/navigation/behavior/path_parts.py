@@ -40,7 +40,8 @@ def piece(path: PlannedPath, first: int, end: int) -> PlannedPath:
     end = min(max(end, first + 1), len(path.points_m))
     first = min(first, end - 1)
     at = np.arange(first, end) if end - first > 1 else np.array([first, first])
-    return _path(path.points_m[at], path.yaws_rad[at])
+    way_out_m = max(path.way_out_m - float(path.along_m[at][0]), 0.0)
+    return _path(path.points_m[at], path.yaws_rad[at], way_out_m)
 
 
 def without_end(path: PlannedPath, distance_m: float) -> PlannedPath:
@@ -65,10 +66,12 @@ def joined(first: PlannedPath, second: PlannedPath) -> PlannedPath:
     return _path(
         np.concatenate([first.points_m, second.points_m]),
         np.concatenate([first.yaws_rad, second.yaws_rad]),
+        first.way_out_m,
     )
 
 
-def _path(points_m: Array, yaws_rad: Array) -> PlannedPath:
+def _path(points_m: Array, yaws_rad: Array, way_out_m: float) -> PlannedPath:
     steps = np.diff(points_m, axis=0)
     lengths_m = portable.hypot_each(steps[:, 0], steps[:, 1])
-    return PlannedPath(points_m, yaws_rad, np.concatenate([[0.0], np.cumsum(lengths_m)]))
+    along_m = np.concatenate([[0.0], np.cumsum(lengths_m)])
+    return PlannedPath(points_m, yaws_rad, along_m, way_out_m=way_out_m)

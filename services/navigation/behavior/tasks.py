@@ -28,7 +28,6 @@ from services.navigation.behavior.tree import (
     BehaviorTree,
     Ending,
     Errand,
-    NodeSnapshot,
     NodeStatus,
     TreeError,
     TreeRun,
@@ -67,8 +66,8 @@ class Task(Protocol):
         """Feedback now."""
         ...
 
-    def snapshot(self) -> tuple[NodeSnapshot, ...]:
-        """The running tree."""
+    def running_tree(self) -> BehaviorTree | None:
+        """The tree that is ticked."""
         ...
 
     def statuses(self) -> Statuses:
@@ -203,9 +202,9 @@ class TreeTask:
             num_retries=docking.num_retries if docking else 0,
         )
 
-    def snapshot(self) -> tuple[NodeSnapshot, ...]:
-        """The tree as it was ticked last."""
-        return self.tree.snapshot()
+    def running_tree(self) -> BehaviorTree | None:
+        """See Task."""
+        return self.tree
 
     def statuses(self) -> Statuses:
         """Of NavigateThroughPoses: what has become of each pose."""

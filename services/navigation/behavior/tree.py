@@ -131,7 +131,7 @@ class NodeSnapshot(NamedTuple):
     name: str
     kind: str
     status: NodeStatus
-    """What it answered in the last tick; IDLE where that tick did not reach it."""
+    """What it answered last in the ticks that count; IDLE where none of them reached it."""
     depth: int
 
 
@@ -149,6 +149,7 @@ class Node(ABC):
         """What it answered last, until its parent resets it."""
         self._answered = NodeStatus.IDLE
         self._answered_in_tick = -1
+        self._keys = {port: _key(port, text) for port, text in place.attributes.items()}
 
     def __str__(self) -> str:
         return f"{self.place.kind} '{self.place.name}'"
@@ -172,11 +173,10 @@ class Node(ABC):
             self._halt()
         self.status = NodeStatus.IDLE
 
-    def snapshot(self, depth: int) -> NodeSnapshot:
-        """This node as one line."""
+    def snapshot(self, depth: int, since: int) -> NodeSnapshot:
+        """This node as one line, with its newest answer since a tick."""
         place = self.place
-        now = self._answered_in_tick == place.run.tick_number
-        answered = self._answered if now else NodeStatus.IDLE
+        answered = self._answered if self._answered_in_tick >= since else NodeStatus.IDLE
         return NodeSnapshot(place.uid, place.name, place.kind, answered, depth)
 
     def walk(self) -> Iterator[Node]:
@@ -203,11 +203,7 @@ class Node(ABC):
 
     def key(self, port: str) -> str | None:
         """Blackboard key that a port refers to; None for a literal or a port that is not given."""
-        text = self.place.attributes.get(port, "")
-        if not (text.startswith("{") and text.endswith("}")):
-            return None
-        inner = text[1:-1].strip()
-        return port if inner == "=" else inner
+        return self._keys.get(port)
 
     def get(self, port: str) -> object | None:
         """Value of an input port: from the blackboard, the XML or the port's default."""
@@ -278,6 +274,13 @@ class Node(ABC):
         return None
 
 
+def _key(port: str, text: str) -> str | None:
+    if not (text.startswith("{") and text.endswith("}")):
+        return None
+    inner = text[1:-1].strip()
+    return port if inner == "=" else inner
+
+
 class BehaviorTree:
     """A tree that can be ticked, with its blackboard."""
 
@@ -303,6 +306,9 @@ class BehaviorTree:
         """Cancel what runs."""
         self.root.halt()
 
-    def snapshot(self) -> tuple[NodeSnapshot, ...]:
-        """The status of every node in the last tick, parents before their children."""
-        return tuple(node.snapshot(depth) for node, depth in self._nodes)
+    def snapshot(self, since: int | None = None) -> tuple[NodeSnapshot, ...]:
+        """The newest answer of every node since a tick, parents before their children; None: in
+        the last tick.
+        """
+        first = self.run.tick_number if since is None else since
+        return tuple([node.snapshot(depth, first) for node, depth in self._nodes])

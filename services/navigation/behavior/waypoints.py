@@ -16,7 +16,7 @@ from services.navigation.behavior.actions import (
 )
 from services.navigation.behavior.nodes_goals import Statuses, WaypointState, WaypointStatus
 from services.navigation.behavior.tasks import TreeTask
-from services.navigation.behavior.tree import Ending, NodeSnapshot
+from services.navigation.behavior.tree import BehaviorTree, Ending
 from services.navigation.errors import NavigationError
 
 
@@ -245,9 +245,9 @@ class FollowWaypointsTask:
             waypoint_statuses=self.statuses(),
         )
 
-    def snapshot(self) -> tuple[NodeSnapshot, ...]:
+    def running_tree(self) -> BehaviorTree | None:
         """The tree of the drive."""
-        return self._drive.snapshot() if self._drive is not None else ()
+        return self._drive.running_tree() if self._drive is not None else None
 
     def statuses(self) -> Statuses:
         """The waypoints missed."""

@@ -34,6 +34,9 @@ class BatchPace:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._last_ns: int | None = None
+        self._controller: object = None
+        self._batched: Batched | None = None
+        """That controller, if it is one. To ask anew takes longer than the rest of a step."""
         self._full: dict[int, int] = {}
         """Configured batch, by the controller's identity."""
         self._in_time = 0
@@ -47,21 +50,25 @@ class BatchPace:
     def step(self, now_ns: int, controller: object) -> None:
         """Note a step of a controller."""
         last_ns, self._last_ns = self._last_ns, now_ns
-        if last_ns is None or not isinstance(controller, Batched):
+        if controller is not self._controller:
+            self._controller = controller
+            self._batched = controller if isinstance(controller, Batched) else None
+        batched = self._batched
+        if last_ns is None or batched is None:
             return
-        full = self._full.setdefault(id(controller), controller.batch_size)
-        before = controller.batch_size
+        before = batched.batch_size
+        full = self._full.setdefault(id(controller), before)
         missed = now_ns // self._period_ns - last_ns // self._period_ns - 1
         if missed > 0:
             self.missed += missed
             self._in_time = 0
-            controller.batch_size = max(int(before * _SHRINK), int(full * _LEAST), 1)
+            batched.batch_size = max(int(before * _SHRINK), int(full * _LEAST), 1)
         elif before < full:
             self._in_time += 1
             if self._in_time >= _IN_TIME:
                 self._in_time = 0
-                controller.batch_size = min(int(before * _GROW) + 1, full)
-        self._tell(before, controller.batch_size, full)
+                batched.batch_size = min(int(before * _GROW) + 1, full)
+        self._tell(before, batched.batch_size, full)
 
     def _tell(self, before: int, now: int, full: int) -> None:
         if before == full and now < full:

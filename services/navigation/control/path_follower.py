@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 
-from services.common.frames import SE2
+from services.common.frames import SE2, wrap_angle
 from services.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from services.navigation.control.controller import Control, Robot
 from services.navigation.control.goal_checker import GoalChecker
@@ -16,6 +16,15 @@ _SLOWEST_TURN_RAD_S = 0.1
 """A turn on the spot ends at this speed: the goal's yaw tolerance is above what it turns in one
 period.
 """
+_STRAIGHT_M_S = 0.12
+_SLOWEST_M_S = 0.03
+_STRAIGHT_DECEL_M_S2 = 0.3
+_STRAIGHT_RAD, _ASKEW_RAD = 0.05, 0.2
+"""A straight piece it drives with a heading that differs by less from the path's; by more than the
+second it turns first, until it differs by less than the first.
+"""
+_PER_S = 1.5
+"""The rate of turning by the difference of the headings, on a straight piece."""
 
 
 class PathFollower(ABC):
@@ -33,6 +42,7 @@ class PathFollower(ABC):
         self._handler = PathHandler(robot.path_handler)
         self._goal_checker = GoalChecker(robot.goal_checker)
         self._velocity = STOP
+        self._aligning = False
 
     @property
     def path(self) -> PlannedPath | None:
@@ -81,6 +91,9 @@ class PathFollower(ABC):
         to_goal_m = pose.distance_m(goal)
         if self._goal_checker.check_position(pose, goal, remaining_m):
             return self._turn_to_goal(elapsed_s, around, goal, to_goal_m)
+        straight = self._straight(elapsed_s, around, path)
+        if straight is not None:
+            return self._put(straight, False, max(remaining_m, to_goal_m))
         velocity, blocked = self._drive(elapsed_s, around, path)
         return self._put(velocity, blocked, max(remaining_m, to_goal_m))
 
@@ -93,6 +106,31 @@ class PathFollower(ABC):
     @abstractmethod
     def _begin(self) -> None:
         """Forget what was kept of the path before."""
+
+    def _straight(
+        self, elapsed_s: float, around: Surroundings, path: PlannedPath
+    ) -> Velocity | None:
+        """The velocity straight ahead or back, where the path has such a piece and that is free."""
+        left_m = self._handler.straight_m(path)
+        if left_m == 0.0:
+            self._aligning = False
+            return None
+        yaw_rad = float(path.yaws_rad[self._handler.index])
+        error_rad = wrap_angle(yaw_rad - around.map_from_base.yaw_rad)
+        self._aligning = abs(error_rad) > (_STRAIGHT_RAD if self._aligning else _ASKEW_RAD)
+        if self._aligning:
+            velocity, blocked = self._turn(elapsed_s, around, error_rad)
+            if not blocked:
+                return velocity
+        robot = self._robot
+        speed_m_s = math.sqrt(2.0 * _STRAIGHT_DECEL_M_S2 * abs(left_m))
+        speed_m_s = min(max(speed_m_s, _SLOWEST_M_S), _STRAIGHT_M_S, around.speed_limit_m_s)
+        rate_rad_s = 0.0 if self._aligning else _PER_S * error_rad
+        wanted = Velocity(math.copysign(speed_m_s, left_m), rate_rad_s)
+        velocity = robot.limited(wanted, self._velocity, elapsed_s)
+        stop_s = abs(velocity.linear_m_s) / robot.max_linear_accel_m_s2
+        horizon_s = stop_s + 2.0 * robot.control_period_s
+        return velocity if first_contact_s(around, velocity, horizon_s) == math.inf else None
 
     def _put(self, velocity: Velocity, blocked: bool, distance_remaining_m: float) -> Control:
         self._velocity = velocity

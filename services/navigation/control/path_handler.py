@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from services.common.frames import SE2, Array
@@ -45,16 +46,36 @@ class PathHandler:
         self._params = params
         self.path: PlannedPath | None = None
         self.index = 0
+        self._backwards = np.empty(0, np.bool_)
+        self._ahead = np.empty(0, np.int64)
+        """Points that the path leaves forwards."""
 
     def set_path(self, path: PlannedPath | None) -> None:
         """Begin at the start of a path; None: there is none."""
         self.path, self.index = path, 0
+        if path is not None:
+            self._backwards = path.backwards()
+            self._ahead = np.flatnonzero(~self._backwards)
 
     def advance(self, path: PlannedPath, pose: SE2) -> float:
         """Find the point nearest to the robot; returns the length of the path that is left."""
         search_m = self._params.max_robot_pose_search_dist
+        straight_m = abs(self.straight_m(path))
+        if straight_m > 0.0:
+            # What follows may lead along the same way in the other direction.
+            search_m = min(search_m, straight_m + 1e-9)
         self.index = path.nearest(pose.x_m, pose.y_m, self.index, search_m)
         return path.length_m - float(path.along_m[self.index])
+
+    def straight_m(self, path: PlannedPath) -> float:
+        """Length of the piece that is to be driven straight ahead from the nearest point on, or
+        backwards, below 0; 0 where the robot may drive as it likes.
+        """
+        here_m = float(path.along_m[self.index])
+        if self._backwards[self.index]:
+            end = self._ahead[np.searchsorted(self._ahead, self.index)]
+            return here_m - float(path.along_m[end])
+        return max(path.way_out_m - here_m, 0.0)
 
     def local(self, path: PlannedPath, pose: SE2, spacing_m: float) -> LocalPath:
         """The path from the robot on, at most `prune_distance` of it."""

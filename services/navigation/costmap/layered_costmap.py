@@ -84,7 +84,6 @@ class LayeredCostmap:
             static: how the map's values become costs.
             footprint: the robot's, whose own place is cleared.
         """
-        self._cells = cells
         self._inflation_params = inflation
         self._static_params = static
         self._footprint = footprint
@@ -93,6 +92,28 @@ class LayeredCostmap:
         self.revision = 0
         """Increases with every change of the master costmap."""
         self._place(frame, cells)
+        self._combine(None)
+
+    def take_map(self, frame: GridFrame, cells: Cells, static_margin_m: float) -> None:
+        """Replace the static layer by that of a map which has grown or changed: the obstacles stay
+        where they are, except those that are now explained by the map. Keepout zones are gone.
+
+        Args:
+            frame: position of the cells; of another resolution, all obstacles are forgotten.
+            cells: (rows, columns) int8 occupancy, 100 occupied, -1 unknown.
+            static_margin_m: an obstacle this near to a wall of the map is the wall's.
+        """
+        before, resolution_m = self.frame, frame.resolution_m
+        if before.resolution_m == resolution_m:
+            row = round((before.origin_y_m - frame.origin_y_m) / resolution_m)
+            column = round((before.origin_x_m - frame.origin_x_m) / resolution_m)
+            self._obstacles.resize(frame.rows, frame.columns, row, column)
+        else:
+            self._obstacles.resize(frame.rows, frame.columns, frame.rows, frame.columns)
+        self._zones = _NO_ZONES
+        self._place(frame, cells)
+        self._obstacles.marked[self.static.distance_m <= static_margin_m] = False
+        self._combine(None)
 
     def _place(self, frame: GridFrame, cells: Cells) -> None:
         """Compute everything that depends on the static layer."""
@@ -106,7 +127,6 @@ class LayeredCostmap:
         self.master = self._blank()
         """The costmap of all layers."""
         self._combine_static()
-        self._combine(None)
 
     def update(
         self,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ many more for each scan that marked them again: what moves leaves no trail, and 
 most rays miss, does not flicker.
 """
 _DECAY_CHECK_NS: Final = 1_000_000_000
+
+D = TypeVar("D", bound=np.generic)
 
 Moving = Array
 """(n, 3) circles of things that move: x, y, radius in metres, in the layer's frame."""
@@ -173,6 +175,28 @@ class ObstacleLayer:
         self.marked[:] = False
         self.marked[row0:row1, column0:column1] = kept
         return extent
+
+    def resize(self, rows: int, columns: int, row: int, column: int) -> None:
+        """Copy the marks into a grid of another size, in which the old cell (0, 0) is at this row
+        and column; what lies outside it is forgotten.
+        """
+        old_rows, old_columns = self.marked.shape
+        to = np.s_[
+            max(row, 0) : max(min(row + old_rows, rows), 0),
+            max(column, 0) : max(min(column + old_columns, columns), 0),
+        ]
+
+        def resized(array: NDArray[D]) -> NDArray[D]:
+            moved = np.zeros((rows, columns), array.dtype)
+            height, width = moved[to].shape
+            top, left = max(-row, 0), max(-column, 0)
+            moved[to] = array[top : top + height, left : left + width]
+            return moved
+
+        self.marked = resized(self.marked)
+        self._score = resized(self._score)
+        self._seen = resized(self._seen)
+        self._extent = (0, rows, 0, columns)
 
     def roll(self, down: int, right: int) -> None:
         """Move the grid's origin by whole rows and columns; what leaves it is forgotten."""

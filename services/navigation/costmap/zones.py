@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from services.common.frames import Array
 from services.common.node.documents import KeepoutZone, Point2, SpeedZone
 from services.common.world.costmap import Cells, Mask
 from services.common.world.grids import connected_regions
+from services.common.world.polygon_cells import polygon_cells
 from services.navigation.costmap.costmap import Costs, GridFrame
 from services.navigation.costmap.filters import (
     KEEPOUT,
@@ -28,8 +28,6 @@ from services.navigation.costmap.filters import (
 LETHAL_OVERRIDE_COST: Final = 252
 """Nav2's default: what cells of a zone cost the robot that has to leave it."""
 _KEPT_OUT: Final = 100
-_EDGE_CELLS: Final = 1e-6
-"""A zone that ends on the side of a cell does not reach into it."""
 
 Limits = NDArray[np.float64]
 
@@ -164,22 +162,7 @@ def zones_of(
 
 def cells_of(polygon_m: Sequence[Point2], frame: GridFrame) -> Mask:
     """(rows, columns) cells that a polygon covers or cuts: one thinner than a cell is not lost."""
-    cells = np.zeros((frame.rows, frame.columns), np.bool_)
-    area: shapely.Geometry = shapely.Polygon([frame.place(*corner) for corner in polygon_m])
-    if not area.is_valid:
-        area = shapely.make_valid(area)
-    left, low, right, top = area.bounds
-    columns = np.arange(max(math.floor(left), 0), min(math.floor(right) + 1, frame.columns))
-    rows = np.arange(max(math.floor(low), 0), min(math.floor(top) + 1, frame.rows))
-    if not columns.size or not rows.size:
-        return cells
-    shapely.prepare(area)
-    x, y = np.meshgrid(columns, rows)
-    squares = shapely.box(
-        x + _EDGE_CELLS, y + _EDGE_CELLS, x + 1.0 - _EDGE_CELLS, y + 1.0 - _EDGE_CELLS
-    )
-    cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = shapely.intersects(area, squares)
-    return cells
+    return polygon_cells([frame.place(*corner) for corner in polygon_m], frame.rows, frame.columns)
 
 
 def _limits_of(mask: FilterMask, frame: GridFrame, max_speed_m_s: float) -> Limits:

@@ -7,17 +7,21 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from services.common import portable_kernels
 from services.common.frames import Array
 from services.common.kernels import kernel
 from services.common.world.costmap import Clearance
-from services.navigation.costmap.footprint import footprint_in_collision
+from services.navigation.costmap.footprint import footprint_clearance_m, footprint_in_collision
 
 CLEAR: Final = -1
 _TURN_RAD = 0.1
 """Between two examined headings of a turn: the corner of a waffle moves by 2.4 cm."""
 _STEP = 0.5
 """Between two examined places, in cells."""
+_SLACK_M: Final = 0.005
+"""By how much it may come nearer to what it touches at the start: the map's cells are 5 cm."""
 
 
 @kernel()
@@ -34,6 +38,38 @@ def hits(
     c, s = portable_kernels.cos_sin(yaw_rad)
     return footprint_in_collision(
         distance_m, resolution_m, outline_m, circles, x - 0.5, y - 0.5, c, s, 0.0
+    )
+
+
+@kernel()
+def start_margin_m(
+    distance_m: Clearance, resolution_m: float, outline_m: Array, circles: Array, start: Array
+) -> float:
+    """The clearance with which the polygon counts as no deeper in an obstacle than at a start,
+    (x, y, yaw) in cells; 0 where it touches nothing there.
+    """
+    c, s = portable_kernels.cos_sin(start[2])
+    clearance_m = footprint_clearance_m(
+        distance_m, resolution_m, outline_m, circles, start[0] - 0.5, start[1] - 0.5, c, s
+    )
+    return 0.0 if clearance_m > 0.0 else clearance_m - _SLACK_M
+
+
+@kernel()
+def goes_deeper(
+    distance_m: Clearance,
+    resolution_m: float,
+    outline_m: Array,
+    circles: Array,
+    x: float,
+    y: float,
+    yaw_rad: float,
+    margin_m: float,
+) -> bool:
+    """As `hits`, where the clearance may be as low as a margin of 0 or less."""
+    c, s = portable_kernels.cos_sin(yaw_rad)
+    return footprint_in_collision(
+        distance_m, resolution_m, outline_m, circles, x - 0.5, y - 0.5, c, s, margin_m
     )
 
 
@@ -91,11 +127,13 @@ def first_obstruction(
     points: Array,
     start_yaw_rad: float,
     goal_yaw_rad: float,
+    margin_m: float,
 ) -> tuple[int, bool]:
     """The first of (n, 2) points at which the polygon cannot go on, driving forwards, and whether
     that is for a turn on the spot; (CLEAR, False) if it gets to the goal's heading.
 
-    Where it touches an obstacle at the start, it is not examined before it is clear.
+    Where it touches an obstacle at the start, it may not turn before it is clear, and come as near
+    as `start_margin_m`; a margin of -inf lets it out any way.
     """
     n = len(points)
     yaw, free = start_yaw_rad, False
@@ -109,6 +147,8 @@ def first_obstruction(
         if not free:
             free = not hits(distance_m, resolution_m, outline_m, circles, x, y, yaw)
         by = difference_rad(ahead, yaw)
+        if not free and abs(by) > _TURN_RAD and margin_m > -np.inf:
+            return i, True
         # Headings of a rounded path differ by less than is between two examined ones.
         if free and abs(by) > 1e-6:
             if i == 0 or abs(by) > _TURN_RAD:
@@ -121,7 +161,9 @@ def first_obstruction(
         for k in range(1, parts + 1):
             at_x, at_y = x + dx * k / parts, y + dy * k / parts
             if hits(distance_m, resolution_m, outline_m, circles, at_x, at_y, yaw):
-                if free:
+                if free or goes_deeper(
+                    distance_m, resolution_m, outline_m, circles, at_x, at_y, yaw, margin_m
+                ):
                     return i, False
             else:
                 free = True

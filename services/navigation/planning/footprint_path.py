@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,16 @@ from services.common.frames import SE2, Array
 from services.navigation.costmap.footprint import Footprint
 from services.navigation.costmap.layered_costmap import LETHAL_OBSTACLE, Costmap
 from services.navigation.errors import NavigationError
-from services.navigation.planning.a_star import FOUND, GAVE_UP, Workspace, a_star, buckets_for
+from services.navigation.planning.a_star import (
+    FOUND,
+    GAVE_UP,
+    NO_WAY,
+    Workspace,
+    a_star,
+    buckets_for,
+)
 from services.navigation.planning.footprint_check import CLEAR, first_obstruction
-from services.navigation.planning.footprint_search import AHEAD, drive_through
+from services.navigation.planning.footprint_search import AHEAD, REVERSE_FACTOR, drive_through
 from services.navigation.planning.search_grid import (
     HIGHEST_COST,
     NARROW,
@@ -25,6 +33,7 @@ from services.navigation.planning.search_grid import (
     SearchGrid,
 )
 from services.navigation.planning.smoothing import rounded
+from services.navigation.planning.way_out import LONGEST_M, ways_out
 
 _HEADINGS_RAD: Final = portable.atan2_each(AHEAD[:, 1], AHEAD[:, 0])
 _PER_CELL: Final = 4.0
@@ -40,15 +49,28 @@ _BLEND: Final = 10
 """Over so many points the path leads from the exact start to the lattice, and from it to the goal.
 """
 
-Found = tuple[Array, Array, NDArray[np.bool_] | None]
+
+class Found(NamedTuple):
+    """A path that the footprint can be driven along."""
+
+    points: Array
+    """(n, 2), in cells."""
+    yaws_rad: Array
+    """(n,)"""
+    backwards: NDArray[np.bool_] | None
+    """(n,) where it drives backwards; None: nowhere."""
+    begin: SE2
+    """Where it begins: the start, or a place straight ahead of it or behind it."""
+    back: bool
+    """Whether it is behind it."""
 
 
 def through_narrow_places(
     grid: SearchGrid, costmap: Costmap, footprint: Footprint, start: SE2, goal: SE2,
     price: Prices, kept: Workspace, passes: int, allow_reverse: bool, max_iterations: int,
 ) -> Found | None:  # fmt: skip
-    """(n, 2) points in cells of a path that the footprint can be driven along, (n,) headings, and
-    where it drives backwards, (n,), or None if nowhere; None if there is no such path.
+    """A path that the footprint can be driven along; None if there is none. From a start where it
+    cannot turn, it begins where it can, if that is a little way ahead or back.
 
     Raises NavigationError with PLANNER_TIMEOUT.
     """
@@ -68,11 +90,32 @@ def through_narrow_places(
         return None
     distance_m, resolution_m = costmap.clearance_m, grid.frame.resolution_m
     at_start, at_goal = grid.at(*start[:2]), grid.at(*goal[:2])
-    status, poses = drive_through(
-        grid.cells, guide, kept.cost_to_come, distance_m, resolution_m, footprint.points_m,
-        footprint.circles, _HEADINGS_RAD, AHEAD, np.array([*at_start, start.yaw_rad]),
-        np.array([*at_goal, goal.yaw_rad]), allow_reverse, min(_MOST_STATES, max_iterations),
-    )  # fmt: skip
+    begins = np.array([[*at_start, start.yaw_rad, 0.0]])
+
+    reverse_within = math.inf if allow_reverse else -1.0
+
+    def search(costs: Array, reverse_within: float, exact: bool) -> tuple[int, Array, int]:
+        starts = np.column_stack((begins[: len(costs), :3], costs))
+        return drive_through(
+            grid.cells, guide, kept.cost_to_come, distance_m, resolution_m, footprint.points_m,
+            footprint.circles, _HEADINGS_RAD, AHEAD, starts,
+            np.array([*at_goal, goal.yaw_rad]), reverse_within, exact,
+            min(_MOST_STATES, max_iterations),
+        )  # fmt: skip
+
+    status, poses, begin = search(np.zeros(1), reverse_within, True)
+    if status == NO_WAY:
+        out = ways_out(
+            grid.cells, distance_m, resolution_m, footprint.points_m, footprint.circles,
+            begins[0, :3].copy(), LONGEST_M,
+        )  # fmt: skip
+        if len(out):
+            begins, way = out, out[:, 3]
+            costs = np.where(way < 0.0, -REVERSE_FACTOR * way, way)
+            reach = max(reverse_within, LONGEST_M / resolution_m)
+            status, poses, begin = search(costs, reach, True)
+            if status == NO_WAY:
+                status, poses, begin = search(np.zeros(1), reverse_within, False)
     if status == GAVE_UP:
         raise NavigationError(
             ErrorCode.PLANNER_TIMEOUT,
@@ -81,6 +124,11 @@ def through_narrow_places(
     if status != FOUND:
         return None
     points, yaws_rad, backwards = _without_turns(poses, goal.yaw_rad)
+    back = bool(begins[begin, 3] < 0.0)
+    if begins[begin, 3] != 0.0:
+        at_start = float(begins[begin, 0]), float(begins[begin, 1])
+        x_m, y_m = grid.in_map(begins[begin : begin + 1, :2])[0].tolist()
+        start = SE2(x_m, y_m, start.yaw_rad)
     if len(points) == 1:
         points, yaws_rad = np.repeat(points, 2, axis=0), np.repeat(yaws_rad, 2)
     points, lattice = _ended(points, at_start, at_goal), points
@@ -90,7 +138,7 @@ def through_narrow_places(
         if _enters_zone(costmap, grid, points):
             return None
     if backwards.any():
-        return points, yaws_rad, backwards
+        return Found(points, yaws_rad, backwards, start, back)
     tried = max(passes, 1)
     while tried > 0:
         smooth = rounded(
@@ -99,12 +147,12 @@ def through_narrow_places(
         )  # fmt: skip
         at, _ = first_obstruction(
             distance_m, resolution_m, footprint.points_m, footprint.circles, smooth,
-            start.yaw_rad, goal.yaw_rad,
+            start.yaw_rad, goal.yaw_rad, -math.inf,
         )  # fmt: skip
         if at == CLEAR and not _enters_zone(costmap, grid, smooth):
-            return smooth, yaws_rad, None
+            return Found(smooth, yaws_rad, None, start, back)
         tried //= 2
-    return points, yaws_rad, None
+    return Found(points, yaws_rad, None, start, back)
 
 
 def _without_turns(poses: Array, goal_yaw_rad: float) -> tuple[Array, Array, NDArray[np.bool_]]:

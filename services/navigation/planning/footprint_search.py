@@ -52,11 +52,12 @@ def drive_through(
     circles: Array,
     headings_rad: Array,
     ahead: NDArray[np.int64],
-    start: Array,
+    starts: Array,
     goal: Array,
-    allow_reverse: bool,
+    reverse_within: float,
+    exact: bool,
     max_states: int,
-) -> tuple[int, Array]:
+) -> tuple[int, Array, int]:
     """Cheapest way of the polygon by steps ahead, turns on the spot and, where allowed, steps back.
 
     Args:
@@ -69,12 +70,15 @@ def drive_through(
         circles: the footprint's circles.
         headings_rad: (HEADINGS,) of the steps `ahead`.
         ahead: AHEAD.
-        start: (x, y, yaw), in cells.
+        starts: (k, 4) x, y, yaw and what it costs to get there, in cells: it begins at one of them.
         goal: (x, y, yaw), in cells.
-        allow_reverse: whether it may drive backwards.
+        reverse_within: it may drive backwards to places this near to the first start, in cells.
+        exact: whether it must be able to turn at a start itself, not only at a place of the lattice
+            beside it.
         max_states: gives up after expanding this many.
 
-    Returns (status, (n, 4) poses: x, y, the heading, and 1 where it arrived backwards).
+    Returns (status, (n, 4) poses: x, y, the heading, and 1 where it arrived backwards, and which
+    start it begins at).
     """
     stride = cells.shape[1]
     flat = cells.ravel()
@@ -95,17 +99,19 @@ def drive_through(
     entry_slot = np.empty(capacity, np.int64)
     used, waiting, bucket = 0, 0, -1
     goal_x, goal_y = math.floor(2.0 * goal[0] + 0.5), math.floor(2.0 * goal[1] + 0.5)
-    near_x, near_y = math.floor(2.0 * start[0] + 0.5), math.floor(2.0 * start[1] + 0.5)
-    lowest = np.inf
-    for aside in range(9):
-        ix, iy = near_x, near_y
+    lowest, seeded = np.inf, 0
+    for one in range(9 * len(starts)):
+        start, aside = starts[one // 9], one % 9
+        if aside == 0:
+            seeded = waiting
+        ix, iy = math.floor(2.0 * start[0] + 0.5), math.floor(2.0 * start[1] + 0.5)
         if aside > 0:
             # The place of the lattice nearest to the start may just touch: one beside it may not.
             ix += (aside % 3) - 1
             iy += (aside // 3) - 1
         x, y = 0.5 * ix, 0.5 * iy
         cell = (iy + 1) // 2 * stride + (ix + 1) // 2
-        if not np.isfinite(to_goal[cell]) or waiting > 0:
+        if not np.isfinite(to_goal[cell]) or waiting > seeded:
             continue
         for h in range(count):
             by = headings_rad[h] - start[2]
@@ -116,11 +122,18 @@ def drive_through(
                 continue
             if turn_hits(distance_m, resolution_m, outline_m, circles, x, y, start[2], by):
                 continue
+            if exact and turn_hits(
+                distance_m, resolution_m, outline_m, circles, start[0], start[1], start[2], by
+            ):
+                continue
             key = (iy * width + ix) * count + h
             slot = _slot(keys, key)
+            cost = start[3] + abs(by) * count / math.tau * TURN_CELLS
+            if keys[slot] == key and np.float32(cost) >= cost_to_come[slot]:
+                continue
             keys[slot] = key
-            cost_to_come[slot] = abs(by) * count / math.tau * TURN_CELLS
-            parent[slot] = -1
+            cost_to_come[slot] = cost
+            parent[slot] = -1 - one // 9
             at = int((cost_to_come[slot] + to_goal[cell]) * per_cell)
             lowest = min(lowest, at)
             entry_slot[used], entry_next[used] = slot, head[at % ring]
@@ -144,7 +157,7 @@ def drive_through(
         closed[slot] = True
         states += 1
         if states > max_states:
-            return GAVE_UP, np.empty((0, 4))
+            return GAVE_UP, np.empty((0, 4)), 0
         key = keys[slot]
         h = key % count
         place = key // count
@@ -163,11 +176,14 @@ def drive_through(
         for move in range(4):
             to_x, to_y, to_h = ix, iy, h
             if move < 2:
-                if move == 1 and not allow_reverse:
-                    continue
                 sign = 1 - 2 * move
                 to_x += sign * ahead[h, 0]
                 to_y += sign * ahead[h, 1]
+                if move == 1 and not (
+                    abs(0.5 * to_x - starts[0, 0]) <= reverse_within
+                    and abs(0.5 * to_y - starts[0, 1]) <= reverse_within
+                ):
+                    continue
             else:
                 to_h = (h + 2 * move - 5 + count) % count
             # A place on a side belongs to the cell above it or to its right.
@@ -218,13 +234,13 @@ def drive_through(
             used += 1
             waiting += 1
     if found < 0:
-        return NO_WAY, np.empty((0, 4))
+        return NO_WAY, np.empty((0, 4)), 0
     length, slot = 1, found
     while parent[slot] >= 0:
         slot = parent[slot]
         length += 1
     poses = np.empty((length, 4))
-    slot = found
+    slot, begin = found, 0
     for i in range(length - 1, -1, -1):
         place = keys[slot] // count
         poses[i, 0], poses[i, 1] = 0.5 * (place % width), 0.5 * (place // width)
@@ -232,5 +248,6 @@ def drive_through(
         poses[i, 3] = 0.0
         if backwards[slot]:
             poses[i, 3] = 1.0
+        begin = -1 - parent[slot]
         slot = parent[slot]
-    return FOUND, poses
+    return FOUND, poses, begin

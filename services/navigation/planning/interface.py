@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from services.common.frames import SE2
 from services.navigation.costmap.footprint import Footprint
@@ -11,6 +11,14 @@ from services.navigation.costmap.layered_costmap import Costmap
 from services.navigation.planning.path import PlannedPath
 
 PlannerName = Literal["any_angle", "a_star"]
+
+
+_NO_LIMIT: Final = 2**62
+
+
+def iterations_of(setting: int) -> int:
+    """PlannerParams.max_iterations for a setting of Nav2's, where 0 and -1 mean no limit."""
+    return setting if setting > 0 else _NO_LIMIT
 
 
 @dataclass(frozen=True, slots=True)

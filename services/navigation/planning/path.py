@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.common import portable, portable_kernels
 from services.common.frames import SE2, Array
@@ -25,11 +26,19 @@ class PlannedPath:
     """(n,) float64, length of the path up to each point."""
     cost_m: float = 0.0
     """Its length, each piece times 1 + cost_travel_multiplier * cost / 252."""
+    way_out_m: float = 0.0
+    """So much of its beginning is to be driven straight, before the robot can turn."""
 
     @property
     def length_m(self) -> float:
         """Length of the whole path."""
         return float(self.along_m[-1])
+
+    def backwards(self) -> NDArray[np.bool_]:
+        """(n,) whether the robot leaves each point backwards."""
+        steps = np.diff(self.points_m, axis=0)
+        cos, sin = portable_kernels.cos_sin_each(self.yaws_rad[:-1])
+        return np.append(steps[:, 0] * cos + steps[:, 1] * sin < -1e-9, False)
 
     @property
     def goal(self) -> SE2:

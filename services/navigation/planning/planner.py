@@ -20,8 +20,13 @@ from services.navigation.planning.ends import (
     occupied_goal,
     occupied_start,
 )
-from services.navigation.planning.footprint_check import CLEAR, first_obstruction, hits
-from services.navigation.planning.footprint_path import through_narrow_places
+from services.navigation.planning.footprint_check import (
+    CLEAR,
+    first_obstruction,
+    hits,
+    start_margin_m,
+)
+from services.navigation.planning.footprint_path import Found, through_narrow_places
 from services.navigation.planning.grid_path import Ends, free_path
 from services.navigation.planning.interface import GlobalPlanner, PlannerName, PlannerParams
 from services.navigation.planning.lines import polyline_cost
@@ -98,15 +103,23 @@ class Planner:
         footprint = params.footprint
         if footprint is None:
             return self._planned(task, path)
-        at, turning = first_obstruction(
-            costmap.clearance_m, grid.frame.resolution_m, footprint.points_m, footprint.circles,
-            path, start.yaw_rad, goal.yaw_rad,
+        outline = (
+            costmap.clearance_m, grid.frame.resolution_m, footprint.points_m, footprint.circles
         )  # fmt: skip
+        margin_m = start_margin_m(*outline, np.array([*grid.at(*start[:2]), start.yaw_rad]))
+        ends_rad = start.yaw_rad, goal.yaw_rad
+        at, turning = first_obstruction(*outline, path, *ends_rad, margin_m)
         if at == CLEAR:
             return self._planned(task, path)
         x_m, y_m = grid.in_map(path[at : at + 1])[0]
         what = "cannot turn" if turning else "does not fit"
-        return self._narrow(task, f"{what} at ({x_m:.2f}, {y_m:.2f})", (float(x_m), float(y_m)))
+        try:
+            return self._narrow(task, f"{what} at ({x_m:.2f}, {y_m:.2f})", (float(x_m), float(y_m)))
+        except NavigationError:
+            # Deep in what it touches, where it may not be: the shortest way out is as good as any.
+            if margin_m == 0.0 or first_obstruction(*outline, path, *ends_rad, -np.inf)[0] != CLEAR:
+                raise
+            return self._planned(task, path)
 
     def _task(
         self, grid: SearchGrid, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float
@@ -215,9 +228,10 @@ class Planner:
             params.smoothing_iterations, params.allow_reverse, params.max_iterations,
         )  # fmt: skip
         if found is not None:
-            points, yaws_rad, backwards = found
-            path = self._planned(task, points)
-            return path if backwards is None else replace(path, yaws_rad=yaws_rad)
+            if found.begin is task.start and (found.backwards is None or params.allow_reverse):
+                path = self._planned(task, found.points)
+                return path if found.backwards is None else replace(path, yaws_rad=found.yaws_rad)
+            return self._after_way_out(task, found)
         start, goal = task.start, task.goal
         raise NavigationError(
             ErrorCode.NO_VALID_PATH,
@@ -225,6 +239,41 @@ class Planner:
             f"the robot's footprint {reason}",
             place_m or (goal.x_m, goal.y_m),
         )
+
+    def _after_way_out(self, task: _Task, found: Found) -> PlannedPath:
+        """The path from a start that is left straight ahead or back; behind its last piece
+        backwards it is searched for anew, since a path in free space is smoother.
+        """
+        grid, footprint = task.grid, self._params.footprint
+        assert footprint is not None
+        points, yaws_rad = found.points, found.yaws_rad
+        if found.begin is not task.start:
+            begin = np.array(grid.at(*task.start[:2]))
+            count = max(2, round(2.0 * float(np.abs(points[0] - begin).max())))
+            way_out = begin + (np.arange(count) / count)[:, None] * (points[0] - begin)
+            points = np.concatenate([way_out, points])
+            yaws_rad = np.concatenate([np.full(count, task.start.yaw_rad), yaws_rad])
+        else:
+            count = 0
+        last = count
+        if found.backwards is not None:
+            last += int(np.flatnonzero(found.backwards)[-1]) + 1
+        x_m, y_m = grid.in_map(points[last : last + 1])[0].tolist()
+        free = SE2(x_m, y_m, float(yaws_rad[last - 1]))
+        cell = grid.cell(*free[:2])
+        if cell is not None and grid.is_free(cell):
+            smooth = self._searched(replace(task, start=free, start_cell=cell))
+            at, _ = first_obstruction(
+                task.costmap.clearance_m, grid.frame.resolution_m, footprint.points_m,
+                footprint.circles, smooth, free.yaw_rad, task.goal.yaw_rad, 0.0,
+            )  # fmt: skip
+            if at == CLEAR:
+                points = np.concatenate([points[:last], smooth])
+        path = self._planned(task, points)
+        headings = path.yaws_rad.copy()
+        headings[:last] = yaws_rad[:last]
+        way_out_m = float(path.along_m[count])
+        return replace(path, yaws_rad=headings, way_out_m=way_out_m)
 
     def _planned(self, task: _Task, path: Array) -> PlannedPath:
         resolution_m = task.grid.frame.resolution_m

@@ -28,6 +28,9 @@ from services.common.node.topics import (
     DETECTIONS,
     DIAGNOSTICS,
     ENTITIES,
+    EXPLORATION_STATUS,
+    EXPLORE_RESUME,
+    FRONTIERS,
     GLOBAL_COSTMAP,
     GLOBAL_LOCALIZATION_REQUEST,
     GOAL_POSE,
@@ -48,6 +51,7 @@ from services.common.node.topics import (
     PHOTO,
     PHOTO_REQUEST,
     PLAN,
+    POSE_GRAPH,
     ROSOUT,
     SCAN,
     SIMULATION_STATS,
@@ -62,6 +66,13 @@ from services.common.node.topics import (
 )
 from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import LATCH_NS, Canvas
+from services.recorder.drawing.mapping_drawing import (
+    SLAM_SERIES,
+    draw_exploration_status,
+    draw_explore_resume,
+    draw_frontiers,
+    draw_pose_graph,
+)
 from services.recorder.drawing.navigation_drawing import (
     draw_action_feedback,
     draw_action_result,
@@ -153,12 +164,15 @@ def draw_start(canvas: Canvas) -> None:
     """Draw what no message carries: the robot, twice, and the styles of the plots and states."""
     log = canvas.recording.log
     draw_robot(canvas)
-    for path, (name, color) in SERIES.items():
+    for path, (name, color) in (SERIES | (SLAM_SERIES if canvas.world.slam else {})).items():
         log(path, rr.SeriesLines(colors=[color], names=[name], widths=[1.5]), static=True)
     states = rr.StateConfiguration(
         values=list(palette.STATES), colors=list(palette.STATES.values())
     )
-    for path in ("navigation/status/state", "localization/status/state", "collision_monitor_state"):
+    paths = ["navigation/status/state", "localization/status/state", "collision_monitor_state"]
+    if canvas.world.slam:
+        paths.append("explore/status/state")
+    for path in paths:
         log(path, states, static=True)
 
 
@@ -208,6 +222,10 @@ DRAW: dict[Topic[Any], Callable[[Canvas, Any], None]] = {
     AMCL_POSE: draw_amcl_pose,
     PARTICLE_CLOUD: draw_particle_cloud,
     GLOBAL_LOCALIZATION_REQUEST: draw_global_localization_request,
+    POSE_GRAPH: draw_pose_graph,
+    EXPLORATION_STATUS: draw_exploration_status,
+    FRONTIERS: draw_frontiers,
+    EXPLORE_RESUME: draw_explore_resume,
     GLOBAL_COSTMAP: draw_global_costmap,
     KEEPOUT_FILTER_MASK: draw_keepout_mask,
     SPEED_FILTER_MASK: draw_speed_mask,

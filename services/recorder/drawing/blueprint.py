@@ -28,8 +28,10 @@ _WHOLE_RUN = rrb.TimeAxis(
 )
 
 
-def run_blueprint(extent: Extent) -> rrb.Blueprint:
-    """The maze from above, the camera image with its markers, plots, states and the log."""
+def run_blueprint(extent: Extent, slam: bool = False) -> rrb.Blueprint:
+    """The maze from above, the camera image with its markers, plots, states and the log; with
+    `slam`, the growing map and its graph in front, and how much of the world it holds.
+    """
     maze = rrb.Spatial3DView(
         name="Maze",
         origin="/",
@@ -39,6 +41,8 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
             "- /world/bodies_above/**",
             "- /world/ceiling/**",
             "- /map/**",
+            "- /mapping/**",
+            "- /pose_graph/**",
             "- /camera/color/image_raw/**",
             "- /aruco/detections/outline/**",
         ],
@@ -97,6 +101,7 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
         spatial_information=rrb.SpatialInformation(target_frame=DEPTH_FRAME),
     )
     plots = rrb.Tabs(
+        *(_mapping_plots() if slam else ()),
         _plot("Error (m)", ["/error/localisation_m", "/error/marker_m"]),
         _plot("Heading error (deg)", ["/error/localisation_deg"]),
         _plot("Odometry drift (m)", ["/error/odometry_m"]),
@@ -119,7 +124,10 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
     )
     states = rrb.StateTimelineView(
         name="States",
-        contents=["/localization/status/**", "/navigation/status/**", "/diagnostics/**"],
+        contents=[
+            *("/localization/status/**", "/navigation/status/**", "/diagnostics/**"),
+            *(["/explore/status/state"] if slam else []),
+        ],
         time_view=_WHOLE_RUN,
     )
     log = rrb.TextLogView(
@@ -134,7 +142,11 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Tabs(maze, plan, tree, results, active_tab=0),
+                rrb.Tabs(
+                    *([_mapping_view(extent)] if slam else []),
+                    *(maze, plan, tree, results),
+                    active_tab=0,
+                ),
                 rrb.Tabs(log, states, active_tab=0),
                 row_shares=[4, 1],
             ),
@@ -150,13 +162,58 @@ def run_blueprint(extent: Extent) -> rrb.Blueprint:
     )
 
 
-def _plot(name: str, contents: list[str]) -> rrb.TimeSeriesView:
+def _mapping_view(extent: Extent) -> rrb.Spatial3DView:
+    """The map as it grows, beside the true walls, with the pose graph, from above."""
+    return rrb.Spatial3DView(
+        name="mapping",
+        origin="/",
+        contents=[
+            "+ /map/**",
+            "+ /mapping/true_walls",
+            "+ /pose_graph/**",
+            "+ /explore/**",
+            "+ /scan/**",
+            "+ /plan/**",
+            "+ /amcl_pose/**",
+            "+ /goal_pose/**",
+            "+ /ground_truth/**",
+            "+ /contacts/**",
+            "+ /tf/**",
+            "+ /tf_static/**",
+            "+ /joint_states/**",
+        ],
+        background=_BACKGROUND,
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation(target_frame=MAP_FRAME),
+        eye_controls=_eye(extent, _FROM_ABOVE_RAD),
+    )
+
+
+def _mapping_plots() -> list[rrb.TimeSeriesView]:
+    shares = ("coverage", "walls_found", "walls_true")
+    return [
+        _plot(
+            "Mapped (%)",
+            [*(f"/mapping/{name}_percent" for name in shares), "/explore/status/seen_percent"],
+            rrb.Corner2D.RightBottom,
+        ),
+        _plot(
+            "Frontiers",
+            [f"/explore/status/{name}" for name in ("frontiers", "reachable", "set_aside")],
+        ),
+        _plot("Pose graph", ["/mapping/keyframes", "/mapping/loops"]),
+    ]
+
+
+def _plot(
+    name: str, contents: list[str], legend: rrb.Corner2D = rrb.Corner2D.RightTop
+) -> rrb.TimeSeriesView:
     """A plot of the whole run; of one longer than a minute the viewer shows half a minute."""
     return rrb.TimeSeriesView(
         name=name,
         contents=contents,
         axis_x=_WHOLE_RUN,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+        plot_legend=rrb.PlotLegend(legend),
     )
 
 

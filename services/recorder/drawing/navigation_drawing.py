@@ -24,9 +24,14 @@ _SQUARE: Array = np.array(
 
 
 def draw_map(canvas: Canvas, grid: msg.OccupancyGrid) -> None:
-    """The occupancy map, just above the floor."""
+    """The occupancy map, just above the floor; one that the robot makes, at the time it came."""
     drawn = _grid(grid, 0.002, 0, rr.components.Colormap.RvizMap, opacity=0.7)
-    canvas.recording.log("map", rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
+    if canvas.world.slam:
+        canvas.recording.at(canvas.now_ns)
+        canvas.frame("map", MAP_FRAME)
+        canvas.recording.log("map", drawn)
+    else:
+        canvas.recording.log("map", rr.CoordinateFrame(MAP_FRAME), drawn, static=True)
 
 
 def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:

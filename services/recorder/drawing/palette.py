@@ -30,5 +30,10 @@ STATES: dict[str, tuple[int, int, int]] = {
     "stop": BAD,
     "uninitialized": (120, 120, 120),
     "rejecting": BAD,
+    "exploring": GOOD,
+    "returning": PLAN,
+    "complete": TRUTH,
+    "paused": (120, 120, 120),
+    "failed": BAD,
 }
 """Colours of the states of services and of navigation."""

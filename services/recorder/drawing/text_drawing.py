@@ -7,6 +7,7 @@ import re
 import rerun as rr
 
 from services.common.goal_table import HEADINGS, error_lines, failure_lines, goal_rows
+from services.common.mapping_table import mapping_rows
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
@@ -20,6 +21,7 @@ from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas, entity_part
 
 _SECOND_NS = 1_000_000_000
+_MAPPING_NS = 5_000_000_000
 _MOST_GOALS = 50
 """Goals in the table of results, newest: a run may have thousands, and each one logs a table."""
 _MARKS = {"RUNNING": "▶", "SUCCESS": "✔", "FAILURE": "✖", "SKIPPED": "○", "IDLE": "·"}
@@ -129,6 +131,9 @@ def _level(level: int) -> str:
 
 def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = False) -> None:
     """The table of goals as a document: logged for each goal that ends, and at a run's end."""
+    if evaluation.mapping is not None:
+        _draw_mapping(canvas, evaluation, final)
+        return
     rows = tuple(goal_rows(evaluation.goals[-_MOST_GOALS:]))
     if not canvas.changed("evaluation", (len(evaluation.goals), rows)) and not final:
         return
@@ -142,6 +147,20 @@ def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = Fa
         lines += ["", f"{left_out} earlier goals are in summary.json."]
     shown = evaluation.goals[-_MOST_GOALS:]
     lines += ["", *(f"- {_escaped(line)}" for line in failure_lines(shown))]
+    lines += ["", *(f"- {line}" for line in error_lines(evaluation))]
+    canvas.recording.at(canvas.now_ns)
+    document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
+    canvas.recording.log("evaluation", document)
+
+
+def _draw_mapping(canvas: Canvas, evaluation: doc.Evaluation, final: bool) -> None:
+    """The map's figures as a document, every few seconds and at the run's end."""
+    mapping = evaluation.mapping
+    if mapping is None or not (final or canvas.due("evaluation", canvas.now_ns, _MAPPING_NS)):
+        return
+    state = f"# Exploration: {mapping.exploration}" if mapping.exploration else "# Mapping"
+    lines = [state, "", _escaped(mapping.exploration_reason), "", "| | |", "| --- | --- |"]
+    lines += [_table_row(row) for row in mapping_rows(mapping)]
     lines += ["", *(f"- {line}" for line in error_lines(evaluation))]
     canvas.recording.at(canvas.now_ns)
     document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)

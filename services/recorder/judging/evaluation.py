@@ -6,13 +6,13 @@ import math
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.common.error_codes import ErrorCode
-from services.common.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
+from services.common.frames import BASE_FOOTPRINT_FRAME, SCAN_FRAME, SE2, Array, wrap_angle
 from services.common.node import messages as msg
 from services.common.node.action_documents import ActionFeedback, ActionResult
 from services.common.node.documents import (
@@ -32,6 +32,7 @@ from services.common.node.messages import (
     ns_from_time,
     se2_from_pose,
 )
+from services.common.node.slam_documents import ExplorationStatus, PoseGraph
 from services.common.pose_history import PoseHistory
 from services.recorder.judging.driven_way import DrivenWay
 from services.recorder.judging.error_summary import ErrorSummary
@@ -39,6 +40,9 @@ from services.recorder.judging.honesty import inside_95_percent
 from services.recorder.judging.obstacles import obstacles, read_meshes
 from services.recorder.judging.recent_rows import RecentRows
 from services.recorder.judging.shortest_path import ShortestPath
+
+if TYPE_CHECKING:
+    from services.recorder.judging.mapping import MappingEvaluation
 
 GOAL_TOLERANCE_M = 0.25
 """A goal counts as reached within this distance: Nav2's `xy_goal_tolerance`,"""
@@ -128,6 +132,7 @@ class RunEvaluation:
       0.25 rad of it; its path is the true one, from the start to the end that navigation reports,
       and its shortest path leads from the robot's true position at its start, around the walls and
       the bodies that were static when the goal was sent.
+    - where the robot makes the map itself: see `MappingEvaluation`.
     """
 
     def __init__(self, world: World, assets: Mapping[str, bytes] | None = None) -> None:
@@ -160,16 +165,26 @@ class RunEvaluation:
         self._marker_error_m = ErrorSummary()
         self._estimate_count, self._inside_count = 0, 0
         self._drift_m: float | None = None
+        self._mapping: MappingEvaluation | None = None
+        if world.slam:
+            from services.recorder.judging.mapping import MappingEvaluation  # noqa: PLC0415 - Numba
+
+            self._mapping = MappingEvaluation(world, self._assets)
 
     def set_entities(self, entities: Entities) -> None:
         """Set the entities of the world."""
         self._entities = entities.markers
         self._standing = tuple(body for body in entities.bodies if not body.moves)
+        if self._mapping is not None:
+            self._mapping.set_entities(self._entities, self._standing)
 
     def add_static_transforms(self, transforms: msg.TFMessage) -> None:
         """Add fixed frames of the robot."""
         known = {entry.child_frame_id: entry for entry in (*self._static, *transforms.transforms)}
         self._static = list(known.values())
+        base_from_scan = chain_transforms(self._static, BASE_FOOTPRINT_FRAME, SCAN_FRAME)
+        if self._mapping is not None and base_from_scan is not None:
+            self._mapping.set_scan_height(float(base_from_scan[2, 3]))
 
     def add_ground_truth(self, odometry: msg.Odometry) -> None:
         """Add a true pose, map from base_footprint; one older than the newest is dropped."""
@@ -236,6 +251,33 @@ class RunEvaluation:
             self._goal_stamps_ns.add(result.goal_stamp_ns)
         self._results.append((_ns(result.end_time_s), result))
 
+    def add_map(self, grid: msg.OccupancyGrid) -> None:
+        """Add a map that the robot has made; it is judged if the world's request says so."""
+        if self._mapping is not None:
+            self._mapping.add_map(grid, self._now_s(), self._driven_m())
+
+    def add_scan(self, scan: msg.LaserScan) -> None:
+        """Add a scan."""
+        if self._mapping is not None:
+            self._mapping.add_scan(scan)
+
+    def add_pose_graph(self, graph: PoseGraph) -> None:
+        """Add the pose graph of the map."""
+        if self._mapping is not None:
+            self._mapping.add_graph(graph)
+
+    def add_exploration(self, status: ExplorationStatus) -> None:
+        """Add the explorer's state."""
+        if self._mapping is not None:
+            self._mapping.add_exploration(status, self._now_s())
+
+    @property
+    def true_faces_m(self) -> Array | None:
+        """(n, 2, 2) segments, from and to, of the walls that the lidar can see; None: the robot has
+        made no map.
+        """
+        return None if self._mapping is None else self._mapping.true_faces_m
+
     @property
     def goals_ended(self) -> tuple[int, int]:
         """Number of ended goals that still wait for a true pose, and of those that are judged."""
@@ -265,6 +307,9 @@ class RunEvaluation:
             ),
             marker_error_m=self._marker_error_m.statistics(),
             odometry_drift_m=self._drift_m,
+            mapping=self._mapping.evaluation(self._driven_m(), self._way_pose)
+            if self._mapping is not None
+            else None,
             recording=recording,
         )
 
@@ -280,7 +325,7 @@ class RunEvaluation:
         reports = self._reports()
         drives = [report for report in reports if report.action == _DRIVE]
         return {
-            "distance_m": None if self._truth.newest_ns is None else self._way.total_m,
+            "distance_m": self._driven_m(),
             "contacts": self._contact_count,
             "goals_sent": len(self._goal_stamps_ns) + len(self._goal_ids),
             "goals_reached": sum(report.reached for report in reports),
@@ -319,12 +364,16 @@ class RunEvaluation:
             "seen": dict(self._seen),
             "drift_m": self._drift_m,
         }
+        if self._mapping is not None:
+            values["mapping"], mapping_arrays = self._mapping.state()
         arrays = {
             "recent_error/stamps_ns": self._recent_error_m.stamps_ns,
             "recent_error/rows": self._recent_error_m.rows,
         }
         for name, part in self._lasting():
             arrays |= {f"{name}/{key}": array for key, array in part.state().items()}
+        if self._mapping is not None:
+            arrays |= {f"mapping/{key}": array for key, array in mapping_arrays.items()}
         return values, arrays
 
     def restore(self, values: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -336,6 +385,12 @@ class RunEvaluation:
             start = f"{name}/"
             part.restore(
                 {key.removeprefix(start): arrays[key] for key in arrays if key.startswith(start)}
+            )
+        if self._mapping is not None:
+            start = "mapping/"
+            self._mapping.restore(
+                values["mapping"],
+                {key.removeprefix(start): arrays[key] for key in arrays if key.startswith(start)},
             )
         rows = zip(
             arrays["recent_error/stamps_ns"].tolist(),
@@ -404,6 +459,8 @@ class RunEvaluation:
                 self._estimate_count += 1
                 self._inside_count += inside_95_percent(np.array(apart), covariance)
                 self._recent_error_m.add(stamp_ns, (error_m,))
+                if self._mapping is not None:
+                    self._mapping.add_pose(estimate, true_pose)
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
                     judged.see_error(stamp_ns, error_m)
         map_from_start = self._world.start.se2()
@@ -415,6 +472,18 @@ class RunEvaluation:
             self._judge_detections(detections)
         for _, result in _take_until(newest_ns, self._results):
             self._goals.extend(self._judge(result))
+
+    def _now_s(self) -> float:
+        """Time of the newest true pose."""
+        return (self._truth.newest_ns or 0) * 1e-9
+
+    def _driven_m(self) -> float | None:
+        return None if self._truth.newest_ns is None else self._way.total_m
+
+    def _way_pose(self, stamp_ns: int) -> SE2 | None:
+        """The true pose at any time of the run."""
+        at = self._way.at(stamp_ns) if self._way.is_known(stamp_ns) else None
+        return None if at is None else at[0]
 
     def _true_pose(self, stamp_ns: int) -> SE2 | None:
         matrix = self._truth.at(stamp_ns)

@@ -16,6 +16,7 @@ from services.common.node.documents import (
     Finite,
     GoalReport,
     LocalizationHonesty,
+    MapEvaluation,
     SimulationStats,
     World,
 )
@@ -106,6 +107,9 @@ class RunSummary(Document):
     odometry_drift_m: Finite | None = Field(
         description="distance between the pose by wheel odometry alone and the true one at the "
         "end, m; null: no odometry or no ground truth"
+    )
+    mapping: MapEvaluation | None = Field(
+        description="the map that the robot has made, against the world; null: it makes none"
     )
     recording: str = Field(description="folder of the run, as a path of the recorder")
     distance_m: Finite | None = Field(

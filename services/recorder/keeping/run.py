@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from services.common.node import documents as doc
+from services.common.node import messages as msg
 from services.common.node.diagnostics import REJECTED_KEY
 from services.common.node.messages import ns_from_time
 from services.common.node.node import MAX_SOURCES, Envelope, TopicCounts
+from services.common.node.slam_documents import PoseGraph
 from services.common.node.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
@@ -25,10 +27,14 @@ from services.common.node.topics import (
     DETECTIONS,
     DIAGNOSTICS,
     ENTITIES,
+    EXPLORATION_STATUS,
     GOAL_POSE,
     GROUND_TRUTH_ODOM,
+    MAP,
     NAVIGATION_RESULT,
     ODOM,
+    POSE_GRAPH,
+    SCAN,
     SIMULATION_STATS,
     TF_STATIC,
     Delivery,
@@ -42,6 +48,7 @@ from services.recorder.judging.obstacles import read_meshes
 from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
 from services.recorder.keeping.digests import DigestWriter
+from services.recorder.keeping.map_folder import MapFolder
 from services.recorder.keeping.progress import Progress, write_progress
 from services.recorder.keeping.repair import Rewriting
 from services.recorder.keeping.run_folder import (
@@ -133,6 +140,15 @@ class Run:
             SIMULATION_STATS: self._take_stats,
             DIAGNOSTICS: self._take_diagnostics,
         }
+        self._maps: MapFolder | None = None
+        if world.slam:
+            self._maps = MapFolder()
+            self._judge |= {
+                MAP: self._take_map,
+                POSE_GRAPH: self._take_pose_graph,
+                EXPLORATION_STATUS: self._evaluation.add_exploration,
+                SCAN: self._evaluation.add_scan,
+            }
         self._digests = self._open_digests()
         self._canvas: Canvas | None = None
         self._parts = 0
@@ -172,7 +188,9 @@ class Run:
             self._tick_ns = ns_from_time(message.clock)
         if topic is SIMULATION_STATS and message.world_hash == self.world.hash:
             self._known = envelope.source, message.epoch
-        self._judge_one(topic, message)
+        judge = self._judge.get(topic)
+        if judge is not None:
+            judge(message)
         if self._digests is not None:
             self._digests.add(topic, message, envelope)
         if self._canvas is not None:
@@ -208,6 +226,7 @@ class Run:
         if now_s - self._looked_s >= SPACE_PERIOD_S:
             self._looked_s = now_s
             self._look_again(now_ns)
+        self._keep_map(now_ns)
         if now_s - self._summarised_s >= SUMMARY_PERIOD_S:
             self._summarised_s = now_s
             self._write_summary()
@@ -280,6 +299,19 @@ class Run:
             from services.recorder.drawing.text_drawing import draw_evaluation  # noqa: PLC0415
 
             draw_evaluation(self._canvas, evaluation, final)
+            if evaluation.mapping is not None:
+                self._show_mapping(self._canvas, evaluation.mapping)
+
+    def _show_mapping(self, canvas: Canvas, mapping: doc.MapEvaluation) -> None:
+        from services.recorder.drawing.mapping_drawing import (  # noqa: PLC0415
+            draw_map_evaluation,
+            draw_true_walls,
+        )
+
+        draw_map_evaluation(canvas, mapping)
+        faces_m = self._evaluation.true_faces_m
+        if faces_m is not None and canvas.changed("mapping/true_walls", id(faces_m)):
+            draw_true_walls(canvas, faces_m)
 
     def write_config(self, content: Mapping[str, Any]) -> None:
         """Write config.yaml."""
@@ -289,6 +321,7 @@ class Run:
 
     def close(self) -> None:
         """Write the summary, end the recording, and mark the run as complete."""
+        self._keep_map(self._end[1], all_of_it=True)
         self._write_summary()
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
@@ -305,6 +338,21 @@ class Run:
         judge = self._judge.get(topic)
         if judge is not None:
             judge(message)
+
+    def _take_map(self, grid: msg.OccupancyGrid) -> None:
+        self._evaluation.add_map(grid)
+        if self._maps is not None:
+            self._maps.add_map(grid)
+
+    def _take_pose_graph(self, graph: PoseGraph) -> None:
+        if graph.world_hash in ("", self.world.hash):
+            self._evaluation.add_pose_graph(graph)
+            if self._maps is not None:
+                self._maps.add_pose_graph(graph)
+
+    def _keep_map(self, now_ns: int, all_of_it: bool = False) -> None:
+        if self._maps is not None and not self.folder.is_gone:
+            self._maps.write(self.folder.path, now_ns, all_of_it)
 
     def _judge_entities(self, entities: doc.Entities) -> None:
         if entities.world_hash == self.world.hash:
@@ -343,6 +391,8 @@ class Run:
             self.folder, self._parts, self._are_whole = folder, 0, True
             self._write_digests(close=True)
             self._digests = self._open_digests()
+            if self._maps is not None:
+                self._maps.begin_anew()
             self.write_config(self._content)
             self._open_recording(now_ns)
         elif self.trouble is not None and self._no_room(GO_ON_MIB) is None:
@@ -386,7 +436,7 @@ class Run:
             self.folder.path.name,
             path=path,
             live=setting.live,
-            blueprint=run_blueprint(extent),
+            blueprint=run_blueprint(extent, self.world.slam),
             properties={
                 "world": self.world.name,
                 "world_hash": self.world.hash,

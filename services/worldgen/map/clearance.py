@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from services.common import portable
 from services.common.frames import SE2
-from services.common.node.documents import Planar, World
+from services.common.node.documents import KeepoutZone, Planar, World
+from services.common.robot_footprint import WAFFLE_FOOTPRINT_M
 from services.common.world.costmap import (
     ROBOT_RADIUS_M,
     START_TOLERANCE_M,
@@ -30,7 +31,8 @@ from services.common.world.costmap import (
 )
 from services.common.world.footprint import footprints
 from services.common.world.geometry import TriangleMesh
-from services.common.world.grids import connected_regions
+from services.common.world.grids import connected_regions, distance_cells
+from services.common.world.polygon_cells import polygon_cells
 from services.worldgen.map.occupancy import (
     MARGIN_M,
     OPEN_MARGIN_M,
@@ -46,6 +48,7 @@ CORRIDOR_M = 0.7
 POCKET_SHARE = 0.5
 """A start whose piece of floor is smaller than this share of the largest one is in a pocket."""
 
+_HALF_WIDTH_M = max(y_m for _, y_m in WAFFLE_FOOTPRINT_M)
 _ROOM_M = 0.15
 """Clearance wanted around an automatic start."""
 _AHEAD_M, _FAR_AHEAD_M = 1.0, 3.0
@@ -194,6 +197,60 @@ def rooms_to_stand(
         else:
             too_near = float(clearance[cell]) if touches[cell] else None
             found.append((too_near, bool(reached[cell])))
+    return found
+
+
+def cut_off_by_zones(
+    cells: Cells,
+    resolution_m: float,
+    origin: SE2,
+    start: Planar,
+    places: Sequence[Planar],
+    zones: Sequence[KeepoutZone],
+) -> list[tuple[str, ...]]:
+    """For each pose that the robot could reach from the start, the names of the keepout zones that
+    alone are in its way, or of all zones if none is alone; empty: it can be reached.
+
+    The robot's side keeps out as well, as in navigation's costmap. It may leave the zone that it
+    starts in, and those that touch this one. `cells` and `origin` are as for `rooms_to_stand`.
+    """
+    origin, cells = straightened(resolution_m, origin, cells)
+    free, _ = traversable(cells, resolution_m)
+    rows, columns = cells.shape
+    grid = Grid(rows, columns, resolution_m, origin)
+    at = grid.cell(start.x_m, start.y_m)
+    if at is None or not zones:
+        return [()] * len(places)
+    zone_cells = [
+        polygon_cells(
+            [((x - origin.x_m) / resolution_m, (y - origin.y_m) / resolution_m)
+             for x, y in zone.polygon_m],
+            rows, columns,
+        )
+        for zone in zones
+    ]  # fmt: skip
+    regions = connected_regions(np.logical_or.reduce(zone_cells))
+    around = regions == regions[at] if regions[at] else np.zeros(free.shape, np.bool_)
+
+    def reached_without(kept_out: Mask) -> Mask:
+        forbidden = kept_out & ~around
+        if forbidden.any():
+            near = distance_cells(forbidden) * resolution_m <= _HALF_WIDTH_M
+            # The margin of a zone must not close in what starts within it.
+            forbidden = near & ~around
+        return reachable_from(free & ~forbidden, *at, START_TOLERANCE_M / resolution_m)
+
+    before = reached_without(np.zeros(free.shape, np.bool_))
+    after = reached_without(np.logical_or.reduce(zone_cells))
+    alone = [reached_without(one) for one in zone_cells]
+    found: list[tuple[str, ...]] = []
+    for place in places:
+        cell = grid.cell(place.x_m, place.y_m)
+        if cell is None or after[cell] or not before[cell]:
+            found.append(())
+            continue
+        names = [zone.name for zone, one in zip(zones, alone, strict=True) if not one[cell]]
+        found.append(tuple(names or [zone.name for zone in zones]))
     return found
 
 

@@ -171,3 +171,11 @@ def test_what_was_lost_on_the_way_is_had_of_another_reader(endpoint: str) -> Non
         other.handover.ask(of_the_living=True)
         wait_for(lambda: other.inbox.pending(WORLD))
         assert not other.inbox.is_gone(sent.source)
+
+
+def test_of_a_topic_whose_owners_take_turns_only_the_last_publisher_counts() -> None:
+    maps = [
+        HeldMessage(MAP, data, envelope(source), received_ns)
+        for data, source, received_ns in ((b"after", "b", 5), (b"before", "a", 3))
+    ]
+    assert [message.data for message in newest(maps)] == [b"after"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from services.common.frames import SE2, wrap_angle
-from services.navigation.behavior.context import MarkerPose
+from services.navigation.behavior.context import Dock, MarkerPose
 from services.navigation.behavior.docking import Docker, DockingParams, DockingStep, staging_pose
 from services.navigation.behavior.motion import TimeToCollision
 from services.navigation.config import CONTROL_PERIOD_NS
@@ -38,6 +38,8 @@ class DockingRobot:
     """Of the dock from the marker"""
     whole_view_m: float = 0.22
     """Nearer to the marker it is not seen."""
+    half_view_rad: float = HALF_VIEW_RAD
+    """As navigation knows it"""
     time_to_collision: TimeToCollision = never
 
     def __post_init__(self) -> None:
@@ -52,7 +54,8 @@ class DockingRobot:
         self.marker: MarkerPose | None = None
         self.now_ns = 0
         self.blind = False
-        self.docker = Docker(self.params, marker_from_dock, whole_view_m=self.whole_view_m)
+        dock = Dock("1", MARKER, marker_from_dock, self.whole_view_m, 0.0, self.half_view_rad)
+        self.docker = Docker(self.params, dock)
         self.states: list[DockingStep] = []
 
     def error(self) -> SE2:

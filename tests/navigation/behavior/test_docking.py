@@ -112,6 +112,36 @@ def test_a_dock_with_no_room_for_a_better_start_is_approached_from_where_the_rob
     assert math.hypot(error.x_m, error.y_m) < 0.03
 
 
+@pytest.mark.parametrize("aside_m", [-0.36, 0.36])
+def test_a_dock_far_aside_is_reached_by_a_curve_on_which_it_is_out_of_the_picture(
+    aside_m: float,
+) -> None:
+    for seed in range(4):
+        robot = DockingRobot(seed, away_m=0.88)
+
+        def wall_behind(velocity: Velocity, robot: DockingRobot = robot) -> float:
+            return 0.1 if velocity.linear_m_s < 0.0 and robot.error().x_m < -0.45 else math.inf
+
+        robot.time_to_collision = wall_behind
+        robot.robot.map_from_base = robot.dock @ SE2(-0.5, aside_m, 0.0)
+        error = robot.dock_it()
+        # The marker is not given up on the way; at most the end is a little aside.
+        assert robot.states[-1].num_retries <= 1
+        assert abs(error.y_m) < 0.02
+        assert math.hypot(error.x_m, error.y_m) < 0.03
+
+
+def test_a_marker_that_should_be_in_the_picture_and_is_not_counts_as_lost() -> None:
+    robot = DockingRobot(5)
+    robot.robot.map_from_base = robot.dock @ SE2(-0.7, 0.0, 0.0)
+    while robot.error().x_m < -0.5:
+        robot.step()
+    robot.blind = True
+    while robot.states[-1].num_retries == 0:
+        robot.step()
+    assert robot.error().x_m < -0.25
+
+
 def test_a_dock_pushed_aside_meanwhile_is_docked_where_it_is_now() -> None:
     robot = DockingRobot(6)
     while robot.error().x_m < -0.25:

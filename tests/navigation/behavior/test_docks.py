@@ -57,6 +57,21 @@ def test_the_nearest_whole_view_touches_the_margin_of_the_picture(
     assert min(room) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_the_half_view_is_the_angle_to_the_nearer_edge_of_the_picture() -> None:
+    edge_rad = math.atan(0.48 * WIDTH / FOCAL)
+    assert CAMERA.half_view_rad(0.02) == pytest.approx(edge_rad)
+    turn = math.radians(10.0)
+    c, s = math.cos(turn), math.sin(turn)
+    turned = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    aslant = CameraView(turned @ BASE_FROM_CAMERA, (FOCAL, FOCAL), (320.0, 240.0), (WIDTH, HEIGHT))
+    assert aslant.half_view_rad(0.02) == pytest.approx(edge_rad - turn)
+    back = CameraView(
+        np.diag([-1.0, -1.0, 1.0, 1.0]) @ BASE_FROM_CAMERA,
+        (FOCAL, FOCAL), (320.0, 240.0), (WIDTH, HEIGHT),
+    )  # fmt: skip
+    assert back.half_view_rad(0.02) == 0.0
+
+
 def test_a_camera_that_looks_away_never_sees_it_whole() -> None:
     down = BASE_FROM_CAMERA.copy()
     # The optical axis points at the floor.

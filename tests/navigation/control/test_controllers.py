@@ -132,6 +132,30 @@ def test_a_robot_that_touches_a_wall_can_leave_it(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("back", [True, False])
+def test_a_straight_way_out_is_driven_before_a_turn(name: str, back: bool) -> None:
+    costmap, _ = room()
+    path = line((1.5, 2.0), (1.8, 2.0), (1.8, 3.0), yaw_rad=math.pi / 2)
+    yaws_rad = path.yaws_rad.copy()
+    yaws_rad[path.along_m < 0.29] = math.pi if back else 0.0
+    controller = made(name)
+    controller.set_path(
+        PlannedPath(path.points_m, yaws_rad, path.along_m, way_out_m=0.3), same_goal=False
+    )
+    robot = Unicycle(SE2(1.5, 2.0, math.pi if back else 0.0))
+    for _ in range(40):
+        velocity = controller.step(
+            0.05, Surroundings(robot.map_from_base, costmap, NO_ECHOES)
+        ).velocity
+        robot.drive(velocity, 0.05)
+        if robot.map_from_base.x_m > 1.75:
+            break
+        assert velocity.linear_m_s * (-1.0 if back else 1.0) > 0.0
+        assert abs(velocity.angular_rad_s) < 1e-6
+    assert robot.map_from_base.x_m > 1.7
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_goal_is_reached_only_when_the_robot_stands(name: str) -> None:
     costmap, _ = room()
     controller = made(name)

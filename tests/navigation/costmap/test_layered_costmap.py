@@ -436,3 +436,61 @@ def test_the_better_the_pose_is_known_the_nearer_to_walls_things_are_marked() ->
     costmap = room()
     assert costmap.update(sensor, box, 0.0, STEP_RAD, 0.12, static_margin_m=0.1)
     assert costmap.master.clearance_at(2.0, 3.83) < 0.05
+
+
+def test_obstacles_stay_where_they_are_while_the_map_grows() -> None:
+    costmap = room()
+    see_post(costmap)
+    marked = {costmap.frame.center(*cell) for cell in np.argwhere(obstacles(costmap)).tolist()}
+    assert marked
+    cells = np.full((100, 120), -1, np.int8)
+    cells[12:92, 22:102] = room_cells()
+    frame = frame_of(0.05, SE2(-22 * 0.05, -12 * 0.05, 0.0), cells)
+    before = costmap.revision
+    costmap.take_map(frame, cells, 0.1)
+    assert costmap.revision > before
+    assert costmap.master.costs.shape == costmap.static.costs.shape == (100, 120)
+    again = {frame.center(*cell) for cell in np.argwhere(obstacles(costmap)).tolist()}
+    assert np.allclose(sorted(again), sorted(marked))
+    fresh = LayeredCostmap(frame, cells, INFLATION, OBSTACLE)
+    assert np.array_equal(costmap.static.costs, fresh.static.costs)
+    costmap.clear()
+    assert np.array_equal(costmap.master.costs, fresh.master.costs)
+
+
+def test_what_the_map_comes_to_show_is_no_obstacle_any_more() -> None:
+    costmap = room()
+    see_post(costmap)
+    cells = room_cells()
+    cells[obstacles(costmap)] = 100
+    costmap.take_map(costmap.frame, cells, 0.1)
+    costmap.take_map(costmap.frame, room_cells(), 0.0)
+    assert not obstacles(costmap).any()
+
+
+def test_a_map_that_shrinks_or_moves_away_loses_only_what_lies_outside() -> None:
+    costmap = room()
+    see_post(costmap)
+    cells = np.zeros((10, 10), np.int8)
+    costmap.take_map(frame_of(0.05, SE2(50.0, 50.0, 0.0), cells), cells, 0.1)
+    assert not obstacles(costmap).any()
+    coarse = np.zeros((40, 40), np.int8)
+    costmap.take_map(frame_of(0.1, SE2(0.0, 0.0, 0.0), coarse), coarse, 0.1)
+    assert costmap.master.costs.shape == (40, 40)
+
+
+def room_cells() -> NDArray[np.int8]:
+    cells = np.zeros((80, 80), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    return cells
+
+
+def see_post(costmap: LayeredCostmap) -> None:
+    """A post 1 m ahead of a robot in the middle of the room."""
+    ranges_m = np.full(360, np.inf, np.float32)
+    ranges_m[-4:] = ranges_m[:5] = 1.0
+    costmap.update(SE2(2.0, 2.0, 0.0), ranges_m, 0.0, STEP_RAD, 0.1)
+
+
+def obstacles(costmap: LayeredCostmap) -> NDArray[np.bool_]:
+    return np.asarray((costmap.master.costs == 254) & (costmap.static.costs != 254))

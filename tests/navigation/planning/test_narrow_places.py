@@ -91,12 +91,73 @@ def test_turning_round_at_a_dead_end_needs_the_width_of_the_corners() -> None:
             start = SE2(START_M, middle_m(width_m), math.pi)
             assert worst_m(Planner(NARROW).plan(costmap, start, goal), start, floor) < 1e-4
             continue
+        # A little way back it is wide enough.
         start = nose_to_the_wall(width_m)
-        with pytest.raises(NavigationError) as caught:
-            Planner(NARROW).plan(costmap, start, goal)
-        assert caught.value.code is ErrorCode.NO_VALID_PATH
-        assert f"cannot turn at ({start.x_m:.2f}, {start.y_m:.2f})" in caught.value.message
-        assert caught.value.place_m == pytest.approx(start[:2])
+        path = Planner(NARROW).plan(costmap, start, goal)
+        assert worst_m(path, start, floor) < 1e-4
+        assert driven_back_m(path) == pytest.approx(0.5)
+
+
+def driven_back_m(path: PlannedPath) -> float:
+    return float(np.diff(path.along_m)[path.backwards()[:-1]].sum())
+
+
+def test_a_dead_end_too_long_to_back_out_of_is_refused() -> None:
+    free = round(0.45 / RESOLUTION_M) - 1
+    solid = np.ones((40, 80), bool)
+    solid[20 : 20 + free, 5:75] = False
+    costmap = costmap_of(solid, WAFFLE.half_width_m)
+    start = nose_to_the_wall(0.45)
+    with pytest.raises(NavigationError) as caught:
+        Planner(NARROW).plan(costmap, start, SE2(2.0, start.y_m, math.pi))
+    assert caught.value.code is ErrorCode.NO_VALID_PATH
+    assert f"cannot turn at ({start.x_m:.2f}, {start.y_m:.2f})" in caught.value.message
+    assert caught.value.place_m == pytest.approx(start[:2])
+
+
+def room() -> Costmap:
+    """Free from 0.225 m to 3.775 m in x and y: faces are in the middle of occupied cells."""
+    solid = np.ones((80, 80), bool)
+    solid[5:75, 5:75] = False
+    return costmap_of(solid, WAFFLE.half_width_m)
+
+
+ROOM_FLOOR = shapely.box(0.225, 0.225, 3.775, 3.775)
+
+
+@pytest.mark.parametrize("askew_rad", [0.0, 0.3, -0.3])
+def test_with_its_nose_at_a_wall_it_leaves_straight_back(askew_rad: float) -> None:
+    away_m = outline(0.0, 0.0, math.pi + askew_rad).bounds[0]
+    start = SE2(0.225 - away_m + 0.01, 1.5, math.pi + askew_rad)
+    path = Planner(NARROW).plan(room(), start, SE2(2.5, 1.5, 0.0))
+    assert path.backwards()[0]
+    assert 0.0 < driven_back_m(path) <= path.way_out_m + 1e-9 <= 0.5 + 1e-9
+    assert worst_m(path, start, ROOM_FLOOR) < 1e-4
+
+
+def test_beside_a_wall_it_gets_off_it() -> None:
+    beside_m = WAFFLE.half_width_m + 0.006
+    start = SE2(0.225 + beside_m, 1.5, math.pi / 2 + 0.005)
+    path = Planner(NARROW).plan(room(), start, SE2(2.5, 1.0, 0.0))
+    assert worst_m(path, start, ROOM_FLOOR) < 1e-4
+
+
+@pytest.mark.parametrize("deep_m", [0.0, 0.015])
+def test_a_robot_that_touches_cells_drives_straight_out_of_them_first(deep_m: float) -> None:
+    start = SE2(0.225 + 0.0685 - deep_m, 1.5, math.pi)
+    path = Planner(NARROW).plan(room(), start, SE2(2.5, 1.5, 0.0))
+    deepest = outline(*start).difference(ROOM_FLOOR).area
+    for (x, y), yaw in zip(path.points_m, path.yaws_rad, strict=True):
+        assert outline(x, y, yaw).difference(ROOM_FLOOR).area <= deepest + 1e-9
+    assert path.backwards()[0]
+    rest = replace(
+        path,
+        points_m=path.points_m[path.along_m >= path.way_out_m - 1e-9],
+        yaws_rad=path.yaws_rad[path.along_m >= path.way_out_m - 1e-9],
+    )
+    x_m, y_m = rest.points_m[0].tolist()
+    turning = SE2(x_m, y_m, start.yaw_rad)
+    assert worst_m(rest, turning, ROOM_FLOOR) < 1e-4
 
 
 def test_where_it_cannot_turn_round_it_drives_backwards_if_it_may() -> None:

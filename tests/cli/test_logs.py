@@ -1,0 +1,266 @@
+"""Readers of recorded logs: CARMEN's lines, damage, packed files, bags without /odom."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from services.cli.logs.log import Entry, Log, ScanForm, Topics
+from services.cli.logs.read import read_log
+from services.common.config import ConfigError
+from services.common.frames import SE2
+from services.common.node import messages as msg
+
+START = SE2(0, 0, 0)
+RANGES = [1.0 + i / 100.0 for i in range(180)]
+
+
+def flaser(
+    time_s: float, odom: SE2 = START, laser: SE2 | None = None, ranges: list[float] | None = None
+) -> str:
+    """A line FLASER."""
+    values = ranges or RANGES
+    poses = " ".join(str(value) for value in (*(laser or odom), *odom))
+    beams = " ".join(str(value) for value in values)
+    return f"FLASER {len(values)} {beams} {poses} {time_s:.6f} nohost {time_s % 1000.0:.6f}"
+
+
+def robotlaser(time_s: float, odom: SE2, laser: SE2, ranges: list[float], farthest: float) -> str:
+    """A line ROBOTLASER1 with two remissions."""
+    beams = " ".join(str(value) for value in ranges)
+    poses = " ".join(str(value) for value in (*laser, *odom))
+    step = math.pi / (len(ranges) - 1)
+    return (
+        f"ROBOTLASER1 0 {-math.pi / 2} {math.pi} {step} {farthest} 0.01 0 {len(ranges)} {beams} "
+        f"2 7 8 {poses} 0.1 0.2 0.3 0.4 0.5 {time_s:.6f} pioneer 3.5"
+    )
+
+
+def written(folder: Path, *lines: str, name: str = "robot.log") -> Path:
+    path = folder / name
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def read(path: Path, form: ScanForm | None = None) -> Log:
+    return read_log(path, form or ScanForm())
+
+
+def scans(log: Log) -> list[Entry]:
+    return [entry for entry in log.entries if entry.scan is not None]
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(ConfigError) as error:
+        read(path)
+    assert "\n" not in str(error.value)
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+class TestCarmen:
+    def test_a_log_with_all_kinds_of_lines(self, tmp_path: Path) -> None:
+        pose = SE2(1.0, 2.0, 0.5)
+        log = read(
+            written(
+                tmp_path,
+                "# CARMEN Logfile",
+                "PARAM robot_length 0.5 nohost 0.1",
+                "SYNC begin",
+                "ODOM 9 9 9 0 0 0 976052856.5 nohost 0.5",
+                "RLASER 2 1 1 0 0 0 0 0 0 976052856.9 nohost 0.6",
+                "TRUEPOS 0 0 0 0 0 0 1.0 nohost 0.1",
+                "",
+                flaser(976052857.25, pose),
+            )
+        )
+        (entry,) = log.entries
+        assert entry.stamp_ns == 976_052_857_250_000_000
+        assert entry.odom_from_base == pytest.approx(pose)
+        assert entry.scan is not None
+        assert entry.scan.ranges_m == pytest.approx(RANGES)
+        assert log.base_from_scan == SE2(0.0, 0.0, 0.0)
+
+    @pytest.mark.parametrize(
+        ("beams", "first_deg", "step_deg"),
+        [(180, -90, 1), (181, -90, 1), (360, -90, 0.5), (361, -90, 0.5), (401, -50, 0.25),
+         (91, -90, 2)],
+    )  # fmt: skip
+    def test_the_number_of_readings_tells_their_directions(
+        self, tmp_path: Path, beams: int, first_deg: float, step_deg: float
+    ) -> None:
+        (entry,) = scans(read(written(tmp_path, flaser(5.0, ranges=[2.0] * beams))))
+        assert entry.scan is not None
+        assert math.degrees(entry.scan.angle_min_rad) == pytest.approx(first_deg)
+        assert math.degrees(entry.scan.angle_increment_rad) == pytest.approx(step_deg)
+
+    def test_robotlaser_says_its_own_form(self, tmp_path: Path) -> None:
+        robot = SE2(1.0, 2.0, 1.5)
+        laser = robot @ SE2(0.2, 0.0, 0.0)
+        line = robotlaser(1134864642.9, robot, laser, [2.0, 3.0, 31.0, 32.0], 30.0)
+        log = read(written(tmp_path, line))
+        (entry,) = log.entries
+        assert entry.scan is not None
+        np.testing.assert_allclose(entry.scan.ranges_m, [2.0, 3.0, np.nan, np.nan])
+        assert entry.scan.angle_increment_rad == pytest.approx(math.pi / 3)
+        assert entry.scan.range_max_m == 30.0
+        assert log.base_from_scan == pytest.approx(SE2(0.2, 0.0, 0.0))
+        assert entry.stamp_ns == pytest.approx(1134864642.9e9, abs=1e3)
+
+    def test_rawlaser_takes_the_odometry_between(self, tmp_path: Path) -> None:
+        log = read(
+            written(
+                tmp_path,
+                "ODOM 0 0 0 0 0 0 10.0 h 0.1",
+                "RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3 0 10.5 h 0.5",
+                "ODOM 1 0 0 0 0 0 11.0 h 1.1",
+            )
+        )
+        stamps = [(entry.stamp_ns, entry.scan is not None) for entry in log.steps()]
+        assert stamps == [(10 * 10**9, False), (11 * 10**9, False), (10_500_000_000, True)]
+
+    @pytest.mark.parametrize("code", [81.83, 81.91, 80.0])
+    def test_codes_of_a_sick_are_no_ranges(self, tmp_path: Path, code: float) -> None:
+        (entry,) = scans(read(written(tmp_path, flaser(5.0, ranges=[2.0, code, 12.5]))))
+        assert entry.scan is not None
+        np.testing.assert_allclose(entry.scan.ranges_m, [2.0, np.nan, 12.5])
+
+    def test_a_longest_range_that_many_readings_have_is_a_code(self, tmp_path: Path) -> None:
+        ranges = [*RANGES[:170], *[8.191] * 5, *[8.183] * 5]
+        (entry,) = scans(read(written(tmp_path, flaser(5.0, ranges=ranges))))
+        assert entry.scan is not None
+        assert np.isnan(entry.scan.ranges_m[170:]).all()
+        assert np.isfinite(entry.scan.ranges_m[:170]).all()
+        # A single longest reading is a wall.
+        (entry,) = scans(read(written(tmp_path, flaser(5.0, ranges=[*RANGES[:179], 9.0]))))
+        assert entry.scan is not None
+        assert entry.scan.ranges_m[179] == 9.0
+
+    def test_poses_corrected_afterwards_are_not_taken_for_the_lasers(self, tmp_path: Path) -> None:
+        corrected = [SE2(0, 0, 0), SE2(1.5, 0.2, 0.1), SE2(2.9, 0.4, 0.2)]
+        odom = [SE2(0, 0, 0), SE2(1.4, 0.0, 0.0), SE2(2.8, 0.0, 0.0)]
+        lines = [
+            flaser(5.0 + i, o, c) for i, (o, c) in enumerate(zip(odom, corrected, strict=True))
+        ]
+        log = read(written(tmp_path, "PARAM robot_frontlaser_offset 0.3", *lines))
+        assert [entry.odom_from_base for entry in log.entries] == odom
+        assert log.base_from_scan == SE2(0.3, 0.0, 0.0)
+
+    def test_scans_in_disorder_are_sorted_if_the_way_is_shorter_then(self, tmp_path: Path) -> None:
+        at = [SE2(0.1 * i, 0, 0) for i in range(6)]
+        order = [0, 2, 1, 3, 5, 4]
+        log = read(written(tmp_path, *(flaser(10.0 + i, at[i]) for i in order)))
+        assert [entry.odom_from_base for entry in log.entries] == at
+        assert log.skipped == 0
+
+    def test_times_that_repeat_or_go_back_are_left_out_and_counted(self, tmp_path: Path) -> None:
+        times = [10.0, 11.0, 11.0, 10.5, 12.0]
+        lines = [flaser(time_s, SE2(0.1 * i, 0, 0)) for i, time_s in enumerate(times)]
+        log = read(written(tmp_path, *lines))
+        assert log.skipped == 2
+        ways = [entry.odom_from_base.x_m for entry in log.entries if entry.odom_from_base]
+        assert ways == pytest.approx([0.0, 0.1, 0.4])
+
+    def test_a_clock_that_was_set_back_loses_no_scans(self, tmp_path: Path) -> None:
+        times = [5000.0, 5001.0, 100.0, 101.0]
+        lines = [flaser(time_s, SE2(0.1 * i, 0, 0)) for i, time_s in enumerate(times)]
+        log = read(written(tmp_path, *lines))
+        seconds = [entry.stamp_ns * 1e-9 for entry in log.entries]
+        assert seconds == pytest.approx([5000.0, 5001.0, 5001.1, 5002.1])
+
+    def test_the_loggers_time_where_the_other_is_not_set(self, tmp_path: Path) -> None:
+        line = flaser(0.0).rsplit(maxsplit=1)[0]
+        (entry,) = read(written(tmp_path, f"{line} 42.5")).entries
+        assert entry.stamp_ns == 42_500_000_000
+
+    def test_a_last_line_that_is_cut_off_is_left_out(self, tmp_path: Path) -> None:
+        path = written(tmp_path, flaser(10.0), flaser(11.0))
+        whole = path.read_text()
+        for keep in (len(whole) // 2 + 30, len(whole) - 30, len(whole) - 12):
+            path.write_text(whole[:keep])
+            log = read(path)
+            assert (len(log.entries), log.skipped) == (1, 1), keep
+
+    def test_a_packed_log_is_the_same(self, tmp_path: Path) -> None:
+        path = written(tmp_path, flaser(10.0), flaser(11.0))
+        packed = tmp_path / "robot.log.gz"
+        packed.write_bytes(gzip.compress(path.read_bytes()))
+        assert [e.stamp_ns for e in read(packed).entries] == [10 * 10**9, 11 * 10**9]
+        packed.write_bytes(packed.read_bytes()[:-20])
+        assert "cut short" in refused(packed)
+
+    def test_what_the_caller_says_holds(self, tmp_path: Path) -> None:
+        path = written(tmp_path, flaser(10.0))
+        (entry,) = scans(read(path, ScanForm(-1.0, 0.01, 0.2, 10.0)))
+        assert entry.scan is not None
+        form = entry.scan.angle_min_rad, entry.scan.angle_increment_rad
+        assert (*form, entry.scan.range_min_m, entry.scan.range_max_m) == (-1.0, 0.01, 0.2, 10.0)
+
+    @pytest.mark.parametrize(
+        ("line", "said"),
+        [
+            ("FLASER 3 1 2", ":2: 2 readings: must be 3"),
+            ("FLASER x 1 2", ":2: num_readings: 'x': must be a finite number"),
+            ("FLASER 0 0 0 0 0 0 0 1 h 1", ":2: num_readings: '0': must be 1 to 20000"),
+            ("FLASER 2 1 far 0 0 0 0 0 0 1 h 1", ":2: reading 1: 'far': must be metres"),
+            ("FLASER 2 1 2 0 0 nan 0 0 0 1 h 1", ":2: laser: 'nan': must be a finite number"),
+            ("FLASER 2 1 2 0 0 0 0 0", ":2: robot: '0 0': must be 3 numbers"),
+            ("FLASER 2 1 2 0 0 0 0 0 0", ":2: ipc_timestamp: '': must be 1 number"),
+            ("ROBOTLASER1 0 0 0 0 80 0 0 1 1", ":2: num_remissions"),
+            ("ROBOTLASER1 0 0 0 0 80 0 0 1 1 0 0 0 0 0 0 0 0 0 0 0 0 1 h 1", "angular_resolution"),
+            ("ODOM 1 2", ":2: pose: '1 2': must be 3 numbers"),
+        ],
+    )
+    def test_a_damaged_line(self, tmp_path: Path, line: str, said: str) -> None:
+        assert said in refused(written(tmp_path, flaser(10.0), line, flaser(12.0)))
+
+    def test_a_log_without_scans(self, tmp_path: Path) -> None:
+        path = written(tmp_path, "# CARMEN Logfile", "ODOM 0 0 0 0 0 0 1 h 1")
+        assert "has no line ROBOTLASER1, FLASER, RAWLASER1" in refused(path)
+        path = written(tmp_path, "RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3 0 10.5 h 0.5")
+        assert "without ODOM" in refused(path)
+
+
+class TestKinds:
+    def test_other_files_say_what_they_are(self, tmp_path: Path) -> None:
+        path = tmp_path / "some.file"
+        for content, said in (
+            (b"SQLite format 3\0 and so on", "must be the folder"),
+            (b"#ROSBAG V2.0\n", "rosbags-convert"),
+            (b"\0\1\2\3", "FLASER or ROBOTLASER1"),
+            (b"\x1f\x8b not packed", "damaged gzip"),
+            (b"", "must be 'time_s"),
+        ):
+            path.write_bytes(content)
+            assert said in refused(path)
+
+
+class TestBags:
+    def test_odometry_of_tf_and_a_topic_of_another_name(self, tmp_path: Path) -> None:
+        store = msg.TYPESTORE
+        bag = tmp_path / "bag"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            tf = writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=store)
+            scan = writer.add_connection("/front", "sensor_msgs/msg/LaserScan", typestore=store)
+            for i in range(4):
+                stamp_ns = 10**9 * (i + 1)
+                for child, parent, x_m in (("base_link", "odom", 0.5 * i), ("odom", "map", 7.0)):
+                    pose = SE2(x_m, 0.0, 0.0)
+                    transform = msg.planar_transform_stamped(stamp_ns, parent, child, pose)
+                    message = msg.TFMessage([transform])
+                    writer.write(tf, stamp_ns, store.serialize_cdr(message, tf.msgtype))
+                sweep = msg.LaserScan(
+                    msg.header(stamp_ns + 10, "laser"), 0.0, 0.0, 0.1, 0.0, 0.1, 0.1, 9.0,
+                    np.ones(5, np.float32), np.zeros(0, np.float32),
+                )  # fmt: skip
+                writer.write(scan, stamp_ns + 10, store.serialize_cdr(sweep, scan.msgtype))
+        log = read_log(bag, ScanForm(), Topics(scan="/front"))
+        ways = [entry.odom_from_base.x_m for entry in log.entries if entry.odom_from_base]
+        assert ways == pytest.approx([0.0, 0.5, 1.0, 1.5])
+        assert len(scans(log)) == 4
+        assert "--scan-topic must be one of its topics: /front, /tf" in refused(bag)

@@ -1,0 +1,168 @@
+"""`mazebot map build` on logs that are made up here."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from services.cli.app import app
+from services.common.config import ConfigError
+from services.common.node.slam_documents import PoseGraph
+from services.common.world.map_files import read_map
+from tests.cli import robot_logs
+
+RUNNER = CliRunner()
+FILES = ("map.pgm", "map.yaml", "pose_graph.json", "trajectory.csv", "trajectory.tum")
+
+
+class Hall:
+    """A drive in rounds through a hall, as files."""
+
+    def __init__(self, folder: Path) -> None:
+        rng = np.random.default_rng(5)
+        floor = robot_logs.hall(rng, boxes=20, rounds=2)
+        self.log = robot_logs.make(floor, rng, every=8)
+        self.carmen = self.log.write_carmen(folder / "hall.log")
+        self.relations = self.log.write_relations(folder / "hall.relations", rng, 300)
+        self.segments = np.array(floor.segments)
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> Hall:
+    return Hall(tmp_path_factory.mktemp("hall"))
+
+
+def told(*arguments: str) -> str:
+    result = RUNNER.invoke(app, ["map", "build", *arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def built(hall: Hall, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    out = tmp_path_factory.mktemp("built")
+    text = told(
+        "--log", str(hall.carmen), "--out", str(out), "--relations", str(hall.relations),
+        "--draw", str(out / "hall.png"), "--json",
+    )  # fmt: skip
+    return out, json.loads(text)
+
+
+class TestMap:
+    def test_the_trajectory_is_right_where_odometry_is_not(
+        self, hall: Hall, built: tuple[Path, dict[str, object]]
+    ) -> None:
+        _, figures = built
+        drift = np.hypot(*(hall.log.odom[-1] - (hall.log.truth[-1] - hall.log.truth[0]))[:2])
+        assert drift > 0.5
+        errors = figures["relations"]
+        assert isinstance(errors, dict)
+        assert errors["used"] == 300
+        assert errors["translation_m"]["mean"] < 0.01
+        assert errors["rotation_deg"]["mean"] < 0.2
+
+    def test_walls_are_where_they_are(
+        self, hall: Hall, built: tuple[Path, dict[str, object]]
+    ) -> None:
+        out, _ = built
+        chart = read_map(out / "map.yaml")
+        rows, columns = np.nonzero(chart.cells == 100)
+        assert len(rows) > 500
+        # The map's frame is odometry's at the start; the hall's axes are turned by the first yaw.
+        start = hall.log.truth[0]
+        x = chart.origin.x_m + (columns + 0.5) * chart.resolution_m
+        y = chart.origin.y_m + (rows + 0.5) * chart.resolution_m
+        first = np.loadtxt(out / "trajectory.csv", delimiter=",", skiprows=1)[0, 1:]
+        turn = start[2] - first[2]
+        c, s = math.cos(turn), math.sin(turn)
+        in_hall = np.stack(
+            [
+                start[0] + c * (x - first[0]) - s * (y - first[1]),
+                start[1] + s * (x - first[0]) + c * (y - first[1]),
+            ],
+            axis=1,
+        )
+        off_m = np.min([_away_m(in_hall, segment) for segment in hall.segments], axis=0)
+        assert np.mean(off_m < 0.1) > 0.97
+
+    def test_all_files_are_there_and_agree(
+        self, hall: Hall, built: tuple[Path, dict[str, object]]
+    ) -> None:
+        out, figures = built
+        assert figures["files"] == [str(out / name) for name in ("map.yaml", "map.pgm", *FILES[2:])]
+        graph = PoseGraph.model_validate_json((out / "pose_graph.json").read_bytes())
+        assert figures["keyframes"] == len(graph.nodes) > 10
+        assert figures["loops"] == graph.loops
+        csv = np.loadtxt(out / "trajectory.csv", delimiter=",", skiprows=1)
+        tum = np.loadtxt(out / "trajectory.tum")
+        assert len(csv) == figures["scans_used"] == len(hall.log.times_s)
+        np.testing.assert_allclose(csv[:, 0], hall.log.times_s, atol=1e-5)
+        np.testing.assert_allclose(tum[:, :3], csv[:, :3], atol=1e-6)
+        yaw = 2.0 * np.arctan2(tum[:, 6], tum[:, 7])
+        np.testing.assert_allclose(np.cos(yaw - csv[:, 3]), 1.0, atol=1e-9)
+        drawn = cv2.imread(str(out / "hall.png"))
+        assert drawn is not None
+        assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 4
+
+    def test_the_same_log_gives_the_same_bytes(
+        self, hall: Hall, built: tuple[Path, dict[str, object]], tmp_path: Path
+    ) -> None:
+        text = told("--log", str(hall.carmen), "--out", str(tmp_path))
+        for name in FILES:
+            assert (tmp_path / name).read_bytes() == (built[0] / name).read_bytes(), name
+        for word in ("keyframes", "loops", "time per scan", "times as fast", "map.yaml"):
+            assert word in text
+
+    def test_parameters_of_a_file_count(self, hall: Hall, tmp_path: Path) -> None:
+        params = tmp_path / "slam.yaml"
+        params.write_text(
+            "slam_toolbox:\n  ros__parameters:\n    resolution: 0.1\n    solver_plugin: x\n"
+        )
+        log = tmp_path / "short.log"
+        log.write_text("".join(hall.carmen.read_text().splitlines(keepends=True)[:40]))
+        figures = json.loads(
+            told(
+                "--log", str(log), "--out", str(tmp_path / "new"), "--params", str(params), "--json"
+            )
+        )
+        assert figures["map"]["resolution_m"] == 0.1
+
+
+def _away_m(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    a, b = segment[:2], segment[2:]
+    along = b - a
+    t = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return np.asarray(np.hypot(*(a + t[:, None] * along - points).T))
+
+
+class TestMistakes:
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("resolutoin: 0.05", ":1: resolutoin: no such parameter: must be resolution"),
+            ("resolution: 0", ":1: resolution: 0: must be greater than or equal to 0.01"),
+            ("mapping:\n  do_loop_closing: perhaps", ":2: do_loop_closing: 'perhaps'"),
+            ("mapping: 5", "must be names of parameters"),
+        ],
+    )
+    def test_parameters(self, hall: Hall, tmp_path: Path, text: str, said: str) -> None:
+        params = tmp_path / "params.yaml"
+        params.write_text(text + "\n")
+        with pytest.raises(ConfigError) as error:
+            told("--log", str(hall.carmen), "--out", str(tmp_path), "--params", str(params))
+        assert said in str(error.value)
+        assert str(params) in str(error.value)
+
+    def test_a_log_whose_scans_cannot_be_used(self, tmp_path: Path) -> None:
+        log = tmp_path / "log.csv"
+        log.write_text("time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0\n0,0,0,0,\n")
+        with pytest.raises(ConfigError, match="has no scan"):
+            told("--log", str(log), "--out", str(tmp_path / "out"))

@@ -1,0 +1,197 @@
+"""The explorer's node against a robot that drives and sees by hand."""
+
+import time
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2
+from services.common.node import messages as msg
+from services.common.node import topics as table
+from services.explorer.config import ExplorerConfig
+from services.explorer.exploration import aim, survey
+from services.explorer.floor import floor_from
+from tests.common.samples import WORLD
+from tests.explorer.worlds import RESOLUTION_M, Stage, plan
+
+TWO_ROOMS = plan(
+    "##############",
+    "#.....#......#",
+    "#.....#......#",
+    "#............#",
+    "#............#",
+    "#.....#......#",
+    "#.....#......#",
+    "#######..#####",
+    "######...#...#",
+    "######...#...#",
+    "##############",
+)
+HOME = SE2(1.25, 2.25, 0.0)
+CONFIG = ExplorerConfig()
+
+
+def test_it_sees_all_that_can_be_reached_and_drives_home() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(120, "complete", "failed")
+    assert stage.status.state == "complete"
+    assert stage.status.reason == "no reachable frontier is left"
+    assert stage.status.reachable == stage.status.set_aside == 0
+    assert stage.status.seen_share == 1.0
+    assert stage.robot.distance_m(HOME) < 0.1
+    assert stage.status.driven_m == pytest.approx(stage.driven_m, abs=0.3)
+    # The closed room is no floor for it.
+    assert (stage.known[10:28, 102:128] < 0).all()
+    reach = floor_from(TWO_ROOMS, RESOLUTION_M, SE2(0.0, 0.0, 0.0), HOME, 0.24, 0.5).reachable
+    assert (stage.known[reach[2:-2, 2:-2]] == 0).mean() > 0.999
+
+
+def test_it_never_stops_before_the_end() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stood = 0
+    while not stage.statuses or stage.status.state not in ("returning", "complete"):
+        before = stage.robot
+        stage.step()
+        stood += stage.goals != [] and stage.robot == before
+    # 1.5 s until it is sure that nothing is left to see, and a second for the map.
+    assert stood <= 30
+
+
+def test_a_place_that_cannot_be_reached_is_set_aside_and_told() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.refuses = lambda goal: 208 if goal.x_m > 2.6 else 0
+    stage.run(200, "complete", "failed")
+    assert stage.status.state == "complete"
+    assert "could not be reached" in stage.status.reason
+    assert stage.status.set_aside > 0
+    assert stage.status.seen_share < 1.0
+    assert stage.robot.distance_m(HOME) < 0.1
+    # Each is tried more than once, but not for ever.
+    assert 2 <= sum(goal.x_m > 2.6 for _, goal in stage.goals) < 20
+
+
+def test_a_place_is_tried_again_when_the_map_there_changes() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    refused: list[SE2] = []
+
+    def once(goal: SE2) -> int:
+        if goal.x_m > 3.2 and len(refused) < 1:
+            refused.append(goal)
+            return 208
+        return 0
+
+    stage.refuses = once
+    stage.run(200, "complete", "failed")
+    assert refused
+    assert stage.status.reason == "no reachable frontier is left"
+    assert stage.status.seen_share == 1.0
+
+
+def test_a_robot_that_cannot_move_does_not_try_for_ever() -> None:
+    config = CONFIG.model_copy(update={"progress_timeout": 3.0})
+    stage = Stage(TWO_ROOMS, HOME, config)
+    stage.stuck = True
+    stage.run(120, "failed", "complete", "returning")
+    assert stage.status.set_aside > 0
+
+
+def test_it_stops_and_goes_on_when_told_to() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(20):
+        stage.step()
+    stage.say(table.EXPLORE_RESUME, msg.Bool(data=False))
+    stage.step()
+    assert stage.status.state == "paused"
+    assert stage.goals[-1][1].distance_m(stage.robot) < 0.1
+    sent, there = len(stage.goals), stage.robot
+    for _ in range(50):
+        stage.step()
+    assert len(stage.goals) == sent
+    assert stage.robot.distance_m(there) < 0.2
+    stage.say(table.EXPLORE_RESUME, msg.Bool(data=True))
+    stage.run(120, "complete")
+    assert stage.status.seen_share == 1.0
+
+
+def test_it_begins_anew_with_the_simulation() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(50):
+        stage.step()
+    assert stage.status.driven_m > 1.0
+    stage.known[:] = -1
+    stage.robot, stage.goal = HOME, None
+    stage.now_ns = 0
+    stage.step()
+    assert stage.status.state == "waiting"
+    assert stage.status.driven_m == 0.0
+    stage.run(120, "complete")
+    assert stage.status.seen_share == 1.0
+
+
+def test_without_slam_or_without_exploring_it_is_silent() -> None:
+    for slam, explore in ((False, False), (True, False)):
+        world = WORLD.model_copy(update={"slam": slam, "explore": explore})
+        stage = Stage(TWO_ROOMS, HOME, CONFIG, world)
+        for _ in range(30):
+            stage.step()
+        assert stage.goals == []
+        assert stage.statuses == []
+        assert stage.node.waiting_for() is None
+
+
+def test_it_says_what_it_waits_for() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.step()
+    assert stage.node.waiting_for() == "navigation to become active"
+    assert stage.status.state == "waiting"
+    assert stage.status.reason == "waits for navigation to become active"
+
+
+def test_it_tells_where_the_frontiers_are() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    told = len(stage.frontiers)
+    while len(stage.frontiers) == told:
+        stage.step()
+    reachable, aside, chosen = stage.frontiers[-1].markers
+    assert reachable.ns == "reachable"
+    assert len(reachable.points) > 5
+    assert not aside.points
+    (goal,) = chosen.points
+    sent = stage.goals[-1][1]
+    assert abs(goal.x - sent.x_m) + abs(goal.y - sent.y_m) < 0.5
+
+
+def test_a_goal_that_navigation_has_lost_is_sent_again() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.run(10, "exploring")
+    for _ in range(5):
+        stage.step()
+    stage.goal, sent = None, len(stage.goals)
+    for _ in range(30):
+        stage.step()
+    assert len(stage.goals) > sent
+
+
+def test_it_fails_where_there_is_no_way_home() -> None:
+    stage = Stage(TWO_ROOMS, HOME, CONFIG)
+    stage.refuses = lambda goal: 208 if goal.distance_m(HOME) < 0.01 else 0
+    stage.run(120, "complete", "failed")
+    assert stage.status.state == "failed"
+    assert stage.status.reason == "cannot drive home: error 208: no way"
+
+
+def test_a_choice_is_quick() -> None:
+    cells = np.full((200, 200), -1, np.int8)
+    cells[10:190, 10:190] = 0
+    cells[60, 10:150] = cells[120, 50:190] = 100
+    robot = SE2(2.0, 2.0, 0.0)
+    taken_s = []
+    for _ in range(5):
+        begun_s = time.process_time()
+        seen = survey(CONFIG, cells, RESOLUTION_M, SE2(0.0, 0.0, 0.0), robot)
+        assert aim(CONFIG, seen, robot, None) is not None
+        taken_s.append(time.process_time() - begun_s)
+    assert min(taken_s) < 0.06

@@ -1,0 +1,100 @@
+"""Localisation as a node, in runs in which it has no map, or one that the robot has made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from services.common.frames import SE2
+from services.common.node import action_documents as act
+from services.common.node import messages as msg
+from services.common.node.documents import Entities, MappedMarker, World
+from services.common.node.node import Envelope, Inbox, Outbox
+from services.common.node.topics import (
+    DETECTIONS,
+    ENTITIES,
+    MAP,
+    ODOM,
+    REINITIALIZE_GLOBAL_LOCALIZATION,
+    SCAN,
+    TF_STATIC,
+    WORLD,
+    Topic,
+)
+from services.localization.config import LocalizationConfig
+from services.localization.node import LocalizationNode
+from services.navigation.control.collision import STOP
+from tests.common.samples import SAMPLES
+from tests.navigation.driving import IDENTITY, START, fixed_frames, odometry, scan
+from tests.navigation.house_tour import BASE_FROM_SCAN, as_ranges, cast, house, wall_segments
+
+STEP_NS = 50_000_000
+
+
+class Bench:
+    """A node on a robot that stands at the start."""
+
+    def __init__(self, **world: Any) -> None:
+        self.node = LocalizationNode(LocalizationConfig())
+        self.inbox = Inbox(self.node)
+        self.said: list[str] = []
+        self.outbox = Outbox(self.node, lambda topic, *_: self.said.append(topic.name))
+        self._sequence = 0
+        self.world: World = house().world.model_copy(update=world)
+
+    def hear(self, topic: Topic[Any], message: Any) -> None:
+        self._sequence += 1
+        self.inbox.deliver(topic, message, Envelope("test", self._sequence, 0, ""))
+
+    def run(self) -> None:
+        loaded = house()
+        self.hear(WORLD, self.world)
+        self.hear(MAP, msg.occupancy_grid(0, 0.05, loaded.map_origin, loaded.map_cells))
+        self.hear(ENTITIES, Entities(world_hash=loaded.world.hash, entities=MARKERS))
+        self.hear(TF_STATIC, fixed_frames())
+        rng = np.random.default_rng(1)
+        for step in range(1, 21):
+            now_ns = step * STEP_NS
+            self.hear(ODOM, odometry(now_ns, IDENTITY, STOP))
+            exact_m = cast(START @ BASE_FROM_SCAN, wall_segments())
+            self.hear(SCAN, scan(now_ns, as_ranges(exact_m, rng)))
+            self.outbox.now_ns = now_ns
+            self.node.step(now_ns, self.inbox, self.outbox)
+
+    def see(self) -> None:
+        """A picture with marker 60."""
+        seen = SAMPLES[DETECTIONS].detections
+        header = msg.header(20 * STEP_NS, "camera_rgb_optical_frame")
+        self.hear(DETECTIONS, msg.Detection3DArray(header, seen))
+        self.node.step(21 * STEP_NS, self.inbox, self.outbox)
+
+
+MARKERS = (SAMPLES[ENTITIES].entities[0],)
+
+
+def test_where_the_robot_maps_localisation_says_nothing() -> None:
+    bench = Bench(slam=True)
+    bench.run()
+    assert not bench.said
+    assert bench.node.waiting_for() is None
+    assert bench.node.facts() == {"state": "off: mapping localises the robot"}
+    replies: list[act.Reply] = []
+    bench.inbox.ask(REINITIALIZE_GLOBAL_LOCALIZATION, act.Empty(), replies.append)
+    bench.node.step(22 * STEP_NS, bench.inbox, bench.outbox)
+    assert replies == [act.Reply(error="slam: mapping localises the robot of this run")]
+
+
+def test_the_markers_of_a_map_take_the_place_of_those_that_hang() -> None:
+    pose = msg.pose_from_se2(SE2(1.0, 0.0, 0.0), 0.3)
+    known = MappedMarker(
+        dictionary="DICT_4X4_100", marker_id=60,
+        position_m=(pose.position.x, pose.position.y, pose.position.z),
+        orientation_xyzw=(0.5, 0.5, 0.5, 0.5),
+    )  # fmt: skip
+    for mapped, unknown in ((None, 0), ((known,), 0), ((), 1)):
+        bench = Bench(mapped_markers=mapped)
+        bench.run()
+        bench.see()
+        rejected = bench.inbox.counts[DETECTIONS.name].rejected
+        assert rejected["unknown marker"] == unknown, mapped

@@ -1,0 +1,106 @@
+import time
+
+import numpy as np
+import pytest
+
+from services.common.frames import SE2
+from services.mapping.loop_closer import LoopCloser
+from services.mapping.optimizer import Candidate, Covariances, close_loop
+from services.mapping.pose_graph import LOOP, Graph
+from tests.mapping.synthetic import (
+    LOOP_COVARIANCE,
+    errors_m,
+    manhattan,
+    meetings,
+    noisy,
+    odometry_graph,
+)
+
+
+class World:
+    """A walk by odometry, and the loops that it could close."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        self.truth = manhattan(600, seed, 10)
+        self.graph: Graph = odometry_graph(self.truth, self.random)
+        self.pairs = meetings(self.truth, 100)
+
+    def right(self, pair: tuple[int, int]) -> Candidate:
+        return self.wrong(pair, SE2(0.0, 0.0, 0.0))
+
+    def wrong(self, pair: tuple[int, int], off: SE2) -> Candidate:
+        i, j = pair
+        relative = self.truth[i].inverse() @ self.truth[j] @ off
+        return Candidate(i, j, noisy(relative, LOOP_COVARIANCE, self.random), LOOP_COVARIANCE)
+
+    def within_the_gate(self, pair: tuple[int, int]) -> Candidate:
+        """A false loop of which nobody could tell: off by less than odometry's uncertainty."""
+        i, j = pair
+        spread = Covariances(self.graph).relative(i, j) + LOOP_COVARIANCE
+        x_m, y_m, turn_rad = np.linalg.cholesky(spread) @ np.array([1.6, -1.9, 1.4])
+        expected = self.graph.pose(i).inverse() @ self.graph.pose(j)
+        wrong = SE2(expected.x_m + x_m, expected.y_m + y_m, expected.yaw_rad + turn_rad)
+        return Candidate(i, j, wrong, LOOP_COVARIANCE)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 5])
+def test_a_false_loop_that_came_first_is_taken_back_when_three_contradict_it(seed: int) -> None:
+    world = World(seed)
+    closer = LoopCloser(world.graph)
+    assert closer.close(world.within_the_gate(world.pairs[2])).accepted
+    first = world.graph.edges.relative[-1].copy()
+    tried = world.pairs[3::3]
+    verdicts = [closer.close(world.right(pair)) for pair in tried]
+    edges = world.graph.edges
+    assert not (edges.relative == first).all(axis=1).any()
+    assert closer.closed == int((edges.kind == LOOP).sum()) > 0.9 * len(tried)
+    assert closer.rejected >= 1
+    assert verdicts[-1].accepted
+    assert errors_m(world.graph, world.truth).mean() < 0.3
+
+
+def test_without_it_the_false_loop_stays_and_the_right_ones_do_not_come_in() -> None:
+    world = World(0)
+    assert close_loop(world.graph, world.within_the_gate(world.pairs[2])).accepted
+    accepted = [close_loop(world.graph, world.right(pair)).accepted for pair in world.pairs[3::3]]
+    assert sum(accepted) < 0.6 * len(accepted)
+    assert errors_m(world.graph, world.truth).mean() > 0.6
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_false_loops_that_look_alike_do_not_replace_right_ones(seed: int) -> None:
+    """Each right loop is followed by two false ones, all off by the same two metres."""
+    world = World(seed)
+    closer = LoopCloser(world.graph)
+    right = world.pairs[: 3 * 12 : 3]
+    for pair in right:
+        closer.close(world.right(pair))
+        for i, j in ((pair[0] + 1, pair[1] + 1), (pair[0] + 2, pair[1] + 2)):
+            if j < 600:
+                verdict = closer.close(world.wrong((i, j), SE2(2.0, 0.0, 0.0)))
+                assert not verdict.accepted
+    assert closer.closed >= len(right) - 1
+
+
+def test_a_rejected_loop_costs_little() -> None:
+    world = World(0)
+    closer = LoopCloser(world.graph)
+    for pair in world.pairs[::4]:
+        closer.close(world.right(pair))
+    offsets = world.random.uniform((-3.0, -3.0, -0.5), (3.0, 3.0, 0.5), (12, 3)).tolist()
+    wrong = [
+        world.wrong(pair, SE2(*off)) for pair, off in zip(world.pairs[1:48:4], offsets, strict=True)
+    ]
+    start = time.process_time()
+    for one in wrong:
+        assert not closer.close(one).accepted
+    assert time.process_time() - start < 12 * 0.05
+
+
+def test_counts_go_on() -> None:
+    world = World(1)
+    closer = LoopCloser(world.graph, closed=4, rejected=2)
+    closer.close(world.right(world.pairs[0]))
+    closer.close(world.wrong(world.pairs[1], SE2(5.0, 0.0, 0.0)))
+    assert (closer.closed, closer.rejected) == (5, 3)

@@ -1,0 +1,277 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from services.common.frames import SE2
+from services.mapping.params import SlamParams
+from services.mapping.slam import Slam
+from tests.mapping.simulated import (
+    LDS,
+    SCAN_NS,
+    SICK,
+    Lidar,
+    Step,
+    box,
+    drifted,
+    errors,
+    feed,
+    log,
+    office,
+    office_way,
+    ring,
+    ring_way,
+    scan,
+    wall,
+    way,
+)
+
+PARAMS = SlamParams()
+ROOM = np.concatenate([box(0.0, 0.0, 4.0, 3.0), wall(2.0, 0.0, 2.0, 1.2), wall(0.0, 2.0, 0.9, 2.0)])
+TOUR = way([(0.7, 0.7), (1.4, 1.6), (3.2, 1.8), (3.3, 0.7), (3.2, 2.3), (1.4, 2.4), (0.7, 0.7)])
+
+
+def slam_of(steps: list[Step], params: SlamParams = PARAMS, lidar: Lidar = LDS) -> Slam:
+    slam = Slam(params, steps[0].true)
+    for _ in feed(slam, steps, lidar):
+        pass
+    return slam
+
+
+def test_the_pose_stays_within_millimetres_where_odometry_drifts() -> None:
+    steps = log(ROOM, TOUR, slip=0.1, noise_m_per_sqrt_m=0.05)
+    assert drifted(steps, TOUR[0]) > 0.3
+    off = errors(Slam(PARAMS, TOUR[0]), steps)
+    assert np.percentile(off[:, 0], 95) < 0.01
+    assert np.percentile(off[:, 1], 95) < math.radians(0.4)
+
+
+def test_without_scan_matching_the_pose_is_odometrys() -> None:
+    steps = log(ROOM, TOUR, slip=0.1, noise_m_per_sqrt_m=0.05)
+    slam = Slam(SlamParams(use_scan_matching=False, do_loop_closing=False), TOUR[0])
+    off = errors(slam, steps)
+    assert off[-1, 0] == pytest.approx(drifted(steps, TOUR[0]), abs=1e-6)
+
+
+def test_a_loop_is_closed_and_bends_the_map_straight() -> None:
+    poses = ring_way()
+    steps = log(ring(), poses, slip=0.1, noise_m_per_sqrt_m=0.05)
+    slam = slam_of(steps)
+    assert slam.loops >= 1
+    assert slam.loops_rejected == 0
+    assert math.hypot(slam.pose()[0].x_m - poses[-1].x_m, slam.pose()[0].y_m - poses[-1].y_m) < 0.02
+    true = {step.stamp_ns: step.true for step in steps}
+    document = slam.document(0)
+    off = [
+        math.hypot(node.pose.x_m - true[node.stamp_ns].x_m, node.pose.y_m - true[node.stamp_ns].y_m)
+        for node in document.nodes
+    ]
+    assert max(off) < 0.03
+
+
+def test_a_known_place_makes_neither_graph_nor_map_grow() -> None:
+    room = [(0.7, 0.7), (1.4, 1.6), (3.2, 1.8), (3.2, 2.3), (1.4, 2.4)]
+    poses = way(room * 4)
+    once = len(way([*room, room[0]]))
+    steps = log(ROOM, poses, slip=0.05)
+    slam = Slam(PARAMS, poses[0])
+    counts = [(slam.keyframes, slam.map_version) for _ in feed(slam, steps)]
+    assert counts[-1] == counts[once]
+
+
+def test_a_robot_at_rest_does_not_drift() -> None:
+    still = [TOUR[0]] * 300
+    slam = Slam(PARAMS, TOUR[0])
+    off = errors(slam, log(ROOM, still))
+    assert slam.keyframes == 1
+    assert off[-50:, 0].mean() < 0.004
+    assert abs(off[-50:, 0].mean() - off[50:100, 0].mean()) < 0.002
+
+
+def test_a_corridor_leaves_its_direction_to_odometry() -> None:
+    corridor = np.array([[-20.0, 0.0, 40.0, 0.0], [-20.0, 1.5, 40.0, 1.5]])
+    poses = way([(0.0, 0.75), (6.0, 0.75)])
+    steps = log(corridor, poses)
+    slam = Slam(PARAMS, poses[0])
+    off = errors(slam, steps)
+    assert off[:, 0].max() < 0.01
+    std_m = np.sqrt(np.diag(slam.pose()[1]))
+    assert std_m[0] > 5.0 * std_m[1]
+
+
+def test_a_corridor_with_slip_is_sure_only_across() -> None:
+    corridor = np.array([[-20.0, 0.0, 40.0, 0.0], [-20.0, 1.5, 40.0, 1.5]])
+    poses = way([(0.0, 0.75), (6.0, 0.75)])
+    slam = slam_of(log(corridor, poses, slip=0.1))
+    pose = slam.pose()[0]
+    assert pose.x_m - poses[-1].x_m == pytest.approx(0.6, abs=0.05)
+    assert abs(pose.y_m - poses[-1].y_m) < 0.01
+    edges = slam.graph.edges
+    along, across = edges.covariance[:, 0, 0], edges.covariance[:, 1, 1]
+    assert along.sum() > 20.0 * across.sum()
+
+
+def test_the_walls_of_the_map_are_where_the_walls_are() -> None:
+    slam = slam_of(log(ROOM, TOUR, slip=0.1, noise_m_per_sqrt_m=0.05))
+    grid = slam.grid()
+    rows, columns = np.nonzero(grid.cells == 100)
+    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
+    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
+    spread = np.linspace(0.0, 1.0, 400)[:, None]
+    points = np.concatenate([w[:2] + spread * (w[2:] - w[:2]) for w in ROOM])
+    far = [
+        np.hypot(points[:, 0] - px, points[:, 1] - py).min() for px, py in zip(x, y, strict=True)
+    ]
+    assert max(far) < 0.08
+    # Every face that can be seen has an occupied cell.
+    seen = points[(points[:, 0] > 0.1) & (points[:, 0] < 3.9)]
+    missed = [np.hypot(x - px, y - py).min() > 0.1 for px, py in seen]
+    assert np.mean(missed) < 0.03
+    rows, columns = np.nonzero(grid.cells == 0)
+    x = grid.origin.x_m + (columns + 0.5) * grid.resolution_m
+    y = grid.origin.y_m + (rows + 0.5) * grid.resolution_m
+    assert min(x.min(), y.min()) > -0.05
+    assert x.max() < 4.05
+    assert y.max() < 3.05
+
+
+def test_the_same_measurements_give_the_same_bytes() -> None:
+    steps = log(ROOM, TOUR, slip=0.1, noise_m_per_sqrt_m=0.05)
+    one, other = slam_of(steps), slam_of(steps)
+    assert one.document(1).model_dump_json() == other.document(1).model_dump_json()
+    assert one.grid().cells.tobytes() == other.grid().cells.tobytes()
+    assert one.map_from_odom() == other.map_from_odom()
+
+
+def test_a_restored_graph_is_the_same_and_goes_on() -> None:
+    steps = log(ROOM, TOUR, slip=0.05)
+    half = len(steps) // 2
+    slam = slam_of(steps[:half])
+    document = slam.document(7)
+    on = Slam.restored(PARAMS, document)
+    assert on.document(7) == document
+    assert on.grid().cells.tobytes() == slam.grid().cells.tobytes()
+    off = errors(on, steps[half:])
+    assert off[:, 0].max() < 0.02
+    assert on.keyframes > slam.keyframes
+
+
+def test_a_fixed_map_stays_as_it_is() -> None:
+    steps = log(ROOM, TOUR, slip=0.05)
+    half = len(steps) // 2
+    document = slam_of(steps[:half]).document(7)
+    on = Slam.restored(PARAMS, document)
+    on.fixed = True
+    off = errors(on, steps[half:])
+    assert off[:, 0].max() < 0.02
+    assert on.document(7).nodes == document.nodes
+
+
+def test_where_a_new_robot_begins_is_corrected() -> None:
+    steps = log(ROOM, TOUR)
+    document = slam_of(steps).document(7)
+    moved = document.map_from_odom.model_copy(
+        update={"x_m": document.map_from_odom.x_m + 0.15, "y_m": document.map_from_odom.y_m - 0.1}
+    )
+    on = Slam.restored(PARAMS, document.model_copy(update={"map_from_odom": moved}))
+    off = errors(on, steps[:20])
+    assert off[0, 0] < 0.02
+
+
+def test_nonsense_changes_nothing() -> None:
+    steps = log(ROOM, TOUR)
+    slam = slam_of(steps[:60])
+    pose, version = slam.pose()[0], slam.graph_version
+    last = steps[59]
+    sensor = LDS.base_from_scan
+    good = (0.0, LDS.increment_rad, 0.12, 3.5, sensor)
+    # Not later, no odometry, not finite.
+    assert not slam.scan(last.stamp_ns, last.ranges_m, *good)
+    assert not slam.scan(last.stamp_ns + 10**10, last.ranges_m, *good)
+    slam.odometry(last.stamp_ns + 1, SE2(math.nan, 0.0, 0.0))
+    slam.odometry(last.stamp_ns - 5, SE2(9.0, 0.0, 0.0))
+    later = last.stamp_ns + SCAN_NS
+    assert not slam.scan(later, last.ranges_m, math.nan, LDS.increment_rad, 0.12, 3.5, sensor)
+    assert not slam.scan(later, last.ranges_m, 0.0, math.inf, 0.12, 3.5, sensor)
+    assert (slam.pose()[0], slam.graph_version) == (pose, version)
+
+
+@pytest.mark.parametrize(
+    "ranges", [np.full(360, value) for value in (math.nan, math.inf, -math.inf, 0.01)] + [[]]
+)
+def test_a_scan_without_returns_leaves_the_pose_to_odometry(ranges: ArrayLike) -> None:
+    steps = log(ROOM, TOUR)
+    slam = slam_of(steps[:60])
+    before = slam.pose()[0]
+    stamp_ns = steps[60].stamp_ns
+    slam.odometry(stamp_ns, steps[60].odom)
+    slam.scan(
+        stamp_ns, np.array(ranges, np.float32), 0.0, LDS.increment_rad, 0.12, 3.5,
+        LDS.base_from_scan,
+    )  # fmt: skip
+    after = slam.pose()[0]
+    assert after.distance_m(before @ (steps[59].odom.inverse() @ steps[60].odom)) < 1e-9
+
+
+def test_the_first_scan_may_be_empty() -> None:
+    steps = [
+        dataclasses.replace(step, ranges_m=np.full(360, np.inf, np.float32)) if i == 0 else step
+        for i, step in enumerate(log(ROOM, TOUR))
+    ]
+    off = errors(Slam(PARAMS, TOUR[0]), steps)
+    assert off[-1, 0] < 0.02
+
+
+def test_odometry_that_jumps_is_not_believed() -> None:
+    steps = log(ROOM, TOUR)
+    away = SE2(7.0, -3.0, 1.0)
+    jumped = [
+        step if i < 80 else dataclasses.replace(step, odom=away @ step.odom)
+        for i, step in enumerate(steps)
+    ]
+    off = errors(Slam(PARAMS, TOUR[0]), jumped)
+    assert off[85:, 0].max() < 0.03
+
+
+def test_what_moves_away_is_cleared() -> None:
+    poses = way([(0.7, 0.7), (1.4, 1.6), (3.0, 1.8)])
+    with_box = np.concatenate([ROOM, box(2.9, 2.3, 3.2, 2.6)])
+    random = np.random.default_rng(5)
+    steps = log(ROOM, poses)
+    steps = [
+        dataclasses.replace(step, ranges_m=scan(with_box, step.true, LDS, random))
+        if i < len(steps) // 3 else step
+        for i, step in enumerate(steps)
+    ]  # fmt: skip
+    slam = slam_of(steps)
+    grid = slam.grid()
+    row = math.floor((2.31 - grid.origin.y_m) / grid.resolution_m)
+    first, last = (math.floor((x - grid.origin.x_m) / grid.resolution_m) for x in (2.92, 3.18))
+    assert (grid.cells[row, first:last] == 0).mean() >= 0.8
+
+
+def test_a_pose_that_scans_left_behind_is_found_again() -> None:
+    steps = log(ROOM, TOUR)
+    # Odometry does not tell of a shift that is smaller than a jump.
+    shift = SE2(0.2, -0.1, 0.3)
+    shifted = [
+        step if i < 100 else dataclasses.replace(step, odom=shift @ step.odom)
+        for i, step in enumerate(steps)
+    ]
+    off = errors(Slam(PARAMS, TOUR[0]), shifted)
+    assert off[105:, 0].max() < 0.03
+
+
+@pytest.mark.slow
+def test_a_large_office_with_a_long_lidar_closes_its_loops() -> None:
+    poses = office_way()
+    steps = log(office(), poses, SICK, slip=0.05, noise_m_per_sqrt_m=0.05)
+    assert drifted(steps, poses[0]) > 10.0
+    slam = slam_of(steps, lidar=SICK)
+    assert slam.loops >= 2
+    true = {step.stamp_ns: step.true for step in steps}
+    nodes = slam.document(0).nodes
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in nodes]
+    assert np.percentile(off, 95) < 0.1
