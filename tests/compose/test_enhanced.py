@@ -82,7 +82,7 @@ def test_a_container_has_what_it_needs_and_no_more(tour: Tour, service: str) -> 
     assert not host["Devices"]
     mounts = {mount["Destination"]: mount["RW"] for mount in facts["Mounts"]}
     allowed = {
-        "worldgen": {"/worlds": False, "/textures": False},
+        "worldgen": {"/worlds": False, "/textures": False, "/maps": False},
         "recorder": {"/recordings": True, "/owner": False},
     }
     assert mounts == allowed.get(service, {})
