@@ -108,7 +108,8 @@ def box_removed(name: str, seed: int, options: Options) -> list[Row]:
         course.run_for(1.0)
         row = Row(name, place.shown, seed, 0)
         spot = _spot_in_view(course, random)
-        cells = rectangle(spot, (0.3, 0.3)).buffer(-0.02)
+        # A return marks the cell that it is in, whose centre may lie before the face.
+        cells = rectangle(spot, (0.3, 0.3)).buffer(0.04)
         with course.session.watching(GLOBAL_COSTMAP) as maps:
             before = course.session.latest(GLOBAL_COSTMAP)
             course.put_box("box", spot, (0.3, 0.3))
