@@ -16,13 +16,16 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from services.cli.session import ask
 from services.common.bus.bus import BusConfig, open_session
+from services.common.frames import SE2
 from services.common.node.documents import SimulationControl
 from services.common.node.topics import SIMULATION_CONTROL
 from services.common.root import ROOT
+from services.common.world.map_files import write_map
 from tests.cli.test_localize import Drive
 from tests.common.nav2_files import shipped
 from tests.docs.pages import Example, blocks, commands
@@ -107,6 +110,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drive = Drive(folder)
     shutil.copy(drive.map, folder / "map.yaml")
     drive.csv(folder / "log.csv")
+    for name, value in (("keepout", 100), ("speed", 50)):
+        cells = np.zeros((100, 100), np.int8)
+        cells[40:60, 75:90] = value
+        write_map(folder, name, cells, 0.1, SE2(-5.0, -5.0, 0.0), mode="scale", image_format="png")
     shutil.copy(drive.mcap(folder / "bag"), folder / "run.mcap")
     for name in PLACEHOLDERS["RUN"]:
         goal = "--goal 0.5 0 0 --no-camera --world original"
