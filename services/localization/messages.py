@@ -1,9 +1,9 @@
-"""The localisation's estimate as messages."""
+"""The particles as a message."""
 
 from __future__ import annotations
 
 from services.common import portable_kernels
-from services.common.frames import MAP_FRAME, ODOM_FRAME, SE2, Array
+from services.common.frames import MAP_FRAME, Array
 from services.common.node import messages as msg
 
 _MAX_PARTICLES_SHOWN = 500
@@ -19,21 +19,3 @@ def cloud_message(now_ns: int, particles: Array) -> msg.PoseArray:
     return msg.PoseArray(
         header=msg.header(now_ns, MAP_FRAME), poses=list(map(msg.Pose, points, turns))
     )
-
-
-def pose_message(
-    stamp_ns: int, map_from_base: SE2, covariance: Array
-) -> msg.PoseWithCovarianceStamped:
-    """The estimated pose with its (3, 3) covariance of (x, y, yaw)."""
-    return msg.PoseWithCovarianceStamped(
-        header=msg.header(stamp_ns, MAP_FRAME),
-        pose=msg.PoseWithCovariance(
-            pose=msg.pose_from_se2(map_from_base), covariance=msg.planar_covariance(covariance)
-        ),
-    )
-
-
-def transform_message(now_ns: int, map_from_odom: SE2) -> msg.TFMessage:
-    """The correction of odometry."""
-    transform = msg.planar_transform_stamped(now_ns, MAP_FRAME, ODOM_FRAME, map_from_odom)
-    return msg.TFMessage(transforms=[transform])

@@ -32,6 +32,12 @@ from services.common.node.documents import (
 )
 from services.common.node.frame_tree import FrameTree
 from services.common.node.node import Inbox, Node, Outbox, random_generator
+from services.common.node.pose_estimate import (
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
+from services.common.node.schedule import Schedule
 from services.common.node.simulation_watch import SimulationWatch
 from services.common.node.topics import (
     AMCL_POSE,
@@ -53,7 +59,7 @@ from services.common.node.topics import (
 from services.common.world.costmap import MAX_MAP_CELLS
 from services.localization.config import STEP_PERIOD_NS, LocalizationConfig
 from services.localization.kernels import compile_kernels
-from services.localization.messages import cloud_message, pose_message, transform_message
+from services.localization.messages import cloud_message
 from services.localization.monte_carlo import Localization, LocalizationState
 
 _LOG = logging.getLogger("localization")
@@ -86,7 +92,7 @@ class LocalizationNode(Node):
         """Whether the filter was given the start pose."""
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
-        self._due_ns: dict[str, int] = {}
+        self._schedule = Schedule()
         self._told: tuple[State, int | None] | None = None
         """State and epoch of the status last published."""
         compile_kernels(config)
@@ -210,7 +216,7 @@ class LocalizationNode(Node):
         """Drop all measurements; the filter restarts at the start pose."""
         self._odom = None
         self._scanned = self._started = False
-        self._due_ns.clear()
+        self._schedule.clear()
         self._localization = None
         if self._map is None or self._world is None or self._is_off():
             return
@@ -317,15 +323,7 @@ class LocalizationNode(Node):
             if entry is None:
                 inbox.reject(DETECTIONS, "unknown marker")
                 continue
-            candidates = [
-                (
-                    msg.matrix_from_pose(result.pose.pose),
-                    np.array(result.pose.covariance, np.float64).reshape(6, 6),
-                    float(result.hypothesis.score),
-                )
-                for result in detection.results
-            ]
-            localization.marker(stamp_ns, entry, candidates, camera)
+            localization.marker(stamp_ns, entry, marker_candidates(detection), camera)
 
     def _marker_of(self, detection: msg.Detection3D) -> Array | None:
         """map_from_marker of a detection; None if it is not one of the world's markers."""
@@ -362,14 +360,14 @@ class LocalizationNode(Node):
         localization = self._localization
         if localization is not None and self._started and localization.initialized:
             outbox.put(TF, transform_message(now_ns, localization.map_from_odom()))
-            if self._is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
+            if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *localization.pose()))
-            if self._is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
+            if self._schedule.is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
                 outbox.put(PARTICLE_CLOUD, cloud_message(now_ns, localization.particles()))
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
-        due = self._is_due("status", now_ns, _STATUS_PERIOD_NS)
+        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         reason = "" if localization is None else "; ".join(localization.reasons)
         if due or self._told != (state, self._watch.epoch):
             if self._told is None or self._told[0] != state:
@@ -385,9 +383,3 @@ class LocalizationNode(Node):
                     epoch=self._watch.epoch,
                 ),
             )
-
-    def _is_due(self, what: str, now_ns: int, period_ns: int) -> bool:
-        if now_ns < self._due_ns.get(what, 0):
-            return False
-        self._due_ns[what] = (now_ns // period_ns + 1) * period_ns
-        return True

@@ -20,6 +20,12 @@ from services.common.node import messages as msg
 from services.common.node.documents import LocalizationStatus, World
 from services.common.node.frame_tree import FrameTree
 from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.pose_estimate import (
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
+from services.common.node.schedule import Schedule
 from services.common.node.simulation_watch import SimulationWatch
 from services.common.node.slam_documents import PoseGraph
 from services.common.node.topics import (
@@ -38,14 +44,7 @@ from services.common.node.topics import (
 from services.mapping.config import STEP_PERIOD_NS, MappingConfig
 from services.mapping.graph_file import load_graph
 from services.mapping.kernels import compile_kernels
-from services.mapping.messages import (
-    map_message,
-    marker_candidates,
-    marker_name,
-    planar,
-    pose_message,
-    transform_message,
-)
+from services.mapping.messages import map_message, marker_name, planar
 from services.mapping.slam import Slam
 
 _LOG = logging.getLogger("mapping")
@@ -85,7 +84,7 @@ class MappingNode(Node):
         self._slam: Slam | None = None
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
-        self._due_ns: dict[str, int] = {}
+        self._schedule = Schedule()
         self._told: tuple[str, int | None] | None = None
         """State and epoch of the status last published."""
         self._map_told: int | None = None
@@ -170,7 +169,7 @@ class MappingNode(Node):
         """Drop the map and all measurements."""
         self._slam = self._odom = self._heard_ns = None
         self._scanned = False
-        self._due_ns.clear()
+        self._schedule.clear()
         self._map_told = self._graph_told = None
         self._counts = dict.fromkeys(self._counts, 0)
 
@@ -260,7 +259,7 @@ class MappingNode(Node):
         slam = self._slam
         if slam is not None:
             outbox.put(TF, transform_message(now_ns, slam.map_from_odom()))
-            if self._is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
+            if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *slam.pose()))
             if self._scanned:
@@ -268,7 +267,7 @@ class MappingNode(Node):
                 self._tell_graph(now_ns, slam, world, outbox)
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
-        due = self._is_due("status", now_ns, _STATUS_PERIOD_NS)
+        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         if due or self._told != (state, self._watch.epoch):
             if self._told is None or self._told[0] != state:
                 _LOG.info("%s", state)
@@ -286,7 +285,7 @@ class MappingNode(Node):
         if slam.map_version == self._map_told:
             return
         period_ns = max(round(self._config.map_update_interval * 1e9), STEP_PERIOD_NS)
-        if self._map_told is not None and not self._is_due("map", now_ns, period_ns):
+        if self._map_told is not None and not self._schedule.is_due("map", now_ns, period_ns):
             return
         self._map_told = slam.map_version
         grid = slam.grid()
@@ -298,17 +297,11 @@ class MappingNode(Node):
         if state == told:
             return
         looped = told is None or told[1] != slam.loops
-        if not looped and not self._is_due("graph", now_ns, _GRAPH_PERIOD_NS):
+        if not looped and not self._schedule.is_due("graph", now_ns, _GRAPH_PERIOD_NS):
             return
         self._graph_told = state
-        self._due_ns["graph"] = now_ns + _GRAPH_PERIOD_NS
+        self._schedule.put_off("graph", now_ns + _GRAPH_PERIOD_NS)
         graph = slam.document(now_ns)
         self._counts = {"keyframes": len(graph.nodes), "markers": len(graph.landmarks)}
         epoch = self._watch.epoch or 0
         outbox.put(POSE_GRAPH, graph.model_copy(update={"world_hash": world.hash, "epoch": epoch}))
-
-    def _is_due(self, what: str, now_ns: int, period_ns: int) -> bool:
-        if now_ns < self._due_ns.get(what, 0):
-            return False
-        self._due_ns[what] = (now_ns // period_ns + 1) * period_ns
-        return True

@@ -32,6 +32,7 @@ from services.common.node.documents import (
 )
 from services.common.node.frame_tree import FrameTree
 from services.common.node.node import Inbox, Node, Outbox, random_generator
+from services.common.node.schedule import Schedule
 from services.common.node.simulation_watch import SimulationWatch
 from services.common.node.topics import (
     ACTION_FEEDBACK,
@@ -207,7 +208,7 @@ class NavigationNode(Node):
         self._tree_log = TreeLog()
         self._tree_told: tuple[str, tuple[NodeSnapshot, ...]] | None = None
         """The action and its tree last published."""
-        self._due_ns: dict[str, int] = {}
+        self._schedule = Schedule()
         self._costmap_shown = -1
         self._masks = masks_of(config)
         self._zones_shown: Zones | None = None
@@ -388,7 +389,7 @@ class NavigationNode(Node):
         self._teleop = self._search = self._photo_asked_ns = None
         self._velocity = STOP
         self._was_active = False
-        self._due_ns.clear()
+        self._schedule.clear()
         if self._drive is not None:
             self._ended(self._drive.navigator.abort(max(now_ns, self._now_ns), code, why))
 
@@ -811,7 +812,9 @@ class NavigationNode(Node):
             return
         self._tell_zones(now_ns, outbox, drive.robot)
         self._tell_costmap(now_ns, outbox, drive.robot.costmap)
-        if self._echoes is not None and self._is_due("local", now_ns, _LOCAL_COSTMAP_PERIOD_NS):
+        if self._echoes is not None and self._schedule.is_due(
+            "local", now_ns, _LOCAL_COSTMAP_PERIOD_NS
+        ):
             local = drive.robot.local_costmap
             outbox.put(LOCAL_COSTMAP, costmap_message(now_ns, local, ODOM_FRAME))
         state = self._monitor_state
@@ -822,7 +825,7 @@ class NavigationNode(Node):
         self._tell_trajectories(now_ns, outbox, drive.robot)
         feedback = drive.navigator.feedback(now_ns)
         if feedback is not None and self._current is not None:
-            if self._is_due("feedback", now_ns, _FEEDBACK_PERIOD_NS):
+            if self._schedule.is_due("feedback", now_ns, _FEEDBACK_PERIOD_NS):
                 request, paused = drive.navigator.request, drive.navigator.paused
                 goal = None if request is None else goal_of(request, drive.robot.docks.docked())
                 told = feedback_document(self._current.goal_id, feedback, paused, goal)
@@ -846,13 +849,13 @@ class NavigationNode(Node):
     def _tell_costmap(self, now_ns: int, outbox: Outbox, costmap: LayeredCostmap) -> None:
         if costmap.revision == self._costmap_shown:
             return
-        if self._is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
+        if self._schedule.is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
             self._costmap_shown = costmap.revision
             outbox.put(GLOBAL_COSTMAP, costmap_message(now_ns, costmap, MAP_FRAME))
 
     def _tell_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
         self._tree_log.add(navigator.running_tree())
-        if not self._is_due("tree", now_ns, _TREE_PERIOD_NS):
+        if not self._schedule.is_due("tree", now_ns, _TREE_PERIOD_NS):
             return
         action = navigator.request.action if navigator.request is not None else ""
         tree = action, self._tree_log.take()
@@ -864,7 +867,7 @@ class NavigationNode(Node):
         controller = robot.controller
         if not robot.controlled or not isinstance(controller, MPPIController):
             return
-        if self._is_due("trajectories", now_ns, _TRAJECTORIES_PERIOD_NS):
+        if self._schedule.is_due("trajectories", now_ns, _TRAJECTORIES_PERIOD_NS):
             drawn = controller.trajectories()
             if drawn is not None:
                 outbox.put(TRAJECTORIES, trajectories_message(now_ns, drawn))
@@ -880,7 +883,7 @@ class NavigationNode(Node):
         recoveries = feedback.number_of_recoveries if feedback is not None else 0
         status = (localized, localized, state, goal, recoveries)
         # Called on every step, so that the period counts from the last status published.
-        due = self._is_due("status", now_ns, _STATUS_PERIOD_NS)
+        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         if due or status != self._status:
             said = NavigationStatus(
                 localization_active=localized,
@@ -895,9 +898,3 @@ class NavigationNode(Node):
             self._was_active = localized
             _LOG.info("navigation is active" if localized else "navigation waits for the pose")
         self._status = status
-
-    def _is_due(self, what: str, now_ns: int, period_ns: int) -> bool:
-        if now_ns < self._due_ns.get(what, 0):
-            return False
-        self._due_ns[what] = (now_ns // period_ns + 1) * period_ns
-        return True
