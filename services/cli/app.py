@@ -181,8 +181,8 @@ def demo(
         known.check_file(config)
     with collections_held_off():
         world.refuse_unused(world_name or "enhanced", arguments, path)
+        from services.common.recordings.run_folder import check_free  # noqa: PLC0415
         from services.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
-        from services.recorder.keeping.run_folder import check_free  # noqa: PLC0415
 
         if out is not None:
             check_free("--out", out)

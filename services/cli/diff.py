@@ -14,10 +14,10 @@ import yaml
 from services.cli.options import print_json
 from services.common.config import ConfigError
 from services.common.node.topics import CMD_VEL
+from services.common.recordings.digests import DigestError, Digests, read_digests
+from services.common.recordings.run_comparison import Comparison, Difference, compare
+from services.common.recordings.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
 from services.common.yaml_words import line_and_words
-from services.recorder.keeping.digests import DigestError, Digests, read_digests
-from services.recorder.keeping.run_comparison import Comparison, Difference, compare
-from services.recorder.keeping.run_folder import CONFIG, DIGESTS, LOCK, SUMMARY
 
 _CONTROL_RATE_HZ = CMD_VEL.rate_hz or 20.0
 _MOST_LINES = 12

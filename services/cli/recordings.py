@@ -15,8 +15,8 @@ from rich.table import Table
 
 from services.cli.options import print_json
 from services.common.config import ConfigError
-from services.recorder.keeping.catalog import RecordingInfo, list_recordings
-from services.recorder.keeping.run_folder import RECORDING, parts_of
+from services.common.recordings.catalog import RecordingInfo, list_recordings
+from services.common.recordings.run_folder import RECORDING, parts_of
 
 DEFAULT = Path("recordings")
 

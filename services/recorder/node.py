@@ -37,13 +37,13 @@ from services.common.node.topics import (
     Topic,
     read_by,
 )
+from services.common.recordings.run_folder import RunFolder, check_free, check_writable
 from services.common.world.assets import assets_of
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping.beginnings import Beginnings
 from services.recorder.keeping.progress import Progress
 from services.recorder.keeping.repair import Repair, interrupted
 from services.recorder.keeping.run import Run, Setting
-from services.recorder.keeping.run_folder import RunFolder, check_free, check_writable
 from services.recorder.keeping.versions import versions
 
 if TYPE_CHECKING:

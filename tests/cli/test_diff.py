@@ -13,7 +13,7 @@ import yaml
 from services.cli import app
 from services.common.node import topics as table
 from services.common.node.node import Envelope
-from services.recorder.keeping.digests import DigestWriter
+from services.common.recordings.digests import DigestWriter
 from tests.recorder.synthetic import driving, opening, room
 
 

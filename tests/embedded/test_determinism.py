@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
+from services.common.recordings.digests import read_digests
+from services.common.recordings.run_comparison import compare
 from services.common.root import ROOT
 from services.embedded.demo import DemoOptions, run
-from services.recorder.keeping.digests import read_digests
-from services.recorder.keeping.run_comparison import compare
 
 RUNS = 5
 BURN = "import hashlib\nwhile True: hashlib.sha256(bytes(1_000_000))"

@@ -13,9 +13,9 @@ from services.cli.app import main
 from services.common.node.documents import SimulationControl
 from services.common.node.executive import Executive, MemoryTransport
 from services.common.node.topics import SIMULATION_CONTROL
+from services.common.recordings.digests import read_digests
+from services.common.recordings.run_comparison import compare
 from services.embedded.demo import DemoOptions, build_nodes
-from services.recorder.keeping.digests import read_digests
-from services.recorder.keeping.run_comparison import compare
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.worldgen import folder
 

@@ -21,11 +21,11 @@ from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.common.node import topics as table
 from services.common.node.node import Envelope
+from services.common.recordings.digests import DigestWriter, read_digests
 from services.common.root import ROOT
 from services.recorder import node as node_module
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping import run as run_module
-from services.recorder.keeping.digests import DigestWriter, read_digests
 from services.recorder.keeping.repair import rerun_binary
 from services.recorder.node import RecorderNode
 from tests.recorder.synthetic import (

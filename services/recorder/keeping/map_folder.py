@@ -10,9 +10,9 @@ from services.common.config import ConfigError
 from services.common.frames import SE2
 from services.common.node import messages as msg
 from services.common.node.slam_documents import PoseGraph
+from services.common.recordings.run_folder import write_atomically
 from services.common.world.map_files import write_map
 from services.common.world.marker_file import write_markers
-from services.recorder.keeping.run_folder import write_atomically
 
 MAP_FOLDER = "map"
 MAP_NAME = "map"

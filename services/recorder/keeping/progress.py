@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.recorder.keeping.run_folder import PROGRESS, write_atomically
+from services.common.recordings.run_folder import PROGRESS, write_atomically
 
 _DOCUMENT = "document"
 

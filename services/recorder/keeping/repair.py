@@ -12,8 +12,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from services.common.recordings.run_folder import LOCK, PROGRESS, parts_of
 from services.recorder.keeping.progress import Progress, read_progress
-from services.recorder.keeping.run_folder import LOCK, PROGRESS, parts_of
 
 _LOG = logging.getLogger("recorder")
 TIMEOUT_S = 120.0

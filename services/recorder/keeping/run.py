@@ -40,18 +40,8 @@ from services.common.node.topics import (
     Delivery,
     Topic,
 )
-from services.common.root import ROOT
-from services.recorder.config import RecorderConfig
-from services.recorder.drawing.scenery import extent_of
-from services.recorder.judging.evaluation import RunEvaluation
-from services.recorder.judging.obstacles import read_meshes
-from services.recorder.judging.summary import build_summary, summary_text
-from services.recorder.judging.wall_time import WallTime
-from services.recorder.keeping.digests import DigestWriter
-from services.recorder.keeping.map_folder import MapFolder
-from services.recorder.keeping.progress import Progress, write_progress
-from services.recorder.keeping.repair import Rewriting
-from services.recorder.keeping.run_folder import (
+from services.common.recordings.digests import DigestWriter
+from services.common.recordings.run_folder import (
     CONFIG,
     DIGESTS,
     RECORDING,
@@ -59,6 +49,16 @@ from services.recorder.keeping.run_folder import (
     RunFolder,
     write_atomically,
 )
+from services.common.root import ROOT
+from services.recorder.config import RecorderConfig
+from services.recorder.drawing.scenery import extent_of
+from services.recorder.judging.evaluation import RunEvaluation
+from services.recorder.judging.obstacles import read_meshes
+from services.recorder.judging.summary import build_summary, summary_text
+from services.recorder.judging.wall_time import WallTime
+from services.recorder.keeping.map_folder import MapFolder
+from services.recorder.keeping.progress import Progress, write_progress
+from services.recorder.keeping.repair import Rewriting
 from services.recorder.stream.file_writer import RecordingError
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ import pytest
 from services.common.node import documents as doc
 from services.common.node import topics as table
 from services.common.node.topics import Delivery
+from services.common.recordings.digests import read_digests
+from services.common.recordings.run_folder import LOCK, RunFolder
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
-from services.recorder.keeping.digests import read_digests
 from services.recorder.keeping.progress import read_progress
 from services.recorder.keeping.repair import Repair, leftovers
-from services.recorder.keeping.run_folder import LOCK, RunFolder
 from services.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, Said, driving, opening, room
 from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
@@ -30,7 +30,7 @@ from pathlib import Path
 from services.common.node import documents as doc
 from services.common.node import topics as table
 from services.recorder.config import RecorderConfig
-from services.recorder.keeping.digests import read_digests
+from services.common.recordings.digests import read_digests
 from services.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, driving, opening, room
 node = RecorderNode(RecorderConfig(recordings_dir=Path(sys.argv[1])))

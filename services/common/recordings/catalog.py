@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from services.recorder.keeping.run_folder import LOCK, RECORDING, SUMMARY
+from services.common.recordings.run_folder import LOCK, RECORDING, SUMMARY
 
 _NAME = re.compile(r"^(\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)_(.+?)(?:_(\d+))?$")
 

@@ -6,8 +6,8 @@ import json
 from datetime import datetime
 from pathlib import Path
 
-from services.recorder.keeping.catalog import list_recordings
-from services.recorder.keeping.run_folder import LOCK
+from services.common.recordings.catalog import list_recordings
+from services.common.recordings.run_folder import LOCK
 
 
 def make(folder: Path, name: str, summary: object = None, recording: bytes = b"") -> Path:

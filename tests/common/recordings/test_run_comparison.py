@@ -13,15 +13,15 @@ from services.common.node import messages as msg
 from services.common.node import topics as table
 from services.common.node.node import Envelope
 from services.common.node.topics import TOPICS, Topic
-from services.recorder.keeping.digests import (
+from services.common.recordings.digests import (
     LEFT_OUT,
     DigestError,
     Digests,
     DigestWriter,
     read_digests,
 )
-from services.recorder.keeping.message_digest import digest_of
-from services.recorder.keeping.run_comparison import Comparison, Difference, compare
+from services.common.recordings.message_digest import digest_of
+from services.common.recordings.run_comparison import Comparison, Difference, compare
 from tests.common.samples import SAMPLES
 from tests.recorder.synthetic import Said, driving, opening, room
 
@@ -250,7 +250,7 @@ def test_a_run_over_a_bus_is_held_against_one_in_one_process(tmp_path: Path) -> 
 def test_a_long_run_with_losses_is_compared_in_little_time(tmp_path: Path) -> None:
     import time
 
-    from services.recorder.keeping.digests import ROW
+    from services.common.recordings.digests import ROW
 
     count = 400_000
     rows = np.zeros(count, ROW)

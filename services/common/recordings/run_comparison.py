@@ -8,7 +8,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from services.recorder.keeping.digests import OTHERS, Digests
+from services.common.recordings.digests import OTHERS, Digests
 
 Rows = NDArray[np.void]
 

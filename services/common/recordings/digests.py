@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from services.common.node import messages as msg
 from services.common.node.node import Envelope
 from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, TOPICS, Topic
-from services.recorder.keeping.message_digest import digest_of
+from services.common.recordings.message_digest import digest_of
 
 LEFT_OUT: tuple[Topic[Any], ...] = (PARAMETERS, DIAGNOSTICS, ROSOUT)
 """They contain folder names or wall times, which differ even between bit-identical runs."""
