@@ -15,6 +15,11 @@ from typing import IO
 from services.common.config import ConfigError
 
 RECORDING = "run.rrd"
+MESSAGES = "run.mcap"
+REPORT = "report.html"
+THUMBNAIL = "thumbnail.png"
+SERIES = "series.json"
+LABELS = "labels.json"
 DIGESTS = "digests.bin"
 SUMMARY = "summary.json"
 CONFIG = "config.yaml"

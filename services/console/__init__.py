@@ -1,0 +1,1 @@
+"""The page in the browser: live control, and the gallery of runs."""
