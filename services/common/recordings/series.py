@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
@@ -144,10 +143,3 @@ def read_series(folder: Path) -> RunSeries | None:
         raise ConfigError(f"{path}: {error.strerror}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {one_line(error):.300}") from error
-
-
-def columns(rows: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Columns of numbers, by name, rounded to what a plot can show."""
-    return {
-        name: tuple(round(float(value), 4) for value in values) for name, values in rows.items()
-    }
