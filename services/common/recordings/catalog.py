@@ -33,7 +33,7 @@ INDEX = ".catalog.json"
 _INDEXED = [
     *("world", "goals_reached", "goals_total", "sim_time_s", "seed", "slam", "error_mean_m"),
     *("error_p95_m", "coverage_share", "distance_m", "contacts", "real_time_factor"),
-    *("changed_settings", "tags", "note", "problem"),
+    *("changed_settings", "tags", "note", "problem", "labels_unreadable"),
 ]
 _WORTH_IT = 20
 """Runs read in one listing, for which the index is written again."""
@@ -84,6 +84,7 @@ class RecordingInfo:
     """Names of the files of the folder itself, sorted."""
     problem: str | None = None
     """Why its summary or its labels cannot be read, in one line."""
+    labels_unreadable: bool = False
 
     @property
     def failed(self) -> bool:
@@ -241,12 +242,13 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
             summary = {}
             said = getattr(error, "strerror", None) or str(error)
             problem = f"{SUMMARY}: {said:.200}"
-    labels = Labels()
+    labels: Labels | None = Labels()
     if versions[1] is not None:
         try:
             labels = read_labels(path)
         except ConfigError as error:
             problem = problem or str(error).removeprefix(f"{path}{os.sep}")
+            labels = None
     goals = summary.get("goals")
     reports = [goal for goal in goals if isinstance(goal, dict)] if isinstance(goals, list) else []
     error_m, mapping = _mapping(summary, "localisation_error_m"), _mapping(summary, "mapping")
@@ -270,8 +272,9 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
         }
         if isinstance(changed, dict)
         else None,
-        "tags": list(labels.tags),
-        "note": labels.note,
+        "tags": list(labels.tags) if labels is not None else [],
+        "note": labels.note if labels is not None else "",
+        "labels_unreadable": labels is None,
         "problem": problem,
     }
 
@@ -340,8 +343,9 @@ def _mapping(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _number(values: Mapping[str, Any], name: str) -> float | None:
     value = values.get(name)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if is_number and abs(value) < 1e300 else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or abs(value) >= 1e300:
+        return None
+    return float(value)
 
 
 def _whole(values: Mapping[str, Any], name: str) -> int | None:
