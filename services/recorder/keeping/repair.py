@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from services.common.recordings.run_folder import LOCK, PROGRESS, parts_of
+from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.progress import Progress, read_progress
 
 _LOG = logging.getLogger("recorder")
@@ -165,6 +166,7 @@ class Repair(threading.Thread):
                 _LOG.info("repaired %s", parts[0])
         (folder / PROGRESS).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
+        leave_report(folder)
 
 
 def _is_free(lock: Path) -> bool:
