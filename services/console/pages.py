@@ -1,0 +1,59 @@
+"""Pages from templates, and the page of an error."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+
+HERE = Path(__file__).parent
+STATIC = HERE / "static"
+
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(HERE / "templates"),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def page(
+    request: Request,
+    template: str,
+    *,
+    status: int = 200,
+    headers: dict[str, str] | None = None,
+    **context: Any,
+) -> HTMLResponse:
+    """A page of the console; its template extends `base.html`.
+
+    `section` in the context (`live` or `runs`) marks the entry of the navigation.
+    """
+    text = TEMPLATES.get_template(template).render(
+        {"request": request, "section": "", "has_live": request.app.state.has_live, **context}
+    )
+    return HTMLResponse(text, status, headers={"cache-control": "no-cache", **(headers or {})})
+
+
+def wants_json(request: Request) -> bool:
+    """Whether a script asks, not a person."""
+    return "application/json" in request.headers.get("accept", "")
+
+
+async def error_page(request: Request, error: Exception) -> Response:
+    """The answer to a request that cannot be done: a page, or `{"error": ...}` for a script."""
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers or {})
+    phrase = HTTPStatus(error.status_code).phrase
+    if wants_json(request):
+        return JSONResponse({"error": error.detail}, error.status_code, headers)
+    said = "" if error.detail == phrase else error.detail
+    return page(
+        request, "error.html", status=error.status_code, headers=headers, heading=phrase, said=said
+    )
