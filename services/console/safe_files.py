@@ -14,7 +14,7 @@ _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _FILE = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
-class NoSuchFile(Exception):
+class NoSuchFileError(Exception):
     """The path names no regular file inside the folder."""
 
 
@@ -32,10 +32,10 @@ def open_inside(root: Path, names: Sequence[str]) -> int:
     """A descriptor of a regular file below `root`, which itself may be a link; no other link is
     followed, and no hidden file is opened. The caller closes it.
 
-    Raises NoSuchFile, or PermissionError.
+    Raises NoSuchFileError, or PermissionError.
     """
     if not names or not all(map(is_plain_name, names)):
-        raise NoSuchFile
+        raise NoSuchFileError
     folder = -1
     try:
         folder = os.open(root, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -47,14 +47,14 @@ def open_inside(root: Path, names: Sequence[str]) -> int:
     except PermissionError:
         raise
     except (OSError, ValueError) as error:
-        raise NoSuchFile from error
+        raise NoSuchFileError from error
     finally:
         if folder >= 0:
             with suppress(OSError):
                 os.close(folder)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
-        raise NoSuchFile
+        raise NoSuchFileError
     return file
 
 

@@ -134,7 +134,7 @@ def _sorted(cards: list[RunCard], sort: str) -> list[RunCard]:
         return cards[::-1] if is_reversed else cards
     pairs = [(key(card), card) for card in cards]
     known = [(value, card) for value, card in pairs if value is not None]
-    known.sort(key=lambda pair: pair[0], reverse=is_reversed)  # type: ignore[arg-type, return-value]
+    known.sort(key=lambda pair: pair[0], reverse=is_reversed)
     return [card for _, card in known] + [card for value, card in pairs if value is None]
 
 

@@ -58,6 +58,8 @@ class RunCard:
     """Time of its change, ns; 0: there is none."""
     has: frozenset[str]
     """Names of the files of a run that exist."""
+    changed: tuple[tuple[str, str], ...]
+    """Name and value of each setting that is not the default."""
     tags: tuple[str, ...]
     note: str
     problem: str
@@ -115,6 +117,7 @@ def read_card(folder: Path) -> RunCard:
         size_bytes=sum(sizes.values()),
         thumbnail=changed_ns.get(THUMBNAIL, 0),
         has=frozenset(name for name in KNOWN_FILES if name in sizes),
+        changed=_changed(_mapping(summary.get("changed_settings"))),
         tags=tuple(map(str, tags)) if isinstance(tags, list) else (),
         note=str(labels.get("note") or ""),
         problem=problem,
@@ -191,6 +194,19 @@ def _read_json(path: Path) -> tuple[dict[str, Any], str]:
     except (ValueError, RecursionError):
         return {}, f"{path.name} is not JSON"
     return (content, "") if isinstance(content, dict) else ({}, f"{path.name} is no JSON object")
+
+
+def _changed(settings: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        (name, in_words(_mapping(setting).get("value"))) for name, setting in settings.items()
+    )
+
+
+def in_words(value: object) -> str:
+    """A setting's value for people."""
+    if value is None:
+        return "none"
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _mapping(value: object) -> Mapping[str, Any]:
