@@ -169,7 +169,7 @@ def test_without_a_recording_rerun_is_not_even_loaded(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
     (run,) = tmp_path.iterdir()
-    assert {path.name for path in run.iterdir()} == {"summary.json", "config.yaml"}
+    assert {path.name for path in run.iterdir()} == {"summary.json", "series.json", "config.yaml"}
     assert summary_of(run)["messages"]["/clock"]["received"] == 15
 
 
