@@ -14,6 +14,32 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
 
+
+def size(size_bytes: float) -> str:
+    """A size for people."""
+    for unit in ("B", "kB", "MB"):
+        if size_bytes < 1000.0:
+            return f"{size_bytes:.0f} {unit}" if unit == "B" else f"{size_bytes:.1f} {unit}"
+        size_bytes /= 1000.0
+    return f"{size_bytes:.2f} GB"
+
+
+def seconds(time_s: float | None) -> str:
+    """A duration for people."""
+    if time_s is None:
+        return "-"
+    if time_s < 120.0:
+        return f"{time_s:.1f} s"
+    minutes, rest_s = divmod(round(time_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest_s:02d} s"
+
+
+def metres(length_m: float | None) -> str:
+    """A length for people."""
+    return "-" if length_m is None else f"{length_m:.1f} m"
+
+
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(HERE / "templates"),
     autoescape=True,
@@ -21,6 +47,8 @@ TEMPLATES = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+TEMPLATES.globals["zip"] = zip
+TEMPLATES.filters.update(size=size, seconds=seconds, metres=metres)
 
 
 def page(

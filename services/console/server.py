@@ -13,8 +13,11 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from services.console.config import ConsoleConfig
+from services.console.gallery.index import RunIndex
+from services.console.gallery.routes import gallery_routes
 from services.console.pages import STATIC, error_page
 from services.console.security import Guard
+from services.console.viewer_assets import viewer_routes
 
 
 def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlette:
@@ -27,12 +30,15 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
             Route("/", _first_page),
             Route("/healthz", _healthy),
             Mount("/static", StaticFiles(directory=STATIC), name="static"),
+            *viewer_routes(),
+            *gallery_routes(),
             *live,
         ],
         middleware=[Middleware(Guard, config=config)],
         exception_handlers={HTTPException: error_page},
     )
     app.state.config = config
+    app.state.index = RunIndex(config.recordings_dir)
     app.state.has_live = bool(live)
     return app
 

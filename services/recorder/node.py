@@ -44,7 +44,7 @@ from services.recorder.keeping.beginnings import Beginnings
 from services.recorder.keeping.progress import Progress
 from services.recorder.keeping.repair import Repair, interrupted
 from services.recorder.keeping.run import Run, Setting
-from services.recorder.keeping.versions import versions
+from services.recorder.keeping.versions import hardware, versions
 
 if TYPE_CHECKING:
     from services.recorder.keeping.live import LiveView
@@ -119,7 +119,6 @@ class RecorderNode(Node):
         """Raises ConfigError if a folder cannot be written or a port is in use."""
         self._config = config
         self._local_time = local_time
-        self._parameters: dict[str, Any] = {}
         self._seed = config.seed
         """The simulation's seed, as soon as it is known: a reset may change it."""
         if config.out_dir is None:
@@ -138,9 +137,11 @@ class RecorderNode(Node):
             config,
             wall_clock_s,
             versions(),
+            hardware(),
             live=self._live.feed if self._live else None,
             resumable=config.out_dir is None,
         )
+        self._parameters = self._setting.parameters
         self._interrupted = interrupted(config.recordings_dir) if config.out_dir is None else None
         """Folder and progress of a run whose recorder died and that may still be resumed."""
         if self._interrupted is not None:
@@ -230,8 +231,8 @@ class RecorderNode(Node):
         elif topic is WORLD_REQUEST and message != self._request:
             self._request = message
             self._write_config()
-        elif topic is PARAMETERS and self._parameters.get(message.service) != message.values:
-            self._parameters[message.service] = message.values
+        elif topic is PARAMETERS and self._parameters.get(message.service) != message:
+            self._parameters[message.service] = message
             self._write_config()
         elif topic is SIMULATION_STATS:
             self._simulation = arrival
@@ -356,6 +357,6 @@ class RecorderNode(Node):
             "world": world.name,
             "world_hash": world.hash,
             "seed": self._seed,
-            "services": dict(sorted(self._parameters.items())),
+            "services": {name: said.values for name, said in sorted(self._parameters.items())},
         }
         self._run.write_config(content)

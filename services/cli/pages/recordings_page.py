@@ -8,7 +8,7 @@ from typing import Any
 
 from services.common.recordings.digests import HEAD, ROW, ROW_FIELDS
 from services.common.recordings.run_folder import CONFIG, DIGESTS, LOCK, RECORDING, SUMMARY
-from services.recorder.judging.summary import RunSummary
+from services.common.recordings.summary import RunSummary
 from services.recorder.keeping.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
 
 _HEAD = """# Recordings: what a run leaves

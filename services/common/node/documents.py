@@ -674,6 +674,9 @@ class Parameters(Document):
 
     service: str
     values: dict[str, JsonValue]
+    defaults: dict[str, JsonValue] = Field(
+        default_factory=dict, description="the defaults of those that have another value"
+    )
 
 
 class ErrorStatistics(Document):
@@ -734,6 +737,12 @@ class GoalReport(Document):
         "there was no estimate",
     )
     contacts: int = Field(0, description="number of contacts during the drive")
+    start_time_s: Finite | None = Field(
+        None, description="simulation time of the start, s; null: not known"
+    )
+    goal: Planar | None = Field(
+        None, description="where it should have led, in `map`; null: the task says nothing of it"
+    )
 
 
 class TrajectoryError(Document):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
+from pydantic_core import to_json
 
 from services.common.node import documents as doc
 from services.common.node import messages as msg
@@ -34,6 +35,7 @@ from services.common.node.topics import (
     NAVIGATION_RESULT,
     ODOM,
     POSE_GRAPH,
+    ROSOUT,
     SCAN,
     SIMULATION_STATS,
     TF_STATIC,
@@ -45,10 +47,12 @@ from services.common.recordings.run_folder import (
     CONFIG,
     DIGESTS,
     RECORDING,
+    SERIES,
     SUMMARY,
     RunFolder,
     write_atomically,
 )
+from services.common.recordings.summary import Hardware
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.drawing.scenery import extent_of
@@ -95,11 +99,14 @@ class Setting:
     config: RecorderConfig
     wall_clock_s: Callable[[], float]
     versions: Mapping[str, str]
+    hardware: Hardware | None = None
     live: LiveFeed | None = None
     resumable: bool = False
     """Whether a recorder resumes a run whose recorder died."""
     assets: dict[str, bytes] = field(default_factory=dict)
     """Textures (PNG) and meshes (npz) by their sha256."""
+    parameters: dict[str, doc.Parameters] = field(default_factory=dict)
+    """The parameters of each service, by its name."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
     """The newest message of each latched topic."""
 
@@ -139,6 +146,7 @@ class Run:
             ACTION_RESULT: self._evaluation.add_result,
             SIMULATION_STATS: self._take_stats,
             DIAGNOSTICS: self._take_diagnostics,
+            ROSOUT: self._evaluation.history.add_log,
         }
         self._maps: MapFolder | None = None
         if world.slam:
@@ -215,6 +223,8 @@ class Run:
         if self._tick_ns is not None:
             # Only the newest of the queued messages arrived just now.
             self._wall_time.tick(now_s, self._tick_ns)
+            is_paused = self._stats is not None and self._stats.paused
+            self._evaluation.history.tick(now_s, self._tick_ns, is_paused)
             self._tick_ns = None
         if self._setting.live is not None and now_s - self._sent_s >= SEND_PERIOD_S:
             self._sent_s = now_s
@@ -368,6 +378,7 @@ class Run:
         change(self._setting.wall_clock_s())
 
     def _take_diagnostics(self, array: Any) -> None:
+        self._evaluation.history.add_diagnostics(array)
         for status in array.status:
             if status.name == "recorder":
                 continue
@@ -569,6 +580,7 @@ class Run:
 
     def _write_summary(self) -> None:
         end_s, end_ns = self._end
+        evaluation = self.evaluation()
         summary = build_summary(
             world=self.world,
             seed=self._stats.seed if self._stats else self._setting.config.seed,
@@ -577,13 +589,16 @@ class Run:
             sim_time_s=end_ns * 1e-9 if end_ns or self._wall_time.ticked else None,
             wall_time=self._wall_time,
             now_s=end_s,
-            evaluation=self.evaluation(),
+            evaluation=evaluation,
             totals=self._evaluation.totals(),
             counts=self._all_counts(),
             rejected_elsewhere=self._rejected,
             versions=self._setting.versions,
+            hardware=self._setting.hardware,
+            parameters=self._setting.parameters.values(),
         )
         self._write(SUMMARY, summary_text(summary))
+        self._write(SERIES, [to_json(self._evaluation.series(evaluation, end_ns * 1e-9)), b"\n"])
 
     def _write(self, name: str, pieces: Iterable[bytes]) -> None:
         if self.folder.is_gone:
