@@ -77,7 +77,7 @@ class _Page:
             for task in (*tasks, *self._pending):
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError, TimeoutError):
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
                 async with asyncio.timeout(1.0):
                     await self._websocket.close()
 
