@@ -6,10 +6,13 @@ import logging
 import sys
 from collections.abc import Sequence
 
+from services.common.bus.bus import BusConfig
 from services.common.config import ConfigError, fail
 from services.common.load import load
 from services.common.node.log import RosFormatter
 from services.console.config import ConsoleConfig
+from services.console.live.routes import live_routes
+from services.console.live.zenoh_stack import ZenohStack
 from services.console.server import build_app
 from services.console.serving import ConsoleServer
 
@@ -21,16 +24,23 @@ def main(arguments: Sequence[str]) -> None:
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
         config = load(ConsoleConfig, "console", arguments)
-        serve(config)
+        bus_config = load(BusConfig, "bus", [])
+        serve(config, bus_config)
     except ConfigError as error:
         fail(str(error))
 
 
-def serve(config: ConsoleConfig) -> None:
+def serve(config: ConsoleConfig, bus_config: BusConfig) -> None:
     """Serve until SIGTERM or SIGINT.
 
     Raises ConfigError if the address cannot be used.
     """
-    server = ConsoleServer(build_app(config), config)
-    logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
-    server.run()
+    stack = ZenohStack(bus_config) if config.live else None
+    try:
+        live = () if stack is None else live_routes(stack)
+        server = ConsoleServer(build_app(config, live), config)
+        logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
+        server.run()
+    finally:
+        if stack is not None:
+            stack.close()
