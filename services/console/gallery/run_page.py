@@ -48,10 +48,11 @@ T = TypeVar("T")
 
 VIEWER_POLICY = content_policy(
     script_src="'self' 'wasm-unsafe-eval'",
+    style_src_attr="'unsafe-inline'",
     connect_src="'self' data: blob:",
     worker_src="'self' blob:",
 )
-"""Of pages with Rerun's viewer, which is compiled from WebAssembly."""
+"""Of pages with Rerun's viewer: WebAssembly, and elements with a `style`."""
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "frame-ancestors 'self'; base-uri 'none'; form-action 'none'; sandbox allow-popups"

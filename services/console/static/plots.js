@@ -187,7 +187,7 @@ function timePlot(title, unit, lines, end_s, point, onTime) {
   const svg = element("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
   const most = finite.length ? `, at most ${high.toPrecision(3)}` : "";
   svg.setAttribute("aria-label", `${title} in ${unit} over ${end_s.toFixed(0)} s${most}`);
-  for (const value of ticks(low, high, 3)) {
+  for (const value of ticks(low, high, 4)) {
     const attributes = { x1: MARGIN.left, x2: WIDTH - MARGIN.right, y1: y(value), y2: y(value) };
     svg.append(element("line", { ...attributes, class: "grid" }));
     const text = { x: MARGIN.left - 6, y: y(value) + 4, "text-anchor": "end" };
