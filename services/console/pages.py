@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,18 @@ def metres(length_m: float | None) -> str:
     return "-" if length_m is None else f"{length_m:.1f} m"
 
 
+def millimetres(length_m: float | None) -> str:
+    """A small length for people."""
+    return "-" if length_m is None else f"{1000.0 * length_m:.0f} mm"
+
+
+def in_words(value: object) -> str:
+    """A setting's value for people."""
+    if value is None:
+        return "none"
+    return value if isinstance(value, str) else json.dumps(value, default=str)
+
+
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(HERE / "templates"),
     autoescape=True,
@@ -48,7 +61,9 @@ TEMPLATES = jinja2.Environment(
     lstrip_blocks=True,
 )
 TEMPLATES.globals["zip"] = zip
-TEMPLATES.filters.update(size=size, seconds=seconds, metres=metres)
+TEMPLATES.filters.update(
+    size=size, seconds=seconds, metres=metres, millimetres=millimetres, in_words=in_words
+)
 
 
 def page(

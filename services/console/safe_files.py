@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from services.common.config import ConfigError
+
 MAX_NAME_BYTES = 255
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 # A pipe must not block.
@@ -64,3 +66,9 @@ def is_real_folder(path: Path) -> bool:
         return stat.S_ISDIR(path.lstat().st_mode)
     except (OSError, ValueError):
         return False
+
+
+def check_no_link(path: Path) -> None:
+    """Raises ConfigError if a path is a link: what it leads to is not shown."""
+    if path.is_symlink():
+        raise ConfigError(f"{path}: is a link, and not followed")

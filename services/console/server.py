@@ -13,8 +13,11 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from services.console.config import ConsoleConfig
+from services.console.gallery.changes import change_routes
+from services.console.gallery.compare import compare_routes
 from services.console.gallery.index import RunIndex
 from services.console.gallery.routes import gallery_routes
+from services.console.gallery.run_page import run_routes
 from services.console.pages import STATIC, error_page
 from services.console.security import Guard
 from services.console.viewer_assets import viewer_routes
@@ -32,6 +35,9 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
             Mount("/static", StaticFiles(directory=STATIC), name="static"),
             *viewer_routes(),
             *gallery_routes(),
+            *change_routes(),
+            *run_routes(),
+            *compare_routes(),
             *live,
         ],
         middleware=[Middleware(Guard, config=config)],

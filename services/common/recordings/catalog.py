@@ -32,7 +32,7 @@ _NAME = re.compile(r"^(\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)_(.+?)(?:_(\d+))?$")
 INDEX = ".catalog.json"
 _INDEXED = [
     *("world", "goals_reached", "goals_total", "sim_time_s", "seed", "slam", "error_mean_m"),
-    *("error_p95_m", "coverage_share", "distance_m", "contacts", "real_time_factor"),
+    *("error_p95_m", "exploration", "coverage_share", "distance_m", "contacts", "real_time_factor"),
     *("changed_settings", "tags", "note", "problem", "labels_unreadable"),
 ]
 _WORTH_IT = 20
@@ -71,6 +71,8 @@ class RecordingInfo:
     """Mean localisation error, and"""
     error_p95_m: float | None = None
     """its 95th percentile."""
+    exploration: str = ""
+    """The explorer's state at the end, such as `complete`; empty: nothing explored."""
     coverage_share: float | None = None
     """Of the floor, mapped by the robot; None if it made no map."""
     distance_m: float | None = None
@@ -88,7 +90,11 @@ class RecordingInfo:
 
     @property
     def failed(self) -> bool:
-        """Whether a goal was not reached, or nothing of the run can be read."""
+        """Whether a goal was not reached, or nothing of the run can be read; where the robot has
+        explored, which gives up goals all the time: whether that was not complete.
+        """
+        if self.exploration:
+            return self.exploration != "complete"
         return self.goals_reached < self.goals_total or self.problem is not None
 
     @property
@@ -262,6 +268,7 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
         "slam": bool(mapping),
         "error_mean_m": _number(error_m, "mean"),
         "error_p95_m": _number(error_m, "p95"),
+        "exploration": str(mapping.get("exploration") or ""),
         "coverage_share": _number(mapping, "coverage_share"),
         "distance_m": _number(summary, "distance_m"),
         "contacts": _whole(_mapping(summary, "contacts"), "count") or 0,

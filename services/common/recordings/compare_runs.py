@@ -130,7 +130,7 @@ def _verdicts(folders: Sequence[Path]) -> Iterator[MessagesVerdict]:
 def _setting_rows(settings: Sequence[dict[str, Any]]) -> Iterator[SettingRow]:
     """A service that not all runs have is one row, and so is the seed that all services share."""
     services = [{name.partition(".")[0] for name in run if "." in name} for run in settings]
-    missing = set().union(*services) - set.intersection(*services) if services else set()
+    missing = {name for run in services for name in run if not all(name in one for one in services)}
     for name in sorted(missing):
         yield SettingRow(
             name=name, values=tuple("running" if name in run else None for run in services)

@@ -34,7 +34,7 @@ FIGURES = (
     Figure("localisation_error_m.p95", "localisation error, 95th percentile", "m", "lower", 4),
     Figure("localisation_error_m.max", "localisation error, maximum", "m", "lower", 4),
     Figure("localisation_error_rad.p95", "heading error, 95th percentile", "rad", "lower", 4),
-    Figure("localization.inside_95_percent", "estimates inside 95 %", "", "higher", 3),
+    Figure("localization.inside_95_percent", "estimates inside 95 % ellipse", "", "neither", 3),
     Figure("marker_error_m.mean", "marker error, mean", "m", "lower", 4),
     Figure("markers_seen", "markers seen", "", "higher", 0),
     Figure("odometry_drift_m", "odometry drift at the end", "m", "lower", 3),

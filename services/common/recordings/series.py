@@ -70,6 +70,9 @@ class SeriesGoal(Document):
     start_s: Finite | None = Field(None, description="simulation time, s")
     end_s: Finite | None = Field(None, description="simulation time, s")
     reached: bool = Field(description="as in summary.json")
+    canceled: bool = Field(
+        False, description="given up on request, or for another goal: neither reached nor missed"
+    )
     pose: Planar | None = Field(None, description="in `map`; null: the task has none")
 
 

@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import errno
-import fcntl
 import json
-import os
-import secrets
-import shutil
 from collections.abc import Mapping
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
 from starlette.exceptions import HTTPException
@@ -22,16 +15,10 @@ from starlette.routing import BaseRoute, Route
 
 from services.common.config import ConfigError
 from services.common.recordings.labels import Labels, read_labels, relabelled, write_labels
-from services.common.recordings.run_folder import LOCK
+from services.common.recordings.retention import delete_run
 from services.console.gallery.routes import index_of
 from services.console.gallery.run_page import run_of
 from services.console.pages import page, wants_json
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-_DELETED = ".deleted."
-"""Start of the name of a folder that is being removed; hidden from every list of runs."""
 
 
 def change_routes() -> list[BaseRoute]:
@@ -44,14 +31,14 @@ def change_routes() -> list[BaseRoute]:
 
 
 async def _set_labels(request: Request) -> Response:
-    card = await run_of(request)
+    run = await run_of(request)
     fields = await _fields(request)
     tags = fields.get("tags", "").replace(",", " ").split()
-    folder = index_of(request).folder / card.name
+    folder = run.path
     try:
         labels = await asyncio.to_thread(_relabel, folder, tuple(tags), fields.get("note", ""))
     except ConfigError as error:
-        said = str(error).replace(str(folder), card.name)
+        said = str(error).replace(str(folder), run.name)
         raise HTTPException(422, said) from error
     if wants_json(request):
         return JSONResponse({"tags": labels.tags, "note": labels.note})
@@ -72,63 +59,25 @@ def _relabel(folder: Path, tags: tuple[str, ...], note: str) -> Labels:
 
 
 async def _confirm(request: Request) -> Response:
-    card = await run_of(request)
-    return page(request, "delete.html", section="runs", card=card)
+    run = await run_of(request)
+    return page(request, "delete.html", section="runs", run=run)
 
 
 async def _delete(request: Request) -> Response:
-    card = await run_of(request, at_once=True)
+    run = await run_of(request)
     fields = await _fields(request)
-    if fields.get("confirm") != card.name:
+    if fields.get("confirm") != run.name:
         raise HTTPException(422, "to delete a run, `confirm` must be its name")
-    await asyncio.to_thread(delete_run, index_of(request).folder, card.name)
+    if run.state == "running":
+        raise HTTPException(409, f"{run.name} is being recorded: end that run first")
+    try:
+        await asyncio.to_thread(delete_run, run.path)
+    except ConfigError as error:
+        raise HTTPException(409, str(error).replace(str(run.path), run.name)) from error
     await asyncio.to_thread(index_of(request).runs, True)
     if wants_json(request):
-        return JSONResponse({"deleted": card.name})
+        return JSONResponse({"deleted": run.name})
     return RedirectResponse("/runs", 303)
-
-
-def delete_run(recordings_dir: Path, name: str) -> None:
-    """Remove a run's folder; at once for everybody who looks, or not at all.
-
-    Raises HTTPException 409 if it is being recorded, 404 if there is none, 403 if it cannot be.
-    """
-    folder = recordings_dir / name
-    gone = recordings_dir / f"{_DELETED}{secrets.token_hex(4)}.{name}"[:200]
-    try:
-        with _not_recorded(folder):
-            folder.rename(gone)
-    except FileNotFoundError:
-        raise HTTPException(404, f"there is no run {name!r:.100}") from None
-    except OSError as error:
-        if error.errno in (errno.EWOULDBLOCK, errno.EAGAIN):
-            raise HTTPException(409, f"{name} is being recorded; it can be deleted later") from None
-        raise HTTPException(403, f"{name} cannot be deleted: {error.strerror}") from error
-    shutil.rmtree(gone, ignore_errors=True)
-
-
-@contextmanager
-def _not_recorded(folder: Path) -> Iterator[None]:
-    """Hold the lock of a killed run, so that no recorder resumes it meanwhile. Raises OSError."""
-    try:
-        lock = os.open(folder / LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
-    except FileNotFoundError:
-        folder.lstat()
-        yield
-        return
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(lock)
-
-
-def finish_deletions(recordings_dir: Path) -> None:
-    """Remove what a console that was killed has left of deleted runs."""
-    with suppress(OSError):
-        for path in recordings_dir.iterdir():
-            if path.name.startswith(_DELETED) and path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
 
 
 async def _fields(request: Request) -> Mapping[str, str]:

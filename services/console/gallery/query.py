@@ -8,12 +8,12 @@ from urllib.parse import urlencode
 
 from starlette.datastructures import QueryParams
 
-from services.console.gallery.run_card import RunCard
+from services.common.recordings.catalog import RecordingInfo
 
 PAGE_SIZE = 36
 _MOST_CHARACTERS = 200
 
-Key = Callable[[RunCard], float | str | None]
+Key = Callable[[RecordingInfo], float | str | None]
 
 SORTS: dict[str, tuple[str, Key | None, bool]] = {
     "newest": ("newest first", None, False),
@@ -31,7 +31,7 @@ SORTS: dict[str, tuple[str, Key | None, bool]] = {
 run without the figure comes last.
 """
 RESULTS = {"reached": "all goals reached", "failed": "a goal missed", "none": "no goal"}
-STATES = {"running": "running", "complete": "complete", "killed": "killed"}
+STATES = {"running": "running", "ended": "ended", "interrupted": "interrupted"}
 
 
 @dataclass(frozen=True)
@@ -90,18 +90,18 @@ class RunQuery:
 class Selection:
     """The runs that one page shows."""
 
-    cards: tuple[RunCard, ...]
+    cards: tuple[RecordingInfo, ...]
     matching: int
     total: int
     page: int
     pages: int
 
 
-Searched = Callable[[RunCard], str]
+Searched = Callable[[RecordingInfo], str]
 """The text of a run in which words are searched, in small letters."""
 
 
-def select(cards: Sequence[RunCard], query: RunQuery, searched: Searched) -> Selection:
+def select(cards: Sequence[RecordingInfo], query: RunQuery, searched: Searched) -> Selection:
     """The page of a query; a page after the last one is the last one."""
     found = _sorted([card for card in cards if matches(card, query, searched)], query.sort)
     pages = max(-(-len(found) // PAGE_SIZE), 1)
@@ -110,11 +110,18 @@ def select(cards: Sequence[RunCard], query: RunQuery, searched: Searched) -> Sel
     return Selection(tuple(shown), len(found), len(cards), page, pages)
 
 
-def matches(card: RunCard, query: RunQuery, searched: Searched) -> bool:
+def result_of(card: RecordingInfo) -> str:
+    """The key in `RESULTS`."""
+    if card.goals_total == 0:
+        return "none"
+    return "failed" if card.goals_reached < card.goals_total else "reached"
+
+
+def matches(card: RecordingInfo, query: RunQuery, searched: Searched) -> bool:
     """Whether a run passes the filter: all words of the text are found in it."""
     if query.world and card.world != query.world:
         return False
-    if query.result and card.result != query.result:
+    if query.result and result_of(card) != query.result:
         return False
     if query.state and card.state != query.state:
         return False
@@ -127,7 +134,7 @@ def matches(card: RunCard, query: RunQuery, searched: Searched) -> bool:
     return all(word in text for word in words)
 
 
-def _sorted(cards: list[RunCard], sort: str) -> list[RunCard]:
+def _sorted(cards: list[RecordingInfo], sort: str) -> list[RecordingInfo]:
     """The runs, which are newest first, in an order of `SORTS`."""
     _, key, is_reversed = SORTS[sort]
     if key is None:

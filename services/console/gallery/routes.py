@@ -9,10 +9,10 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from services.common.recordings.catalog import RecordingInfo
 from services.console.gallery.index import RunIndex, Runs
 from services.console.gallery.query import RESULTS, SORTS, STATES, RunQuery, options, select
-from services.console.gallery.run_card import RunCard
-from services.console.pages import TEMPLATES, page
+from services.console.pages import TEMPLATES, in_words, page
 
 
 def gallery_routes() -> list[BaseRoute]:
@@ -31,11 +31,16 @@ async def current_runs(request: Request, at_once: bool = False) -> Runs:
     return await asyncio.to_thread(index_of(request).runs, at_once)
 
 
-def searched(card: RunCard) -> str:
+def searched(card: RecordingInfo) -> str:
     """The text of a run in which words are searched."""
-    changed = (f"{name}={value}" for name, value in card.changed)
+    changed = (f"{name}={in_words(value)}" for name, value in changed_of(card))
     parts = (card.name, card.world, f"seed:{card.seed}", *card.tags, card.note, *changed)
     return "\n".join(parts).lower()
+
+
+def changed_of(card: RecordingInfo) -> list[tuple[str, object]]:
+    """Name and value of each setting that is not the default."""
+    return list((card.changed_settings or {}).items())
 
 
 async def _runs_page(request: Request) -> Response:
@@ -47,11 +52,11 @@ def _context(runs: Runs, query: RunQuery) -> dict[str, Any]:
     return {
         "section": "runs",
         "query": query,
-        "selection": select(runs.cards, query, searched),
+        "selection": select(runs.all, query, searched),
         "problem": runs.problem,
         "version": runs.version,
-        "worlds": options(card.world for card in runs.cards),
-        "tags": options(tag for card in runs.cards for tag in card.tags),
+        "worlds": options(card.world for card in runs.all),
+        "tags": options(tag for card in runs.all for tag in card.tags),
         "results": RESULTS,
         "states": STATES,
         "sorts": {name: said for name, (said, _, _) in SORTS.items()},
@@ -74,6 +79,6 @@ async def _cards(request: Request) -> Response:
     answer = {
         "status": TEMPLATES.get_template("runs_status.html").render(context),
         "pages": TEMPLATES.get_template("runs_pages.html").render(context),
-        "cards": [{"name": one.name, "html": card.render(card=one)} for one in cards],
+        "cards": [{"name": one.name, "html": card.render(run=one)} for one in cards],
     }
     return JSONResponse(answer, headers=headers)

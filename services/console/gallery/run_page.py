@@ -5,36 +5,54 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-import yaml
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from services.common.config import ConfigError
-from services.common.recordings.run_folder import CONFIG, MESSAGES, RECORDING, REPORT, parts_of
+from services.common.recordings.catalog import RecordingInfo, run_at
+from services.common.recordings.figures import FIGURES, Figure, figure_text, figures_of
+from services.common.recordings.run_folder import (
+    CONFIG,
+    MESSAGES,
+    RECORDING,
+    REPORT,
+    SERIES,
+    SUMMARY,
+    parts_of,
+)
+from services.common.recordings.run_settings import read_summary, settings_of
 from services.common.recordings.series import RunSeries, read_series
 from services.console.file_answer import FileAnswer
-from services.console.gallery.figures import Figure, figures_of
 from services.console.gallery.index import Runs
 from services.console.gallery.routes import current_runs, index_of
-from services.console.gallery.run_card import RunCard, read_summary, visible_files
 from services.console.pages import page
-from services.console.safe_files import NoSuchFileError, is_plain_name, open_inside
+from services.console.safe_files import (
+    NoSuchFileError,
+    check_no_link,
+    is_plain_name,
+    is_real_folder,
+    open_inside,
+)
 from services.console.security import content_policy
 from services.console.viewer_assets import viewer_version
 
+T = TypeVar("T")
+
 VIEWER_POLICY = content_policy(
     script_src="'self' 'wasm-unsafe-eval'",
+    style_src_attr="'unsafe-inline'",
     connect_src="'self' data: blob:",
     worker_src="'self' blob:",
 )
-"""Of pages with Rerun's viewer, which is compiled from WebAssembly."""
+"""Of pages with Rerun's viewer: WebAssembly, and elements with a `style`."""
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "frame-ancestors 'self'; base-uri 'none'; form-action 'none'; sandbox allow-popups"
@@ -51,8 +69,8 @@ _TYPES = {
 }
 _SHOWN = {".png", ".jpg", ".json", ".yaml", ".txt", ".xml"}
 """Files of these kinds are shown by browsers, all others saved."""
-_MOST_CONFIG_BYTES = 1024 * 1024
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MOST_FILES = 1000
+_MOST_OTHERS = 200
 
 
 def run_routes() -> list[BaseRoute]:
@@ -64,93 +82,105 @@ def run_routes() -> list[BaseRoute]:
     ]
 
 
-async def run_of(request: Request, at_once: bool = False) -> RunCard:
-    """The run that an address names. Raises HTTPException 404."""
+async def run_of(request: Request) -> RecordingInfo:
+    """The run that an address names, as it is now. Raises HTTPException 404."""
     name = request.path_params["run"]
-    card = None
+    run = None
     if is_plain_name(name):
-        card = (await current_runs(request, at_once)).find(name)
-        if card is None and not at_once:
-            card = (await current_runs(request, at_once=True)).find(name)
-    if card is None:
+        run = await asyncio.to_thread(_run_at, index_of(request).folder / name)
+    if run is None:
         raise HTTPException(404, f"there is no run {name!r:.100}")
-    return card
+    return run
+
+
+def _run_at(folder: Path) -> RecordingInfo | None:
+    return run_at(folder) if is_real_folder(folder) else None
 
 
 @dataclass(frozen=True)
 class _Content:
     """What the files of a run say."""
 
-    figures: tuple[Figure, ...]
-    summary: dict[str, Any]
+    summary: Mapping[str, Any]
+    figures: tuple[tuple[Figure, str], ...]
+    """Those that were measured, each with its value."""
     series: RunSeries | None
-    problem: str
-    files: dict[str, int]
+    settings: tuple[tuple[str, Any], ...]
+    files: Mapping[str, int]
+    """The size of each file that can be had, by its path in the folder."""
     parts: tuple[str, ...]
     """Names of the files that the viewer opens."""
-    settings: tuple[tuple[str, str], ...]
+    problems: tuple[str, ...]
+    """Why a file cannot be read, a line each."""
 
 
 def _read(folder: Path) -> _Content:
-    summary = read_summary(folder)
-    series, problem = None, ""
-    try:
-        series = read_series(folder)
-    except ConfigError as error:
-        problem = str(error).replace(str(folder), folder.name)
+    problems: list[str] = []
+
+    def read(name: str, reader: Callable[[Path], T], default: T) -> T:
+        try:
+            check_no_link(folder / name)
+            return reader(folder)
+        except ConfigError as error:
+            problems.append(str(error).replace(str(folder), folder.name))
+            return default
+
+    nothing: dict[str, Any] = {}
+    summary = read(SUMMARY, read_summary, nothing)
+    values = figures_of(summary)
     return _Content(
-        figures=figures_of(summary),
         summary=summary,
-        series=series,
-        problem=problem,
-        files=visible_files(folder),
+        figures=tuple(
+            (figure, figure_text(figure, values[figure.name]))
+            for figure in FIGURES
+            if values[figure.name] is not None
+        ),
+        series=read(SERIES, read_series, None),
+        settings=tuple(read(CONFIG, settings_of, nothing).items()),
+        files=_visible_files(folder),
         parts=tuple(path.name for path in parts_of(folder) if not path.is_symlink()),
-        settings=settings_of(folder),
+        problems=tuple(problems),
     )
 
 
-def settings_of(folder: Path) -> tuple[tuple[str, str], ...]:
-    """Name and value of each setting of a run, as its config.yaml has them; none if unreadable."""
-    try:
-        file = open_inside(folder, [CONFIG])
-    except (NoSuchFileError, PermissionError):
-        return ()
-    with os.fdopen(file, "rb") as opened:
+def _visible_files(folder: Path) -> dict[str, int]:
+    found: dict[str, int] = {}
+    waiting = [""]
+    while waiting:
+        below = waiting.pop()
         try:
-            content = yaml.load(opened.read(_MOST_CONFIG_BYTES), _LOADER)
-        except (yaml.YAMLError, ValueError, RecursionError):
-            return ()
-    found: list[tuple[str, str]] = []
-    _flatten("", content, found, 0)
-    return tuple(found)
-
-
-def _flatten(prefix: str, value: object, found: list[tuple[str, str]], depth: int) -> None:
-    if isinstance(value, dict) and value and depth < 8:
-        for name, below in value.items():
-            start = "" if prefix in ("", "services") else f"{prefix}."
-            _flatten(f"{start}{name}", below, found, depth + 1)
-    else:
-        found.append((prefix, "none" if value is None else str(value)))
+            entries = list(os.scandir(folder / below))
+        except OSError:
+            # Removed meanwhile, or not readable.
+            continue
+        for entry in entries:
+            if not is_plain_name(entry.name) or len(found) >= _MOST_FILES:
+                continue
+            with suppress(OSError):
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(f"{below}{entry.name}/")
+                elif entry.is_file(follow_symlinks=False):
+                    found[below + entry.name] = entry.stat(follow_symlinks=False).st_size
+    return dict(sorted(found.items(), key=lambda one: ("/" in one[0], one[0])))
 
 
 async def _run_page(request: Request) -> Response:
-    card = await run_of(request)
+    run = await run_of(request)
     runs = await current_runs(request)
-    content = await asyncio.to_thread(_read, index_of(request).folder / card.name)
-    newer, older = _neighbours(runs, card.name)
+    content = await asyncio.to_thread(_read, run.path)
+    newer, older = _neighbours(runs, run.name)
     answer = page(
         request,
         "run.html",
         headers={"content-security-policy": VIEWER_POLICY},
         section="runs",
-        card=card,
+        run=run,
         newer=newer,
         older=older,
-        others=[one for one in runs.cards[:200] if one.name != card.name],
+        others=[one for one in runs.all[:_MOST_OTHERS] if one.name != run.name],
         viewer=viewer_version(),
-        downloads=[name for name in (RECORDING, MESSAGES) if name in card.has],
-        has_report=REPORT in card.has,
+        downloads=[name for name in (RECORDING, MESSAGES) if name in content.files],
+        has_report=REPORT in content.files,
         content=content,
     )
     tag = f'"{hashlib.blake2b(bytes(answer.body), digest_size=12).hexdigest()}"'
@@ -162,7 +192,7 @@ async def _run_page(request: Request) -> Response:
 
 def _neighbours(runs: Runs, name: str) -> tuple[str, str]:
     """Names of the next newer and the next older run; empty: none."""
-    names: Sequence[str] = [card.name for card in runs.cards]
+    names = [run.name for run in runs.all]
     if name not in names:
         return "", ""
     place = names.index(name)

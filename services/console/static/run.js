@@ -86,7 +86,7 @@ async function draw() {
 function takeOver(text) {
   const fresh = new DOMParser().parseFromString(text, "text/html");
   document.title = fresh.title;
-  for (const name of ["head", "body"]) {
+  for (const name of ["head", "events", "body"]) {
     const [from, to] = [fresh.querySelector(`[data-part=${name}]`), part(name)];
     if (!from) throw new Error("no page of a run");
     to.replaceWith(document.adoptNode(from));
@@ -110,7 +110,7 @@ async function show(address, push) {
 /** A run that is recorded changes: its page does, too. */
 async function refresh() {
   if (document.hidden || head().dataset.state !== "running") return;
-  if (part("body").contains(document.activeElement)) return;
+  if (document.activeElement?.closest("[data-part]")) return;
   try {
     const headers = etag ? { "if-none-match": etag } : {};
     const name = head().dataset.run;

@@ -17,6 +17,8 @@ export class Viewer {
 
   /** Load the viewer of a version into an element. */
   static async start(box, version) {
+    // It tells thousands of lines at this level, which would keep the page busy.
+    console.debug = () => {};
     const widget = (await import(address(version))).default;
     return new Viewer(box, widget);
   }

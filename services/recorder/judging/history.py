@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import SE2, Array
 from services.common.goal_table import task_name
 from services.common.node import messages as msg
@@ -232,10 +233,15 @@ def _goal_events(goal: GoalReport) -> list[_Event]:
     name = task_name(goal)
     why = goal.error_msg or (f"error {goal.error_code}" if goal.error_code else "not at the goal")
     ended = f"{name}: reached" if goal.reached else f"{name}: not reached: {why}"
+    level = "info" if goal.reached or _is_canceled(goal) else "error"
     return [
         (start_ns, "goal", "info", f"{name}: begun"),
-        (end_ns, "goal", "info" if goal.reached else "error", ended),
+        (end_ns, "goal", level, ended),
     ]
+
+
+def _is_canceled(goal: GoalReport) -> bool:
+    return goal.error_code in (ErrorCode.PREEMPTED, ErrorCode.CANCELED)
 
 
 def _goal(report: GoalReport) -> SeriesGoal:
@@ -246,6 +252,7 @@ def _goal(report: GoalReport) -> SeriesGoal:
         start_s=start_s,
         end_s=None if start_s is None else round(start_s + report.time_s, 6),
         reached=report.reached,
+        canceled=_is_canceled(report),
         pose=report.goal,
     )
 
