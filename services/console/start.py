@@ -1,0 +1,46 @@
+"""The service from its flags and environment to its end."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Sequence
+
+from services.common.bus.bus import BusConfig
+from services.common.config import ConfigError, fail
+from services.common.load import load
+from services.common.node.log import RosFormatter
+from services.console.config import ConsoleConfig
+from services.console.live.routes import live_routes
+from services.console.live.zenoh_stack import ZenohStack
+from services.console.server import build_app
+from services.console.serving import ConsoleServer
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Serve until SIGTERM or SIGINT. A wrong setting ends it with one line and exit code 2."""
+    handler = logging.StreamHandler(sys.stdout)
+    handler.setFormatter(RosFormatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    try:
+        config = load(ConsoleConfig, "console", arguments)
+        bus_config = load(BusConfig, "bus", [])
+        serve(config, bus_config)
+    except ConfigError as error:
+        fail(str(error))
+
+
+def serve(config: ConsoleConfig, bus_config: BusConfig) -> None:
+    """Serve until SIGTERM or SIGINT.
+
+    Raises ConfigError if the address cannot be used.
+    """
+    stack = ZenohStack(bus_config) if config.live else None
+    try:
+        live = () if stack is None else live_routes(stack)
+        server = ConsoleServer(build_app(config, live), config)
+        logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
+        server.run()
+    finally:
+        if stack is not None:
+            stack.close()
