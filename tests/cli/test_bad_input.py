@@ -571,6 +571,9 @@ recorder --grpc-port 99999 : grpc_port|99999
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir
 router --listen x : listen|x|--listen
+console --port 70000 : port|70000|--port
+console --hosts http://lab : hosts|http://lab|without scheme
+console --max-body-kib 0 : max_body_kib|0
 bus --pace slow : pace|slow|real_time
 """
 
