@@ -107,7 +107,7 @@ def test_a_host_that_is_none_is_refused(shared: Served, host: str) -> None:
 
 
 def test_names_can_be_added_and_addresses_hold_where_all_are_bound() -> None:
-    config = ConsoleConfig(hosts="lab.example, robot")  # type: ignore[arg-type]
+    config = ConsoleConfig(hosts="lab.example, robot")
     assert config.hosts == ("lab.example", "robot")
     assert host_of("Lab.Example:8080") == "lab.example"
     assert is_known_host("192.168.0.9:8080", {"localhost"}, any_address=True)
@@ -310,16 +310,31 @@ def test_an_error_of_ours_is_one_line_in_the_log_and_none_in_the_answer(
 
 def test_only_our_own_page_gets_a_websocket(failing: Served) -> None:
     address = f"ws://localhost:{failing.port}/live/feed"
-    own = f"http://localhost:{failing.port}"
-    with connect(address, origin=own, proxy=None) as websocket:  # type: ignore[arg-type]
+    own = {"Origin": f"http://localhost:{failing.port}"}
+    with connect(address, additional_headers=own, proxy=None) as websocket:
         assert websocket.recv() == "hello"
-    for origin in ("http://evil.example", "null", None):
+    foreign: list[dict[str, str]] = [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {},
+        {**own, "Sec-Fetch-Site": "cross-site"},
+    ]
+    for headers in foreign:
         with pytest.raises(InvalidStatus) as caught:
-            connect(address, origin=origin, proxy=None)  # type: ignore[arg-type]
+            connect(address, additional_headers=headers, proxy=None)
         assert caught.value.response.status_code == 403
-    rebound = {"Host": f"evil.example:{failing.port}"}
-    with pytest.raises(InvalidStatus):
-        connect(address, origin=own, additional_headers=rebound, proxy=None)  # type: ignore[arg-type]
+    rebound = failing.ask(
+        "/live/feed",
+        headers={
+            "Host": "evil.example",
+            "Origin": "http://evil.example",
+            "Connection": "Upgrade",
+            "Upgrade": "websocket",
+            "Sec-WebSocket-Version": "13",
+            "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        },
+    )
+    assert rebound.status == 403
 
 
 def test_scripts_get_their_errors_as_json(shared: Served) -> None:
