@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, known, localize, markers, plan, sim, world
+from services.cli import console, entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
 from services.cli.completion import topic_names, world_names, written_topic_names
 from services.cli.drive import behaviors, teleop, waypoints
@@ -377,6 +377,7 @@ def topic_pub(
 
 
 entities.register(app)
+app.command()(console.console)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

@@ -22,6 +22,7 @@ LOGGER = logging.getLogger("console")
 
 MAX_TARGET = 4096
 """Characters of path and query."""
+MAX_HEADERS_BYTES = 32 * 1024
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 _ANY_ADDRESS = ("0.0.0.0", "::")
@@ -140,6 +141,10 @@ class Guard:
         size = len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"")
         if size > MAX_TARGET:
             return 414, f"the address must have at most {MAX_TARGET} characters"
+        if sum(len(name) + len(value) for name, value in scope["headers"]) > MAX_HEADERS_BYTES:
+            return 431, f"the headers must have at most {MAX_HEADERS_BYTES} bytes"
+        if not scope["path"].isprintable():
+            return 400, "the address must have no control characters"
         if scope["type"] == "websocket":
             own = is_own_origin(headers, needs_origin=True)
         else:

@@ -28,7 +28,8 @@ def assets_folder() -> Path | None:
     if found is None or found.origin is None:
         return None
     folder = Path(found.origin).parent / "static"
-    return folder if (folder / SCRIPT).is_file() else None
+    known = (folder / SCRIPT, folder / f"{SCRIPT}.gz")
+    return folder if any(path.is_file() for path in known) else None
 
 
 @functools.cache

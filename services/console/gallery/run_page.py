@@ -31,6 +31,7 @@ from services.common.recordings.run_folder import (
 from services.common.recordings.run_settings import read_summary, settings_of
 from services.common.recordings.series import RunSeries, read_series
 from services.console.file_answer import FileAnswer
+from services.console.gallery.goals import GoalRow, goals_of
 from services.console.gallery.index import Runs
 from services.console.gallery.routes import current_runs, index_of
 from services.console.pages import page
@@ -101,7 +102,7 @@ def _run_at(folder: Path) -> RecordingInfo | None:
 class _Content:
     """What the files of a run say."""
 
-    summary: Mapping[str, Any]
+    goals: tuple[GoalRow, ...]
     figures: tuple[tuple[Figure, str], ...]
     """Those that were measured, each with its value."""
     series: RunSeries | None
@@ -129,7 +130,7 @@ def _read(folder: Path) -> _Content:
     summary = read(SUMMARY, read_summary, nothing)
     values = figures_of(summary)
     return _Content(
-        summary=summary,
+        goals=goals_of(summary),
         figures=tuple(
             (figure, figure_text(figure, values[figure.name]))
             for figure in FIGURES
