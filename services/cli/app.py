@@ -21,6 +21,7 @@ from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
+from services.recorder.config import LayoutName
 
 app = App(
     name="mazebot",
@@ -368,11 +369,14 @@ def recordings_view(
     open_browser: Annotated[
         bool, typer.Option("--open", help="open it in a browser, if this machine has one")
     ] = False,
+    layout: Annotated[
+        LayoutName | None, typer.Option(help="what to show [default: that of the run]")
+    ] = None,
 ) -> None:
     """Serve a run (by default the newest one) to a browser."""
     from services.cli.recordings import view_run  # noqa: PLC0415
 
-    view_run(directory or Path("recordings"), name, port, open_browser)
+    view_run(directory or Path("recordings"), name, port, open_browser, layout)
 
 
 entities.register(app)

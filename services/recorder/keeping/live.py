@@ -83,17 +83,25 @@ class LiveView:
 class WebPage:
     """The Rerun web viewer of the installed package, with `/` redirecting to the recording.
 
-    It shows the stream of `grpc_port` on the same machine, or else the parts of a `recording`.
+    It shows the stream of `grpc_port` on the same machine, or else the parts of a `recording`, in a
+    `layout` (the bytes of an .rbl file) or its own.
     """
 
     def __init__(
-        self, bind: str, web_port: int, *, grpc_port: int = 0, recording: Sequence[Path] = ()
+        self,
+        bind: str,
+        web_port: int,
+        *,
+        grpc_port: int = 0,
+        recording: Sequence[Path] = (),
+        layout: bytes = b"",
     ) -> None:
         """Raises ConfigError if the port is in use."""
         values = {
             "web_port": web_port,
             "grpc_port": grpc_port,
             "recording": tuple(recording),
+            "layout": layout,
             "files_port": _serve_viewer_files(),
         }
         handler = type("Handler", (_Handler,), values)
@@ -174,6 +182,7 @@ class _Handler(BaseHTTPRequestHandler):
     web_port: ClassVar[int]
     grpc_port: ClassVar[int]
     recording: ClassVar[tuple[Path, ...]]
+    layout: ClassVar[bytes]
     files_port: ClassVar[int]
 
     def do_GET(self) -> None:
@@ -193,21 +202,22 @@ class _Handler(BaseHTTPRequestHandler):
             return
         with contextlib.suppress(ConnectionError, TimeoutError):
             if self.recording and parts.path == f"/{_RECORDING}":
-                self._send_recording(self.recording)
+                self._send_recording(self.recording, self.layout)
             else:
                 self._pass_on()
 
-    def _send_recording(self, parts: Sequence[Path]) -> None:
-        """One file after the other: a viewer reads them as one."""
+    def _send_recording(self, parts: Sequence[Path], layout: bytes) -> None:
+        """One file after the other: a viewer reads them as one, and takes the last layout."""
         with contextlib.ExitStack() as stack:
             files = [stack.enter_context(part.open("rb")) for part in parts]
             size_bytes = sum(os.fstat(file.fileno()).st_size for file in files)
             self.send_response(200)
             self.send_header("Content-Type", "application/octet-stream")
-            self.send_header("Content-Length", str(size_bytes))
+            self.send_header("Content-Length", str(size_bytes + len(layout)))
             self.end_headers()
             for file in files:
                 shutil.copyfileobj(file, self.wfile)
+            self.wfile.write(layout)
 
     def _pass_on(self) -> None:
         connection = http.client.HTTPConnection("127.0.0.1", self.files_port, timeout=30.0)

@@ -425,22 +425,25 @@ class Run:
         setting = self._setting
         # Rerun is imported only if something is drawn.
         from services.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
-        from services.recorder.drawing.blueprint import run_blueprint  # noqa: PLC0415
         from services.recorder.drawing.canvas import Canvas  # noqa: PLC0415
+        from services.recorder.drawing.layouts.layouts import run_blueprint  # noqa: PLC0415
+        from services.recorder.drawing.layouts.views import Scene  # noqa: PLC0415
         from services.recorder.drawing.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.drawing.world_drawing import draw_world  # noqa: PLC0415
         from services.recorder.stream.recording import Recording  # noqa: PLC0415
 
         extent = extent_of(self.world, read_meshes(self.world.bodies, setting.assets))
+        scene = Scene(extent, self.world.slam)
         recording = Recording(
             self.folder.path.name,
             path=path,
             live=setting.live,
-            blueprint=run_blueprint(extent, self.world.slam),
+            blueprint=run_blueprint(scene, setting.config.layout),
             properties={
                 "world": self.world.name,
                 "world_hash": self.world.hash,
                 "seed": str(setting.config.seed),
+                **scene.properties(),
                 **setting.versions,
             },
         )
