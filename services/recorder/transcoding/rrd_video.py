@@ -47,7 +47,7 @@ def transcode_rrd(recording: Path) -> bool:
         return False
     video, rest, whole = (recording.with_suffix(end) for end in (".video", ".rest", ".whole"))
     try:
-        chunks = [*pictures.others, *_video_chunks(pictures)]
+        chunks = [*pictures.others, *_video_chunks(pictures, recording.with_suffix(".rrd.mp4"))]
         LazyChunkStream.from_iter(chunks).write_rrd(
             video,
             application_id=pictures.application_id,
@@ -99,11 +99,11 @@ def _blob(row: pa.ListScalar) -> bytes:
     return bytes(row.values[0].values.to_numpy())
 
 
-def _video_chunks(pictures: _Pictures) -> Iterator[Chunk]:
+def _video_chunks(pictures: _Pictures, scratch: Path) -> Iterator[Chunk]:
     """The codec, and a chunk for each key frame with those that follow it."""
     yield Chunk.from_columns(_PATH, [], rr.VideoStream.columns(codec=[rr.VideoCodec.VP9]))
     begin, frames = 0, list[VideoFrame]()
-    for frame in encode(pictures.encoded):
+    for frame in encode(pictures.encoded, scratch):
         if frame.is_key and frames:
             yield _chunk(pictures.times, begin, frames)
             begin, frames = begin + len(frames), []

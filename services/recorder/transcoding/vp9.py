@@ -29,28 +29,28 @@ class VideoFrame:
     is_key: bool
 
 
-def encode(encoded_pictures: Iterable[bytes]) -> Iterator[VideoFrame]:
+def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFrame]:
     """A frame per JPEG or PNG picture, in the same order; all of one even size.
 
     OpenCV offers neither bit rate nor quality: the encoder is told a frame rate so high that the
     greatest bit rate leaves as many bits for a picture as wanted. The times of the frames are
-    not part of the stream. Every twelfth frame is a key frame.
+    not part of the stream. Every twelfth frame is a key frame. Meanwhile the file `scratch`, whose
+    name must end with `.mp4`, holds the video.
 
     Raises VideoError if a picture cannot be read or has another size, or if nothing was made.
     """
-    with tempfile.TemporaryDirectory(prefix="mazebot-video-") as folder:
-        path = Path(folder) / "video.mp4"
-        count = _write(path, encoded_pictures)
-        if not count:
-            return
+    try:
+        count = _write(scratch, encoded_pictures)
         frames = 0
-        for frame in _frames(path):
+        for frame in _frames(scratch) if count else ():
             if not frames and not frame.is_key:
                 raise VideoError("the video does not begin with a key frame")
             frames += 1
             yield frame
         if frames != count:
             raise VideoError(f"{frames} frames were made of {count} pictures")
+    finally:
+        scratch.unlink(missing_ok=True)
 
 
 def decode(frames: Iterable[VideoFrame], size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
