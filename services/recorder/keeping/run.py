@@ -22,6 +22,7 @@ from services.common.node.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
+    CAMERA_IMAGE,
     CLOCK,
     CONTACTS,
     DETECTIONS,
@@ -46,6 +47,7 @@ from services.common.recordings.run_folder import (
     DIGESTS,
     RECORDING,
     SUMMARY,
+    TO_COMPRESS,
     RunFolder,
     write_atomically,
 )
@@ -158,6 +160,7 @@ class Run:
         self._digests = self._open_digests()
         self._pictures = Pictures(setting.config.jpeg_quality)
         self.messages = RunMessages(setting.config, world, setting.latched, self._pictures)
+        self._has_pictures = False
         self._canvas: Canvas | None = None
         self._parts = 0
         self._are_whole = True
@@ -196,6 +199,7 @@ class Run:
             self._tick_ns = ns_from_time(message.clock)
         if topic is SIMULATION_STATS and message.world_hash == self.world.hash:
             self._known = envelope.source, message.epoch
+        self._has_pictures |= topic is CAMERA_IMAGE
         judge = self._judge.get(topic)
         if judge is not None:
             judge(message)
@@ -342,6 +346,8 @@ class Run:
             self._end_recording(canvas.recording.close)
         is_whole = self.messages.end()
         self._pictures.close()
+        if self._has_pictures and self._setting.config.video and not self.folder.is_gone:
+            (self.folder.path / TO_COMPRESS).touch()
         if self._join_parts() and is_whole:
             self.folder.release()
         else:

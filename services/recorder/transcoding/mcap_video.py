@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from services.common.bus import wire
+from services.common.bus.wire import WireError
+from services.common.node.messages import CompressedImage
+from services.common.node.topics import CAMERA_COMPRESSED, DEPTH_IMAGE
 from services.common.recordings import mcap_records as rec
+from services.common.recordings.mcap_channels import definition_of
 from services.common.recordings.mcap_file import McapFile, Row
 from services.common.recordings.mcap_messages import MADE_FROM
 from services.common.recordings.mcap_scan import content, records
 from services.common.recordings.run_folder import attachments_of
+from services.recorder.transcoding.depth import compressed_depth
 from services.recorder.transcoding.vp9 import VideoError, VideoFrame, encode
 
 VIDEO_TYPE = "foxglove_msgs/msg/CompressedVideo"
 VIDEO_FORMAT = "vp9"
 _PICTURE_TYPE = "sensor_msgs/msg/CompressedImage"
+_IMAGE_TYPE = "sensor_msgs/msg/Image"
 _DEFINITION = f"""\
 # A frame of a video. Its picture needs those before it, back to the newest key frame.
 builtin_interfaces/Time timestamp
@@ -36,35 +43,36 @@ _CDR = b"\x00\x01\x00\x00"
 """Little endian."""
 
 
-class _Picture(NamedTuple):
-    """A CompressedImage."""
+class _Conversion(NamedTuple):
+    """What becomes of the messages of a channel."""
 
-    sec: int
-    nanosec: int
-    frame_id: str
-    data: bytes
+    topic: str
+    type_name: str
+    definition: str
+    convert: Callable[[bytes], bytes]
+    """CDR to CDR, of each message in order."""
 
 
 def transcode_mcap(path: Path) -> bool:
     """Replace a whole file by one with video in the channels of pictures that were compressed for
-    the recording, whatever happens either the old or the new one; False if there are none.
+    the recording, whatever happens either the old or the new one; False if there are none. Depth
+    images become PNGs in millimetres.
 
     The counts, times and sequence numbers of all messages stay. Raises VideoError if that is not
     possible, McapError for a damaged file, OSError for a disk that is full or a file that is gone.
     """
-    videos = {
-        channel: encode(_pictures(path, channel), path.with_suffix(f".{channel}.mp4"))
-        for channel in _channels_of_pictures(path)
-    }
-    if not videos:
+    conversions = _conversions(path)
+    if not any(one.type_name == VIDEO_TYPE for one in conversions.values()):
         return False
     whole = path.with_suffix(".whole_mcap")
     whole.unlink(missing_ok=True)
     try:
-        _rewrite(path, whole, videos)
+        _rewrite(path, whole, conversions)
         with whole.open("rb") as file:
             os.fsync(file.fileno())
         whole.replace(path)
+    except WireError as error:
+        raise VideoError(f"{path}: {error}") from error
     finally:
         whole.unlink(missing_ok=True)
     return True
@@ -72,13 +80,53 @@ def transcode_mcap(path: Path) -> bool:
 
 def frame_of(cdr: bytes) -> bytes:
     """The encoded frame in a message of VIDEO_TYPE. Raises VideoError if it is none."""
-    return _read(cdr, is_video=True).data
+    try:
+        (length,) = struct.unpack_from("<I", cdr, 12)
+        at = 4 + _aligned(12 + length)
+        (size,) = struct.unpack_from("<I", cdr, at)
+    except struct.error as error:
+        raise VideoError("a video's message is cut off") from error
+    return cdr[at + 4 : at + 4 + size]
+
+
+def _conversions(path: Path) -> dict[int, _Conversion]:
+    """By channel: of pictures that are compressed forms of another topic, not of any that were on
+    the wire so, and of depth images.
+    """
+    schemas: dict[int, str] = {}
+    found: dict[int, _Conversion] = {}
+    for opcode, data in _records(path):
+        if opcode == rec.SCHEMA:
+            schema = rec.read_schema(data)
+            schemas[schema.id] = schema.name
+        elif opcode == rec.CHANNEL:
+            channel = rec.read_channel(data)
+            kind = schemas.get(channel.schema_id)
+            if channel.topic == DEPTH_IMAGE.name and kind == _IMAGE_TYPE:
+                topic = f"{channel.topic}/compressedDepth"
+                definition = definition_of(_PICTURE_TYPE)
+                found[channel.id] = _Conversion(topic, _PICTURE_TYPE, definition, compressed_depth)
+            elif kind == _PICTURE_TYPE and channel.metadata.get(MADE_FROM):
+                found[channel.id] = _video(path, channel)
+    return found
+
+
+def _video(path: Path, channel: rec.Channel) -> _Conversion:
+    frames = encode(_pictures(path, channel.id), path.with_suffix(f".{channel.id}.mp4"))
+
+    def convert(cdr: bytes) -> bytes:
+        frame = next(frames, None)
+        if frame is None:
+            raise VideoError("the video has fewer frames than pictures")
+        return _video_cdr(wire.decode(CAMERA_COMPRESSED, cdr), frame)
+
+    return _Conversion(f"{channel.metadata[MADE_FROM]}/video", VIDEO_TYPE, _DEFINITION, convert)
 
 
 def _rewrite(
     path: Path,
     whole: Path,
-    videos: Mapping[int, Iterator[VideoFrame]],
+    conversions: Mapping[int, _Conversion],
 ) -> None:
     file = McapFile(whole, level=_LEVEL)
     schemas: dict[int, rec.Schema] = {}
@@ -95,12 +143,13 @@ def _rewrite(
             channel = rec.read_channel(data)
             if channel.id not in channels:
                 channels[channel.id] = len(channels)
-                _add_channel(file, channel, schemas[channel.schema_id], channel.id in videos)
+                conversion = conversions.get(channel.id)
+                _add_channel(file, channel, schemas[channel.schema_id], conversion)
         elif opcode == rec.MESSAGE:
             id_, sequence, log_ns, sent_ns = rec.MESSAGE_HEAD.unpack_from(data)
             cdr = data[rec.MESSAGE_HEAD.size :]
-            if id_ in videos:
-                cdr = _video_cdr(_read(cdr), next(videos[id_], None))
+            if id_ in conversions:
+                cdr = conversions[id_].convert(cdr)
             rows.append((channels[id_], sequence, log_ns, sent_ns, (cdr,)))
             size += len(cdr)
             if size >= _CHUNK_BYTES:
@@ -110,36 +159,23 @@ def _rewrite(
     file.close(attachments_of(path.parent))
 
 
-def _add_channel(file: McapFile, channel: rec.Channel, schema: rec.Schema, is_video: bool) -> None:
-    if is_video:
-        # Not the hash of the type that the channel had.
-        texts = {key: text for key, text in channel.metadata.items() if key != "topic_type_hash"}
-        topic = f"{channel.metadata[MADE_FROM]}/video"
-        file.add_channel(topic, VIDEO_TYPE, _DEFINITION, texts)
-    else:
+def _add_channel(
+    file: McapFile, channel: rec.Channel, schema: rec.Schema, conversion: _Conversion | None
+) -> None:
+    if conversion is None:
         file.add_channel(channel.topic, schema.name, schema.data.decode(), channel.metadata)
-
-
-def _channels_of_pictures(path: Path) -> list[int]:
-    """Those that are compressed forms of another topic: what was on the wire stays as it is."""
-    schemas: dict[int, str] = {}
-    found: dict[int, None] = {}
-    for opcode, data in _records(path):
-        if opcode == rec.SCHEMA:
-            schema = rec.read_schema(data)
-            schemas[schema.id] = schema.name
-        elif opcode == rec.CHANNEL:
-            channel = rec.read_channel(data)
-            is_picture = schemas.get(channel.schema_id) == _PICTURE_TYPE
-            if is_picture and channel.metadata.get(MADE_FROM):
-                found[channel.id] = None
-    return list(found)
+        return
+    # Not the hash of the type that the channel had.
+    texts = {key: text for key, text in channel.metadata.items() if key != "topic_type_hash"}
+    texts.setdefault(MADE_FROM, channel.topic)
+    file.add_channel(conversion.topic, conversion.type_name, conversion.definition, texts)
 
 
 def _pictures(path: Path, channel: int) -> Iterator[bytes]:
     for opcode, data in _records(path):
         if opcode == rec.MESSAGE and rec.MESSAGE_HEAD.unpack_from(data)[0] == channel:
-            yield _read(data[rec.MESSAGE_HEAD.size :]).data
+            picture = wire.decode(CAMERA_COMPRESSED, data[rec.MESSAGE_HEAD.size :])
+            yield picture.data.tobytes()
 
 
 def _records(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -156,27 +192,10 @@ def _records(path: Path) -> Iterator[tuple[int, bytes]]:
                 yield found.opcode, content(file, found)
 
 
-def _read(cdr: bytes, is_video: bool = False) -> _Picture:
-    """A CompressedImage, or a CompressedVideo, from little-endian CDR."""
-    if cdr[:4] != _CDR:
-        raise VideoError("a picture's message is not little-endian CDR")
-    try:
-        sec, nanosec, length = struct.unpack_from("<iII", cdr, 4)
-        frame_id, at = cdr[16 : 15 + length].decode(), _aligned(12 + length)
-        if not is_video:
-            # The format comes before the data, not after it.
-            at = _aligned(at + 4 + struct.unpack_from("<I", cdr, 4 + at)[0])
-        (size,) = struct.unpack_from("<I", cdr, 4 + at)
-    except (struct.error, UnicodeDecodeError) as error:
-        raise VideoError("a picture's message is cut off") from error
-    return _Picture(sec, nanosec, frame_id, cdr[8 + at : 8 + at + size])
-
-
-def _video_cdr(picture: _Picture, frame: VideoFrame | None) -> bytes:
-    if frame is None:
-        raise VideoError("the video has fewer frames than pictures")
-    frame_id = picture.frame_id.encode() + b"\x00"
-    body = struct.pack("<iII", picture.sec, picture.nanosec, len(frame_id)) + frame_id
+def _video_cdr(picture: CompressedImage, frame: VideoFrame) -> bytes:
+    """A CompressedVideo with the stamp and frame id of a picture."""
+    stamp, frame_id = picture.header.stamp, picture.header.frame_id.encode() + b"\x00"
+    body = struct.pack("<iII", stamp.sec, stamp.nanosec, len(frame_id)) + frame_id
     body += bytes(_aligned(len(body)) - len(body))
     body += struct.pack("<I", len(frame.data)) + frame.data
     body += bytes(_aligned(len(body)) - len(body))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from services.recorder.drawing.picture_drawing import CAMERA_ENTITY
-from services.recorder.keeping.repair import rerun_binary
 from services.recorder.stream.live_feed import TIMELINE
+from services.recorder.stream.rerun_program import rerun_binary
 from services.recorder.transcoding.vp9 import VideoError, VideoFrame, encode
 
 _PATH = f"/{CAMERA_ENTITY}"
