@@ -29,7 +29,7 @@ app = App(
     pretty_exceptions_enable=False,
 )
 topics_app = App(help="Inspect the topics of a running stack, and publish to them.")
-recordings_app = App(help="List and view the recordings of runs.")
+recordings_app = App(help="List, view and compress the recordings of runs.")
 app.add_typer(topics_app, name="topic")
 app.add_typer(recordings_app, name="recordings")
 app.add_typer(world.app, name="world")
@@ -377,6 +377,21 @@ def recordings_view(
     from services.cli.recordings import view_run  # noqa: PLC0415
 
     view_run(directory or Path("recordings"), name, port, open_browser, layout)
+
+
+@recordings_app.command("compress")
+def recordings_compress(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="runs' folders or names", autocompletion=run_names),
+    ] = None,
+    directory: RecordingsDir = None,
+    as_json: Json = False,
+) -> None:
+    """Make videos of the pictures of runs: by default of all that have none yet."""
+    from services.cli.compress import compress_runs  # noqa: PLC0415
+
+    raise typer.Exit(compress_runs(directory, names or [], as_json))
 
 
 entities.register(app)

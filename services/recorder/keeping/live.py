@@ -196,6 +196,8 @@ class _Handler(BaseHTTPRequestHandler):
         """Redirect `/` to the recording; pass other requests to the package's own file server."""
         cast("_Server", self.server).asks(self.connection)
         parts = urlsplit(self.path)
+        if parts.path == "/":
+            self.head_sent.clear()
         if parts.path == "/" and "url=" not in parts.query:
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or "localhost"
             host = f"[{host}]" if ":" in host else host

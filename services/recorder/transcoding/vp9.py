@@ -62,16 +62,18 @@ def decode(frames: Iterable[VideoFrame], size_px: tuple[int, int]) -> Iterator[N
         path = Path(folder) / "video.ivf"
         path.write_bytes(_ivf([frame.data for frame in frames], size_px))
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        if not video.isOpened():
-            raise VideoError("the video cannot be read")
+        count = 0
         try:
-            while True:
+            while video.isOpened():
                 is_read, picture = video.read()
                 if not is_read:
-                    return
+                    break
+                count += 1
                 yield np.asarray(picture, np.uint8)
         finally:
             video.release()
+        if not count:
+            raise VideoError("the video cannot be read")
 
 
 def _write(path: Path, encoded_pictures: Iterable[bytes]) -> int:
@@ -102,7 +104,8 @@ def _writer(path: Path, size_px: tuple[int, int]) -> cv2.VideoWriter:
     if width % 2 or height % 2:
         raise VideoError(f"pictures of {width} x {height}: a video has even sides")
     told_hz = float(round(_MOST_BITS_PER_S / (BITS_PER_PIXEL * width * height)))
-    codec = cv2.VideoWriter.fourcc(*"VP90")
+    # The tag of MP4 files: for another one, OpenCV prints that it takes this one.
+    codec = cv2.VideoWriter.fourcc(*"vp09")
     writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, codec, told_hz, size_px)
     if not writer.isOpened():
         raise VideoError("this OpenCV has no VP9 encoder")

@@ -1,0 +1,52 @@
+"""`mazebot recordings compress`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from services.cli.options import print_json
+from services.common.config import ConfigError
+from services.recorder.transcoding.job import compress_run, waiting, yield_to_others
+from services.recorder.transcoding.vp9 import VideoError
+
+_DEFAULT = Path("recordings")
+
+
+def compress_runs(directory: Path | None, names: list[str], as_json: bool) -> int:
+    """Compress the named runs of a folder, or all that wait for it; returns the exit code.
+
+    Raises ConfigError where there is no such run, or the given path is not a folder.
+    """
+    if directory is not None and not directory.is_dir():
+        raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
+    directory = directory or _DEFAULT
+    folders = [_folder(directory, name) for name in names] or waiting(directory)
+    yield_to_others()
+    rows: list[dict[str, object]] = []
+    for folder in folders:
+        row: dict[str, object] = {"name": folder.name, "error": ""}
+        try:
+            done = compress_run(folder)
+        except (VideoError, OSError) as error:
+            row["error"] = str(error)
+            if not as_json:
+                sys.stderr.write(f"error: {error}\n")
+        else:
+            row |= done._asdict()
+            if not as_json:
+                sizes = f"{done.before_bytes / 1e6:.1f} MB -> {done.after_bytes / 1e6:.1f} MB"
+                sys.stdout.write(f"{folder.name}: {sizes if done.files else 'no pictures'}\n")
+        rows.append(row)
+    if as_json:
+        print_json(rows)
+    elif not rows:
+        sys.stdout.write("nothing to compress\n")
+    return int(any(row["error"] for row in rows))
+
+
+def _folder(directory: Path, name: str) -> Path:
+    for folder in (Path(name), directory / name):
+        if name and folder.is_dir():
+            return folder
+    raise ConfigError(f"recordings: {name!r} is no run in {directory}")
