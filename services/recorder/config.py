@@ -9,6 +9,9 @@ from pydantic import Field
 
 from services.common.config import ServiceConfig
 
+LayoutName = Literal["overview", "drive", "perception", "performance", "mapping"]
+"""The layouts of the viewer, each for one purpose."""
+
 
 class RecorderConfig(ServiceConfig):
     """Where runs are kept, and whether they are shown live."""
@@ -50,6 +53,9 @@ class RecorderConfig(ServiceConfig):
         description="wall time at a run's end to compact run.rrd so that it opens quickly; 0: none",
     )
     live: bool = Field(False, description="show the run live in a browser")
+    layout: LayoutName = Field(
+        "overview", description="what the viewer shows first, live and of run.rrd"
+    )
     bind: str = Field("0.0.0.0", description="address on which the live view listens")
     web_port: int = Field(9090, ge=1, le=65535, description="port of the live view's web page")
     grpc_port: int = Field(
@@ -59,6 +65,10 @@ class RecorderConfig(ServiceConfig):
         256, ge=16, description="memory for data sent to late viewers; the oldest is dropped first"
     )
     jpeg_quality: int = Field(75, ge=1, le=100, description="of the recorded camera images")
+    video: bool = Field(
+        True,
+        description="when a run has ended, make a video of its camera images: a fifth of the size",
+    )
     min_free_mib: int = Field(
         64, ge=0, description="free disk space below which the recording stops until there is more"
     )

@@ -332,6 +332,9 @@ recordings view --dir nowhere : nowhere
 recordings view nope --port 0 : --port|0
 recordings view nope --port 70000 : --port|70000
 recordings view nope --port x : --port|x
+recordings view nope --layout x : --layout|x
+recordings compress nope : nope
+recordings compress --dir nowhere : --dir|nowhere
 world show nope : nope
 world show nowhere.yaml : nowhere.yaml
 world show nowhere.sdf : nowhere.sdf

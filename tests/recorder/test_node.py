@@ -27,8 +27,8 @@ from services.common.root import ROOT
 from services.recorder import node as node_module
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping import run as run_module
-from services.recorder.keeping.repair import rerun_binary
 from services.recorder.node import RecorderNode
+from services.recorder.stream.rerun_program import rerun_binary
 from tests.recorder.synthetic import (
     BRICKS,
     ERROR_M,

@@ -28,7 +28,7 @@ class McapFile:
     back to what it was.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, level: int = COMPRESSION_LEVEL) -> None:
         """Begin a file, or go on with one that was begun here, after its last whole chunk: its end
         and attachments are dropped, to be written again by `close()`.
 
@@ -47,6 +47,7 @@ class McapFile:
         except OSError:
             self._file.close()
             raise
+        self._level = level
         self._schemas = {schema.name: schema.id for schema in self._contents.schemas}
 
     @property
@@ -120,7 +121,7 @@ class McapFile:
             entries += (log_ns, offset)
             offset += rec.RECORD_HEAD.size + length
         times_ns = [row[2] for row in rows]
-        chunk = rec.compressed(pieces, min(times_ns), max(times_ns), COMPRESSION_LEVEL)
+        chunk = rec.compressed(pieces, min(times_ns), max(times_ns), self._level)
         written = rec.chunk_record(chunk)
         indexes = {
             channel: rec.message_index(channel, entries) for channel, entries in index.items()

@@ -25,6 +25,8 @@ SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 PROGRESS = ".progress.npz"
 """Exists in a run's folder until the run has ended: another recorder can resume the run from it."""
+TO_COMPRESS = ".to_compress"
+"""Exists in an ended run's folder while the video of its pictures is still to be made."""
 LOCK = ".recording"
 """Exists in a run's folder, locked while its recorder lives; if unlocked, it was killed."""
 

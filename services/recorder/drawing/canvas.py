@@ -82,6 +82,10 @@ class Canvas:
     contacts_m: deque[tuple[float, float, float]] = field(
         default_factory=lambda: deque(maxlen=_CONTACTS)
     )
+    markers_seen: set[str] = field(default_factory=set)
+    """Ids of the markers that were detected so far,"""
+    markers_in_view: set[str] = field(default_factory=set)
+    """and of those that were in the newest picture."""
     last: dict[str, object] = field(default_factory=dict)
     """Newest logged value of each entity that is logged only on change."""
     real_time: tuple[float, int] | None = None
@@ -126,6 +130,12 @@ class Canvas:
         """Set the frame of an entity's coordinates, and its style, once."""
         if self.changed(f"{path}#frame", frame):
             self.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
+
+    def event(self, kind: str, text: str, level: str = "INFO") -> None:
+        """Log what a user may want to jump to: `kind` is `goal`, `contact`, `recovery`, `marker`,
+        `localization` or `fault`. The time must be set.
+        """
+        self.recording.log(f"events/{kind}", rr.TextLog(text, level=level))
 
     def say(self, path: str, text: str, level: str = "INFO") -> None:
         """Log a line of text that is not on /rosout."""

@@ -13,6 +13,8 @@ from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas
 from services.recorder.stream.pictures import is_drawable
 
+CAMERA_ENTITY = "camera/color/image_raw"
+"""Entity path of the camera's pictures."""
 IMAGE_FRAME = "camera_image"
 """Image plane of the camera, in pixels."""
 DEPTH_FRAME = "camera_depth"
@@ -29,13 +31,13 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
     if canvas.comes_compressed:
         return
     if not is_drawable(image):
-        if canvas.changed("camera/color/image_raw/encoding", image.encoding):
+        if canvas.changed(f"{CAMERA_ENTITY}/encoding", image.encoding):
             text = f"cannot draw pictures in {image.encoding}"
-            canvas.say("camera/color/image_raw", text, "WARN")
+            canvas.say(CAMERA_ENTITY, text, "WARN")
         return
-    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
+    canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
     jpeg = canvas.pictures.jpeg(image)
-    canvas.recording.log_later("camera/color/image_raw", lambda: _encoded(jpeg), image.data)
+    canvas.recording.log_later(CAMERA_ENTITY, lambda: _encoded(jpeg), image.data)
 
 
 def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
@@ -43,9 +45,9 @@ def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
     canvas.at(image.header.stamp)
     canvas.comes_compressed = True
     kind = "image/png" if "png" in image.format else "image/jpeg"
-    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
+    canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
     picture = rr.EncodedImage(contents=image.data.tobytes(), media_type=kind)
-    canvas.recording.log("camera/color/image_raw", picture)
+    canvas.recording.log(CAMERA_ENTITY, picture)
 
 
 def draw_photo(canvas: Canvas, photo: msg.CompressedImage) -> None:

@@ -23,6 +23,7 @@ from services.common.node.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
+    CAMERA_IMAGE,
     CLOCK,
     CONTACTS,
     DETECTIONS,
@@ -49,6 +50,7 @@ from services.common.recordings.run_folder import (
     RECORDING,
     SERIES,
     SUMMARY,
+    TO_COMPRESS,
     RunFolder,
     write_atomically,
 )
@@ -167,6 +169,7 @@ class Run:
         self._digests = self._open_digests()
         self._pictures = Pictures(setting.config.jpeg_quality)
         self.messages = RunMessages(setting.config, world, setting.latched, self._pictures)
+        self._has_pictures = False
         self._canvas: Canvas | None = None
         self._parts = 0
         self._are_whole = True
@@ -205,6 +208,7 @@ class Run:
             self._tick_ns = ns_from_time(message.clock)
         if topic is SIMULATION_STATS and message.world_hash == self.world.hash:
             self._known = envelope.source, message.epoch
+        self._has_pictures |= topic is CAMERA_IMAGE
         judge = self._judge.get(topic)
         if judge is not None:
             judge(message)
@@ -354,6 +358,8 @@ class Run:
         is_whole = self.messages.end()
         self._pictures.close()
         is_gone = self.folder.is_gone
+        if self._has_pictures and self._setting.config.video and not self.folder.is_gone:
+            (self.folder.path / TO_COMPRESS).touch()
         if self._join_parts() and is_whole:
             self.folder.release()
         else:
@@ -463,19 +469,21 @@ class Run:
         setting = self._setting
         # Rerun is imported only if something is drawn.
         from services.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
-        from services.recorder.drawing.blueprint import run_blueprint  # noqa: PLC0415
         from services.recorder.drawing.canvas import Canvas  # noqa: PLC0415
+        from services.recorder.drawing.layouts.layouts import run_blueprint  # noqa: PLC0415
+        from services.recorder.drawing.layouts.views import Scene  # noqa: PLC0415
         from services.recorder.drawing.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.drawing.world_drawing import draw_world  # noqa: PLC0415
         from services.recorder.stream.recording import Recording  # noqa: PLC0415
 
         extent = extent_of(self.world, read_meshes(self.world.bodies, setting.assets))
+        scene = Scene(extent, self.world.slam)
         recording = Recording(
             self.folder.path.name,
             path=path,
             live=setting.live,
-            blueprint=run_blueprint(extent, self.world.slam),
-            properties=self._properties(),
+            blueprint=run_blueprint(scene, setting.config.layout),
+            properties={**self._properties(), **scene.properties()},
         )
         before, self._canvas = self._canvas, None
         if before is not None:
