@@ -1,0 +1,127 @@
+"""Runs one service in this process against a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from services.cli.replay.comparison import Comparison
+from services.cli.replay.replayed import Replayed
+from services.cli.replay.seats import (
+    CLOCK_SERVICE,
+    START_TURNS,
+    Feed,
+    ReplayedClock,
+    ReplayedClockSeat,
+    ReplayedSeat,
+)
+from services.common.bus import wire
+from services.common.config import ConfigError
+from services.common.node.executive import LocalSeat, Round
+from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
+from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, Topic
+
+NOT_COMPARED = (PARAMETERS.name, DIAGNOSTICS.name, ROSOUT.name)
+"""They hold folders and wall times, which differ between two runs that are the same."""
+_STALLED_TURNS = 10
+
+
+def replay_through(
+    node: Node,
+    messages: Iterator[Replayed],
+    start_ns: int,
+    watch: Callable[[int], bool] = lambda _: True,
+) -> Comparison:
+    """Give a node the messages of all other services, in the order of a run in lockstep, and
+    compare what it sends with its own messages. `watch` gets the time after each turn; where it
+    returns false, the replay ends there.
+
+    Raises ConfigError where a simulation that is replayed does not begin.
+    """
+    comparison = Comparison()
+    feed = Feed(messages, start_ns)
+
+    def capture(topic: Topic[object], message: object, envelope: Envelope) -> None:
+        if topic.name not in NOT_COMPARED:
+            data = wire.encode(topic, message)
+            comparison.take_replayed(topic, envelope.sent_ns, data)
+
+    inbox = Inbox(node)
+    own = LocalSeat(node, inbox, Outbox(node, capture))
+
+    def deliver(message: Replayed) -> None:
+        if node.name in message.topic.readers:
+            inbox.deliver(message.topic, message.data, message.envelope)
+
+    seats = {name: ReplayedSeat(name, feed, deliver) for name in SERVICES if name != node.name}
+    clock: ClockNode
+    if isinstance(node, ClockNode):
+        node.speed = 0.0
+        clock = node
+    else:
+        clock = ReplayedClock(feed)
+        seats[CLOCK_SERVICE] = ReplayedClockSeat(clock, feed, deliver)
+    outside = ReplayedSeat("", feed, deliver)
+    turns = Round(clock)
+    turns.now_ns = start_ns
+    for seat in (own, *seats.values()):
+        turns.join(seat)
+
+    def hand_out(now_ns: int) -> None:
+        for message in feed.until(now_ns):
+            if message.service != node.name:
+                seats.get(message.service, outside).waiting.append(message)
+            elif message.topic.name not in NOT_COMPARED:
+                comparison.take_recorded(message.topic, message.time_ns, message.data)
+
+    still = 0
+    while feed.next_ns is not None or feed.turns < START_TURNS:
+        feed.turns += 1
+        next_ns = clock.next_step_ns()
+        hand_out(turns.now_ns if next_ns is None else next_ns)
+        moved = turns.turn()
+        if outside.due(turns.now_ns):
+            outside.step(turns.now_ns)
+        still = 0 if moved or feed.turns <= START_TURNS else still + 1
+        if still > _STALLED_TURNS:
+            raise ConfigError(
+                f"replay: {node.name} does not begin: it waits for {node.waiting_for()}"
+            )
+        if not watch(turns.now_ns):
+            break
+    if comparison.missing_at(feed.last_ns):
+        # At the end of a run in one process each service takes one more step.
+        own.step(feed.last_ns)
+    comparison.end()
+    return comparison
+
+
+def summary_of(comparison: Comparison) -> dict[str, Any]:
+    """The result as JSON values."""
+    return {
+        "same": comparison.is_same,
+        "messages": sum(one.same for one in comparison.topics),
+        "topics": [
+            {
+                "topic": one.topic,
+                "recorded": one.recorded,
+                "replayed": one.replayed,
+                "same": one.same,
+                "first_difference": _row(one.first),
+            }
+            for one in comparison.topics
+        ],
+    }
+
+
+def _row(difference: Any) -> dict[str, Any] | None:
+    if difference is None:
+        return None
+    return {
+        "time_s": difference.time_ns * 1e-9,
+        "message": difference.number,
+        "only_in": difference.only_in,
+        "field": difference.field,
+        "recorded": difference.recorded,
+        "replayed": difference.replayed,
+    }
