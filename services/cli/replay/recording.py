@@ -1,0 +1,41 @@
+"""A recording to replay: its messages, and what is known about them beforehand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from services.cli.replay.replayed import Replayed
+
+
+@dataclass
+class Recording:
+    """What is known about a recording, and its messages."""
+
+    name: str
+    start_ns: int
+    """Simulation time at which it begins."""
+    end_ns: int
+    """Simulation time at which it ends."""
+    read: Callable[[], Iterator[Replayed]]
+    """Reads its messages from the beginning, in the order in which they stand in its files."""
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """The settings with which each service ran, by name, as far as they were recorded."""
+    pictures: str = "raw"
+    """`raw`: as physics has sent them; `jpeg`: compressed, with a loss; `none`."""
+    is_run: bool = True
+    """Whether Mazebot recorded it; else it is a bag of another robot."""
+    unfit: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """Messages that are left out, by topic and reason; complete when all have been read."""
+    left_out: dict[str, str] = field(default_factory=dict)
+    """Topics that are left out as a whole, each with the reason."""
+
+    def lines_of_unfit(self) -> list[str]:
+        """What is left out and why, a line each."""
+        lines = [f"left out: {topic}: {reason}" for topic, reason in sorted(self.left_out.items())]
+        for (topic, reason), count in sorted(self.unfit.items()):
+            what = "message" if count == 1 else "messages"
+            lines.append(f"left out: {topic}: {count} {what}: {reason}")
+        return lines
