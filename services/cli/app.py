@@ -19,6 +19,7 @@ from services.cli.drive import behaviors, teleop, waypoints
 from services.cli.map import group as map_group
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
+from services.cli.replay import command as replay
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
 
@@ -376,6 +377,7 @@ def recordings_view(
 
 
 entities.register(app)
+app.command()(replay.replay)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

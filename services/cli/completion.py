@@ -41,3 +41,10 @@ def run_names(incomplete: str) -> list[str]:
     """The runs in ./recordings, newest first."""
     folders = Path("recordings").glob(f"{incomplete}*/config.yaml")
     return sorted((file.parent.name for file in folders), reverse=True)
+
+
+def service_names(incomplete: str) -> list[str]:
+    """The services, in the order in which they step."""
+    from services.common.node.topics import SERVICES  # noqa: PLC0415
+
+    return [name for name in SERVICES if name.startswith(incomplete)]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ class TopicComparison:
     replayed: int = 0
     same: int = 0
     first: Difference | None = None
+    largest: dict[str, float] = field(default_factory=dict)
+    """By field, the largest difference of a number in messages of the same time."""
 
 
 class Comparison:
@@ -113,9 +116,26 @@ class Comparison:
                 self._differs(name, Difference(replayed_ns, number, "replay"))
             elif was == now:
                 self._topics[name].same += 1
-            elif self._topics[name].first is None:
-                field, *values = _first_difference(topic, was, now)
-                self._differs(name, Difference(recorded_ns, number, None, field, *values))
+            else:
+                self._tell_apart(topic, recorded_ns, number, was, now)
+
+    def _tell_apart(
+        self, topic: Topic[Any], time_ns: int, number: int, was: bytes, now: bytes
+    ) -> None:
+        compared = self._topics[topic.name]
+        try:
+            one, other = wire.decode(topic, was), wire.decode(topic, now)
+        except wire.WireError:
+            found = None
+        else:
+            found = _difference("", one, other)
+            before, after = dict(_numbers("", one)), dict(_numbers("", other))
+            for name in before.keys() & after.keys():
+                apart = abs(after[name] - before[name])
+                if apart > compared.largest.get(name, 0.0):
+                    compared.largest[name] = apart
+        place = found or ("bytes", f"{len(was)} bytes", f"{len(now)} bytes")
+        self._differs(topic.name, Difference(time_ns, number, None, *place))
 
     def _differs(self, name: str, difference: Difference) -> None:
         if self._topics[name].first is None:
@@ -125,15 +145,6 @@ class Comparison:
 _Sent = tuple[int, bytes]
 
 
-def _first_difference(topic: Topic[Any], one: bytes, other: bytes) -> tuple[str, str, str]:
-    """The first field in which two messages differ, and its values."""
-    try:
-        found = _difference("", wire.decode(topic, one), wire.decode(topic, other))
-    except wire.WireError:
-        found = None
-    return found or ("bytes", f"{len(one)} bytes", f"{len(other)} bytes")
-
-
 def _difference(path: str, one: Any, other: Any) -> tuple[str, str, str] | None:
     """The path of the first field that differs, with its values."""
     if type(one) is not type(other):
@@ -141,7 +152,7 @@ def _difference(path: str, one: Any, other: Any) -> tuple[str, str, str] | None:
     if isinstance(one, np.ndarray):
         if one.shape != other.shape:
             return f"{path} (length)", str(len(one)), str(len(other))
-        places = np.flatnonzero(~((one == other) | ((one != one) & (other != other))))
+        places = np.flatnonzero(~_same(one, other))
         if not len(places):
             return None
         at = int(places[0])
@@ -163,13 +174,32 @@ def _difference(path: str, one: Any, other: Any) -> tuple[str, str, str] | None:
             if not field.name.startswith("__")
         ]
     else:
-        same = one == other or (one != one and other != other)
-        return None if same else (path, _text(one), _text(other))
+        return None if _same(one, other) else (path, _text(one), _text(other))
     for pair in pairs:
         found = _difference(*pair)
         if found is not None:
             return found
     return None
+
+
+def _numbers(path: str, message: Any) -> Iterator[tuple[str, float]]:
+    """The numbers in the fields of a message, by path; not those in lists."""
+    if isinstance(message, float):
+        yield path, message
+        return
+    if isinstance(message, Document):
+        names = list(type(message).model_fields)
+    elif dataclasses.is_dataclass(message):
+        names = [one.name for one in dataclasses.fields(message) if not one.name.startswith("__")]
+    else:
+        return
+    for name in names:
+        yield from _numbers(_dotted(path, name), getattr(message, name))
+
+
+def _same(one: Any, other: Any) -> Any:
+    """Whether values are equal; one that is not a number equals another."""
+    return (one == other) | ((one != one) & (other != other))  # noqa: PLR0124 - NaN alone differs
 
 
 def _dotted(path: str, name: str) -> str:

@@ -17,6 +17,7 @@ from services.cli.replay.seats import (
 )
 from services.common.bus import wire
 from services.common.config import ConfigError
+from services.common.node import messages as msg
 from services.common.node.executive import LocalSeat, Round
 from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, Topic
@@ -30,19 +31,23 @@ def replay_through(
     node: Node,
     messages: Iterator[Replayed],
     start_ns: int,
-    watch: Callable[[int], bool] = lambda _: True,
+    with_pictures: bool = True,
+    watch: Callable[[int], object] = lambda _: None,
 ) -> Comparison:
     """Give a node the messages of all other services, in the order of a run in lockstep, and
-    compare what it sends with its own messages. `watch` gets the time after each turn; where it
-    returns false, the replay ends there.
+    compare what it sends with its own messages, pictures only if they are as it has sent them.
+    `watch` gets the time after each turn.
 
     Raises ConfigError where a simulation that is replayed does not begin.
     """
     comparison = Comparison()
     feed = Feed(messages, start_ns)
 
+    def is_compared(topic: Topic[Any]) -> bool:
+        return topic.name not in NOT_COMPARED and (with_pictures or topic.type is not msg.Image)
+
     def capture(topic: Topic[object], message: object, envelope: Envelope) -> None:
-        if topic.name not in NOT_COMPARED:
+        if is_compared(topic):
             data = wire.encode(topic, message)
             comparison.take_replayed(topic, envelope.sent_ns, data)
 
@@ -64,14 +69,15 @@ def replay_through(
     outside = ReplayedSeat("", feed, deliver)
     turns = Round(clock)
     turns.now_ns = start_ns
-    for seat in (own, *seats.values()):
+    turns.join(own)
+    for seat in seats.values():
         turns.join(seat)
 
     def hand_out(now_ns: int) -> None:
         for message in feed.until(now_ns):
             if message.service != node.name:
                 seats.get(message.service, outside).waiting.append(message)
-            elif message.topic.name not in NOT_COMPARED:
+            elif is_compared(message.topic):
                 comparison.take_recorded(message.topic, message.time_ns, message.data)
 
     still = 0
@@ -87,41 +93,9 @@ def replay_through(
             raise ConfigError(
                 f"replay: {node.name} does not begin: it waits for {node.waiting_for()}"
             )
-        if not watch(turns.now_ns):
-            break
+        watch(turns.now_ns)
     if comparison.missing_at(feed.last_ns):
         # At the end of a run in one process each service takes one more step.
         own.step(feed.last_ns)
     comparison.end()
     return comparison
-
-
-def summary_of(comparison: Comparison) -> dict[str, Any]:
-    """The result as JSON values."""
-    return {
-        "same": comparison.is_same,
-        "messages": sum(one.same for one in comparison.topics),
-        "topics": [
-            {
-                "topic": one.topic,
-                "recorded": one.recorded,
-                "replayed": one.replayed,
-                "same": one.same,
-                "first_difference": _row(one.first),
-            }
-            for one in comparison.topics
-        ],
-    }
-
-
-def _row(difference: Any) -> dict[str, Any] | None:
-    if difference is None:
-        return None
-    return {
-        "time_s": difference.time_ns * 1e-9,
-        "message": difference.number,
-        "only_in": difference.only_in,
-        "field": difference.field,
-        "recorded": difference.recorded,
-        "replayed": difference.replayed,
-    }

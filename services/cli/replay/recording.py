@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from services.cli.replay.replayed import Replayed
+from services.common.config import ConfigError
 
 
 @dataclass
@@ -31,6 +32,19 @@ class Recording:
     """Messages that are left out, by topic and reason; complete when all have been read."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Topics that are left out as a whole, each with the reason."""
+
+    def span_ns(self, start_s: float, duration_s: float | None) -> tuple[int, int]:
+        """From when to when to replay: simulation time.
+
+        Raises ConfigError where that is after the end.
+        """
+        start_ns = self.start_ns + round(start_s * 1e9)
+        if start_ns > self.end_ns:
+            length_s = (self.end_ns - self.start_ns) * 1e-9
+            raise ConfigError(f"--start: {start_s:g}: must be at most {length_s:g}, its length in s")
+        if duration_s is None:
+            return start_ns, self.end_ns
+        return start_ns, min(start_ns + round(duration_s * 1e9), self.end_ns)
 
     def lines_of_unfit(self) -> list[str]:
         """What is left out and why, a line each."""
