@@ -29,11 +29,13 @@ def replay(
     ] = None,
     speed: Annotated[
         float,
-        typer.Option(min=0.0, max=1000.0, help="simulated seconds a second; 0: as fast as possible"),
+        typer.Option(min=0.0, max=1000.0, help="simulated seconds a second; 0: as fast as it can"),
     ] = 1.0,
     only: Annotated[
         list[str] | None,
-        typer.Option(help="publish this topic, and the clock; repeatable", autocompletion=topic_names),
+        typer.Option(
+            help="publish this topic, and the clock; repeatable", autocompletion=topic_names
+        ),
     ] = None,
     without: Annotated[
         list[str] | None,
@@ -76,15 +78,15 @@ def replay(
 
     With --service the exit code is 0 if all its messages are as recorded, to the last bit, else 1.
     """
-    for option, given in (
-        ("--speed", speed != 1.0), ("--only", only), ("--without", without), ("--loop", loop),
-        ("--lockstep", lockstep), ("--compare", compare),
-    ):  # fmt: skip
-        if service is not None and given:
-            raise ConfigError(f"{option}: must be given without --service")
-    for option, given in (("--config", config), ("--set", overrides)):
-        if service is None and given:
-            raise ConfigError(f"{option}: {given}: must be given with --service")
+    of_bus: dict[str, object] = {
+        "--speed": speed != 1.0, "--only": only, "--without": without, "--loop": loop,
+        "--lockstep": lockstep, "--compare": compare,
+    }  # fmt: skip
+    of_service: dict[str, object] = {"--config": config, "--set": overrides}
+    for option, given in (of_bus if service is not None else of_service).items():
+        if given:
+            how = "without" if service is not None else "with"
+            raise ConfigError(f"{option}: must be given {how} --service")
     if as_json and service is None and not compare:
         raise ConfigError("--json: must be given with --service or --compare")
     # Zenoh, and the services, take long to load.

@@ -7,20 +7,13 @@ from typing import Any
 
 from services.cli.replay.comparison import Comparison
 from services.cli.replay.replayed import Replayed
-from services.cli.replay.seats import (
-    CLOCK_SERVICE,
-    START_TURNS,
-    Feed,
-    ReplayedClock,
-    ReplayedClockSeat,
-    ReplayedSeat,
-)
+from services.cli.replay.seats import Feed, ReplayRound
 from services.common.bus import wire
 from services.common.config import ConfigError
 from services.common.node import messages as msg
-from services.common.node.executive import LocalSeat, Round
+from services.common.node.executive import LocalSeat
 from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, SERVICES, Topic
+from services.common.node.topics import DIAGNOSTICS, PARAMETERS, ROSOUT, Topic
 
 NOT_COMPARED = (PARAMETERS.name, DIAGNOSTICS.name, ROSOUT.name)
 """They hold folders and wall times, which differ between two runs that are the same."""
@@ -58,37 +51,17 @@ def replay_through(
         if node.name in message.topic.readers:
             inbox.deliver(message.topic, message.data, message.envelope)
 
-    seats = {name: ReplayedSeat(name, feed, deliver) for name in SERVICES if name != node.name}
-    clock: ClockNode
+    def keep(message: Replayed) -> None:
+        if is_compared(message.topic):
+            comparison.take_recorded(message.topic, message.time_ns, message.data)
+
     if isinstance(node, ClockNode):
         node.speed = 0.0
-        clock = node
-    else:
-        clock = ReplayedClock(feed)
-        seats[CLOCK_SERVICE] = ReplayedClockSeat(clock, feed, deliver)
-    outside = ReplayedSeat("", feed, deliver)
-    turns = Round(clock)
-    turns.now_ns = start_ns
-    turns.join(own)
-    for seat in seats.values():
-        turns.join(seat)
-
-    def hand_out(now_ns: int) -> None:
-        for message in feed.until(now_ns):
-            if message.service != node.name:
-                seats.get(message.service, outside).waiting.append(message)
-            elif is_compared(message.topic):
-                comparison.take_recorded(message.topic, message.time_ns, message.data)
-
+    clock = node if isinstance(node, ClockNode) else None
+    turns = ReplayRound(feed, {node.name: own}, deliver, keep, clock)
     still = 0
-    while feed.next_ns is not None or feed.turns < START_TURNS:
-        feed.turns += 1
-        next_ns = clock.next_step_ns()
-        hand_out(turns.now_ns if next_ns is None else next_ns)
-        moved = turns.turn()
-        if outside.due(turns.now_ns):
-            outside.step(turns.now_ns)
-        still = 0 if moved or feed.turns <= START_TURNS else still + 1
+    while not turns.ended:
+        still = 0 if turns.turn() else still + 1
         if still > _STALLED_TURNS:
             raise ConfigError(
                 f"replay: {node.name} does not begin: it waits for {node.waiting_for()}"

@@ -24,6 +24,8 @@ class Recording:
     """Reads its messages from the beginning, in the order in which they stand in its files."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """The settings with which each service ran, by name, as far as they were recorded."""
+    services: frozenset[str] = frozenset()
+    """Those that have sent something."""
     pictures: str = "raw"
     """`raw`: as physics has sent them; `jpeg`: compressed, with a loss; `none`."""
     is_run: bool = True
@@ -41,7 +43,7 @@ class Recording:
         start_ns = self.start_ns + round(start_s * 1e9)
         if start_ns > self.end_ns:
             length_s = (self.end_ns - self.start_ns) * 1e-9
-            raise ConfigError(f"--start: {start_s:g}: must be at most {length_s:g}, its length in s")
+            raise ConfigError(f"--start: {start_s:g}: must be at most its length, {length_s:g} s")
         if duration_s is None:
             return start_ns, self.end_ns
         return start_ns, min(start_ns + round(duration_s * 1e9), self.end_ns)

@@ -23,6 +23,7 @@ from services.common.node.topics import (
     PARAMETERS,
     SERVICES,
     Delivery,
+    Topic,
 )
 from services.common.recordings.mcap_messages import RecordedMessage, read_messages
 from services.common.recordings.mcap_records import McapError
@@ -73,16 +74,19 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
     contents = [scan(path) for path in parts]
     end_ns = max((chunk.end_ns for one in contents for chunk in one.chunks), default=start_ns)
     counts = {
-        channel.topic
-        for one in contents
-        for channel in one.channels
-        if one.counts[channel.id]
+        channel.topic for one in contents for channel in one.channels if one.counts[channel.id]
     }
     pictures = "raw" if CAMERA_IMAGE.name in counts else "none"
     if pictures == "none" and CAMERA_COMPRESSED.name in counts:
         pictures = "jpeg"
     recording = Recording(
-        name, start_ns, max(end_ns, start_ns), lambda: iter(()), parameters, pictures
+        name,
+        start_ns,
+        max(end_ns, start_ns),
+        lambda: iter(()),
+        parameters,
+        frozenset(owners.values()) - {EDGE},
+        pictures,
     )
     begun_ns = start_ns if clock_ns is None else clock_ns
 
@@ -102,7 +106,7 @@ def _read(
 ) -> Iterator[Replayed]:
     begun = False
     for message in read_messages(parts):
-        topic = BY_NAME.get(message.topic)
+        topic: Topic[Any] | None = BY_NAME.get(message.topic)
         if topic is None:
             recording.unfit[message.topic, "no topic of this version"] += 1
             continue
@@ -144,6 +148,6 @@ def _picture(message: RecordedMessage) -> bytes:
     height, width = rgb.shape[:2]
     picture = msg.Image(
         header=packed.header, height=height, width=width, encoding="rgb8", is_bigendian=0,
-        step=3 * width, data=rgb.reshape(-1),
+        step=3 * width, data=np.ascontiguousarray(rgb, np.uint8).reshape(-1),
     )  # fmt: skip
     return wire.encode(CAMERA_IMAGE, picture)

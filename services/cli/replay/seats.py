@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 from services.cli.replay.replayed import Replayed
 from services.common.config import ServiceConfig
+from services.common.node.executive import Round, Seat
 from services.common.node.node import ClockNode, Inbox, Outbox
 from services.common.node.topics import SERVICES
 from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
@@ -14,7 +15,7 @@ from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
 CLOCK_SERVICE = "physics"
 START_TURNS = 3
 """Turns before time advances."""
-_FIRST_TURN = {"worldgen": 2, "spawner": 2, "recorder": 2, CLOCK_SERVICE: START_TURNS}
+FIRST_TURN = {"worldgen": 2, "spawner": 2, "recorder": 2, CLOCK_SERVICE: START_TURNS}
 """Before time advances, a world is asked for, then described and furnished, then built. All other
 services have taken a step before that.
 """
@@ -55,7 +56,7 @@ class ReplayedSeat:
         self.waiting: deque[Replayed] = deque()
         self._feed = feed
         self._send = send
-        self._first_turn = _FIRST_TURN.get(name, 1)
+        self._first_turn = FIRST_TURN.get(name, 1)
 
     def due(self, now_ns: int) -> bool:
         """See Seat."""
@@ -109,6 +110,65 @@ class ReplayedClockSeat(ReplayedSeat):
             super().step(now_ns)
 
 
-def seat_of(service: str) -> int:
-    """The place of a service in the order of turns; whoever is none comes last."""
-    return SERVICES.index(service) if service in SERVICES else len(SERVICES)
+class ReplayRound:
+    """Turns of some real services, and of the recorded ones around them."""
+
+    def __init__(
+        self,
+        feed: Feed,
+        real: Mapping[str, Seat],
+        send: Callable[[Replayed], None],
+        keep: Callable[[Replayed], None],
+        clock: ClockNode | None = None,
+    ) -> None:
+        """`real` are the seats of the real services, by name. `send` gets the messages of all
+        others when it is their turn, `keep` those that were recorded of the real ones. `clock` is
+        the node that makes time pass, if that is real.
+        """
+        self.feed = feed
+        self._real = real
+        self._keep = keep
+        self._clock = ReplayedClock(feed) if clock is None else clock
+        self._seats = {
+            name: ReplayedSeat(name, feed, send) for name in SERVICES if name not in real
+        }
+        if isinstance(self._clock, ReplayedClock):
+            self._seats[CLOCK_SERVICE] = ReplayedClockSeat(self._clock, feed, send)
+        self._outside = ReplayedSeat("", feed, send)
+        """Of those that are no service: their messages are taken between two turns."""
+        self._round = Round(self._clock)
+        self._round.now_ns = feed.start_ns
+        for seat in (*real.values(), *self._seats.values()):
+            self._round.join(seat)
+
+    @property
+    def now_ns(self) -> int:
+        """Simulation time."""
+        return self._round.now_ns
+
+    @property
+    def ended(self) -> bool:
+        """Whether the last message has had its turn."""
+        return self.feed.next_ns is None and self.feed.turns > START_TURNS
+
+    @property
+    def next_ns(self) -> int | None:
+        """To when the next turn advances; None: time stands still."""
+        self.feed.turns += 1
+        next_ns = self._clock.next_step_ns()
+        self.feed.turns -= 1
+        return next_ns
+
+    def turn(self) -> bool:
+        """Advance by one step, and give each seat that is due its turn; whether any stepped."""
+        self.feed.turns += 1
+        next_ns = self._clock.next_step_ns()
+        for message in self.feed.until(self._round.now_ns if next_ns is None else next_ns):
+            if message.service in self._real:
+                self._keep(message)
+            else:
+                self._seats.get(message.service, self._outside).waiting.append(message)
+        moved = self._round.turn()
+        if self._outside.due(self._round.now_ns):
+            self._outside.step(self._round.now_ns)
+        return moved or self.feed.turns <= START_TURNS

@@ -73,9 +73,7 @@ def settings_of(
     except ValidationError as error:
         raise ConfigError(f"{service}: {one_line(error, source)}") from error
     now = config.model_dump(mode="json")
-    changed = {
-        name: (before[name], now[name]) for name in before if before[name] != now[name]
-    }
+    changed = {name: (before[name], now[name]) for name in before if before[name] != now[name]}
     return Settings(config, changed)
 
 
