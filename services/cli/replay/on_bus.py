@@ -28,6 +28,9 @@ from services.common.node.topics import CLOCK, EDGE, SERVICES, Delivery
 
 EXIT_INTERRUPTED = 130
 _SLEEP_S = 0.05
+_FIRST_STEP_NS = 50_000_000
+"""Simulation time within which every service has stepped that does so periodically."""
+_FIRST_STEP_S = 5.0
 _LAST_S = 1.0
 """Wall time within which the answers to the last messages come."""
 
@@ -187,6 +190,8 @@ class _Player:
     def play(self, span_ns: tuple[int, int], speed: float, lockstep: bool) -> None:
         """Publish all messages once."""
         sender = Sender(self._session, self._replayed, lockstep)
+        self._listener.own.update(sender.sources.values())
+        self._listener.newest_ns.clear()
         messages = between(in_time(self._recording.read()), *span_ns)
         wanted = (one for one in messages if self._choice.wants(one) or self._keeps(one))
         feed = Feed(wanted, span_ns[0])
@@ -221,14 +226,23 @@ class _Player:
         """Publish each message when it is due by the wall clock."""
         wait_until(lambda: sender.matched(self._real), MATCH_S)
         self._publish(sorted(feed.until(feed.start_ns), key=_at_the_start), sender)
-        pace = Pace()
+        pace, settled = Pace(), not self._real
         while (next_ns := feed.next_ns) is not None:
+            if not settled and feed.last_ns >= feed.start_ns + _FIRST_STEP_NS:
+                # In its first step a service takes in the world, which may take it long.
+                settled = True
+                wait_until(lambda: self._have_stepped(feed.start_ns), _FIRST_STEP_S)
             wait_s = pace.wait_s(time.monotonic(), next_ns, speed)
             if wait_s > 0.0:
                 time.sleep(min(wait_s, _SLEEP_S))
                 continue
             self._publish(sorted(feed.until(next_ns), key=_in_turn), sender)
             watch(next_ns)
+
+    def _have_stepped(self, start_ns: int) -> bool:
+        """Whether each service has sent something in a step after the first instant."""
+        stepped = [time_ns > start_ns for time_ns in self._listener.newest_ns.values()]
+        return stepped.count(True) >= len(self._real)
 
     def _publish(self, messages: list[Replayed], sender: Sender) -> None:
         for message in messages:

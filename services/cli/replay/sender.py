@@ -83,6 +83,10 @@ class Listener:
         self._heard: queue.SimpleQueue[tuple[Topic[Any], bytes, int]] = queue.SimpleQueue()
         self.counts: dict[str, int] = {}
         """Messages heard, by topic."""
+        self.newest_ns: dict[str, int] = {}
+        """By source, the latest time at which it sent something."""
+        self.own: set[str] = set()
+        """Sources of the replay itself."""
         topics = {topic.name: topic for service in services for topic in owned_by(service)}
         # All of them: a service whose messages nobody hears opens its session anew.
         self._subscribers = [
@@ -91,8 +95,12 @@ class Listener:
 
     def _receiver(self, topic: Topic[Any]) -> Callable[[bytes, Envelope], None]:
         def receive(data: bytes, envelope: Envelope) -> None:
+            source, sent_ns = envelope.source, envelope.sent_ns
+            if source in self.own:
+                return
+            self.newest_ns[source] = max(sent_ns, self.newest_ns.get(source, 0))
             if topic.name not in NOT_COMPARED:
-                self._heard.put((topic, data, envelope.sent_ns))
+                self._heard.put((topic, data, sent_ns))
 
         return receive
 
