@@ -90,7 +90,7 @@ def replay(
     if as_json and service is None and not compare:
         raise ConfigError("--json: must be given with --service or --compare")
     # Zenoh, and the services, take long to load.
-    from services.cli.replay.find import open_recording  # noqa: PLC0415
+    from services.cli.replay.reading.find import open_recording  # noqa: PLC0415
 
     if service is not None:
         from services.cli.replay.settings import check_service  # noqa: PLC0415

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from services.cli.replay.comparison import Comparison
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.replayed import Replayed
 from services.cli.replay.seats import Feed, ReplayRound
 from services.common.bus import wire
 from services.common.config import ConfigError

@@ -14,9 +14,9 @@ from services.cli.options import print_json
 from services.cli.replay.comparison import Comparison
 from services.cli.replay.in_process import NOT_COMPARED
 from services.cli.replay.progress import shown
-from services.cli.replay.recording import Recording
-from services.cli.replay.replayed import Replayed, between, in_time
-from services.cli.replay.seats import CLOCK_SERVICE, FIRST_TURN, Feed
+from services.cli.replay.reading.recording import Recording
+from services.cli.replay.reading.replayed import CLOCK_SERVICE, Replayed, between, in_time
+from services.cli.replay.seats import FIRST_TURN, Feed
 from services.cli.replay.sender import MATCH_S, Listener, Sender, wait_until
 from services.cli.replay.through_service import summary_of, tell_comparison
 from services.cli.replay.turns_on_bus import TurnsOnBus

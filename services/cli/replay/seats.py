@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.replayed import CLOCK_SERVICE, Replayed
 from services.common.config import ServiceConfig
 from services.common.node.executive import Round, Seat
 from services.common.node.node import ClockNode, Inbox, Outbox
 from services.common.node.topics import SERVICES
 from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
 
-CLOCK_SERVICE = "physics"
 START_TURNS = 3
 """Turns before time advances."""
 FIRST_TURN = {"worldgen": 2, "spawner": 2, "recorder": 2, CLOCK_SERVICE: START_TURNS}

@@ -12,7 +12,7 @@ import zenoh
 
 from services.cli.replay.comparison import Comparison
 from services.cli.replay.in_process import NOT_COMPARED
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.replayed import Replayed
 from services.common.bus.bus import (
     alive_key,
     pack_attachment,

@@ -16,8 +16,8 @@ from services.cli.options import print_json
 from services.cli.replay.comparison import Comparison, Difference, TopicComparison
 from services.cli.replay.in_process import replay_through
 from services.cli.replay.progress import shown
-from services.cli.replay.recording import Recording
-from services.cli.replay.replayed import between, in_time
+from services.cli.replay.reading.recording import Recording
+from services.cli.replay.reading.replayed import between, in_time
 from services.cli.replay.settings import Settings, make_node, settings_of
 from services.common.config import ConfigError
 

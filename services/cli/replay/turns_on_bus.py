@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import zenoh
 
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.replayed import Replayed
 from services.cli.replay.seats import Feed, ReplayRound
 from services.cli.replay.sender import MATCH_S, Sender, wait_until
 from services.common.bus.bus import give_turn, watch_seats

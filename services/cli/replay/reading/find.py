@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from services.cli.replay.recording import Recording
+from services.cli.replay.reading.recording import Recording
 from services.common.config import ConfigError
 from services.common.recordings.mcap_messages import SEGMENT
 from services.common.recordings.mcap_records import McapError
@@ -46,11 +46,11 @@ def _open_folder(folder: Path) -> Recording:
     # Reading a bag needs other libraries than reading a run.
     parts = message_files(folder)
     if parts:
-        from services.cli.replay.run_messages import open_run  # noqa: PLC0415
+        from services.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         return open_run(folder.resolve().name, parts)
     if (folder / METADATA).is_file():
-        from services.cli.replay.bag_messages import open_bag  # noqa: PLC0415
+        from services.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
         return open_bag(folder)
     if any((folder / file).is_file() for file in (SUMMARY, CONFIG)):
@@ -77,9 +77,9 @@ def _open_file(path: Path) -> Recording:
     except OSError as error:
         raise ConfigError(f"replay: {path}: {error.strerror}") from error
     if is_run:
-        from services.cli.replay.run_messages import open_run  # noqa: PLC0415
+        from services.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
         return open_run(path.stem, [path])
-    from services.cli.replay.bag_messages import open_bag  # noqa: PLC0415
+    from services.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
 
     return open_bag(path)

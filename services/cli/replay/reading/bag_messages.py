@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 from rosbags.rosbag2 import Reader, ReaderError
 
-from services.cli.replay.bag_definitions import Decode, UnfitError, decoder_of
-from services.cli.replay.bag_time import BagTime, stamp_of
-from services.cli.replay.recording import Recording
-from services.cli.replay.replayed import Replayed
-from services.cli.replay.seats import CLOCK_SERVICE
+from services.cli.replay.reading.bag_definitions import Decode, UnfitError, decoder_of
+from services.cli.replay.reading.bag_time import BagTime, stamp_of
+from services.cli.replay.reading.recording import Recording
+from services.cli.replay.reading.replayed import CLOCK_SERVICE, Replayed
 from services.common.bus import wire
 from services.common.config import ConfigError
 from services.common.frames import MAP_FRAME, ODOM_FRAME
@@ -80,9 +79,8 @@ def open_bag(path: Path) -> Recording:
 
     def read() -> Iterator[Replayed]:
         recording.unfit.clear()
-        yield from _clocked(
-            _beginning(recording.name, slam), _read(path, recording, channels, time)
-        )
+        messages = _read(path, recording, channels, time)
+        yield from _clocked(_beginning(recording.name, slam), messages)
 
     recording.read = read
     return recording
@@ -136,9 +134,11 @@ def _timed(reader: Reader, channels: dict[int, _Channel]) -> tuple[dict[str, Any
 
 def _clock_of(connection: Any, data: bytes) -> int | None:
     try:
-        return msg.ns_from_time(msg.TYPESTORE.deserialize_cdr(data, connection.msgtype).clock)
-    except Exception:
-        return None
+        if connection.msgtype == wire.type_name(CLOCK):
+            return msg.ns_from_time(wire.decode(CLOCK, data).clock)
+    except wire.WireError:
+        pass
+    return None
 
 
 def _read(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.replayed import Replayed
 from services.common.config import ConfigError
 
 

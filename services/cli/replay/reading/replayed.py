@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 from services.common.node.node import Envelope
 from services.common.node.topics import Delivery, Topic
 
+CLOCK_SERVICE = "physics"
+"""The service whose clock all others follow."""
 WINDOW_NS = 5_000_000_000
 """A message is at most so much later in a file than another one that was sent at the same time."""
 

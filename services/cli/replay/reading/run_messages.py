@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from services.cli.replay.recording import Recording
-from services.cli.replay.replayed import Replayed
+from services.cli.replay.reading.recording import Recording
+from services.cli.replay.reading.replayed import Replayed
 from services.common.bus import wire
 from services.common.config import ConfigError
 from services.common.node import messages as msg
