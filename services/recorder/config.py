@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
@@ -13,7 +14,17 @@ class RecorderConfig(ServiceConfig):
     """Where runs are kept, and whether they are shown live."""
 
     record: bool = Field(
-        True, description="write run.rrd; summary.json and config.yaml are always written"
+        True,
+        description="write run.rrd and run.mcap; summary.json and config.yaml are always written",
+    )
+    messages: bool = Field(True, description="write run.mcap, unless `record` is off")
+    pictures: Literal["jpeg", "raw"] = Field(
+        "jpeg",
+        description="camera images in run.mcap: compressed, a twentieth of the size, or as they "
+        "are, for replaying bit by bit",
+    )
+    segment_mib: int = Field(
+        256, ge=1, le=1024 * 1024, description="size of run.mcap at which run_2.mcap follows it"
     )
     recordings_dir: Path = Field(
         Path("recordings"), description="folder in which each run gets a subfolder"
@@ -38,5 +49,5 @@ class RecorderConfig(ServiceConfig):
     )
     jpeg_quality: int = Field(75, ge=1, le=100, description="of the recorded camera images")
     min_free_mib: int = Field(
-        64, ge=0, description="free disk space below which run.rrd is closed until there is more"
+        64, ge=0, description="free disk space below which the recording stops until there is more"
     )

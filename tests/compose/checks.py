@@ -41,6 +41,7 @@ def check_recordings(stack: Stack) -> list[dict[str, Any]]:
         assert {path.name for path in folder.iterdir()} == {
             "config.yaml",
             "digests.bin",
+            "run.mcap",
             "run.rrd",
             "summary.json",
         }

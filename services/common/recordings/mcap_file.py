@@ -7,14 +7,15 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from services.common.bus.wire import Buffer
 from services.common.recordings import mcap_records as rec
 from services.common.recordings.mcap_scan import Contents, scan
 
 PROFILE = "ros2"
 LIBRARY = "mazebot"
 COMPRESSION_LEVEL = 1
-Row = tuple[int, int, int, int, bytes]
-"""Channel, sequence number, log time in ns, publish time in ns, and the message."""
+Row = tuple[int, int, int, int, tuple[Buffer, ...]]
+"""Channel, sequence number, log time in ns, publish time in ns, and the message in pieces."""
 
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 _HEAD_REST = rec.MESSAGE_HEAD.size
@@ -63,6 +64,16 @@ class McapFile:
         """All channels; the position of each is its id."""
         return self._contents.channels
 
+    @property
+    def counts(self) -> Mapping[int, int]:
+        """Messages by channel."""
+        return self._contents.counts
+
+    def type_name(self, channel: rec.Channel) -> str:
+        """The type of a channel's messages."""
+        by_id = {schema.id: schema.name for schema in self._contents.schemas}
+        return by_id.get(channel.schema_id, "")
+
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         """Write named texts. Raises OSError."""
         data = rec.metadata(name, texts)
@@ -96,12 +107,13 @@ class McapFile:
         """Write messages of known channels as one chunk. Raises OSError."""
         if not rows:
             return
-        pieces: list[bytes] = []
+        pieces: list[Buffer] = []
         index: dict[int, list[int]] = {}
         offset, head, rest = 0, _MESSAGE_HEAD.pack, _HEAD_REST
         for channel, sequence, log_ns, publish_ns, data in rows:
-            length = len(data) + rest
-            pieces += (head(rec.MESSAGE, length, channel, sequence, log_ns, publish_ns), data)
+            length = sum(map(len, data)) + rest
+            pieces.append(head(rec.MESSAGE, length, channel, sequence, log_ns, publish_ns))
+            pieces += data
             entries = index.get(channel)
             if entries is None:
                 entries = index[channel] = []
@@ -132,14 +144,12 @@ class McapFile:
 
         Raises OSError; the file is closed in any case, and can be gone on with.
         """
+        if self._file.closed:
+            return
         try:
             self._append(self._end(attachments))
         finally:
             self._file.close()
-
-    def abandon(self) -> None:
-        """Close the file without an end."""
-        self._file.close()
 
     def _end(self, attachments: Mapping[str, tuple[str, bytes]]) -> bytes:
         """All that follows the last chunk."""
@@ -210,7 +220,7 @@ def repair(path: Path, attachments: Mapping[str, tuple[str, bytes]]) -> bool:
 
     Only what cannot be read is removed. Raises OSError, or McapError if it is no MCAP.
     """
-    if scan(path).is_whole:
+    if path.stat().st_size and scan(path).is_whole:
         return False
     McapFile(path).close(attachments)
     return True

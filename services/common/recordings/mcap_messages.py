@@ -16,10 +16,10 @@ WORLD_HASH = "world_hash"
 """the hash of the world for which its messages are,"""
 MADE_FROM = "made_from"
 """and the topic of which its messages are a compressed form."""
-SEGMENT = "mazebot"
-"""Name of the metadata record at the head of each file of a run,"""
 REPEATED = "repeated"
-"""and its entry with the number of latched messages there that an earlier file has already."""
+"""Name of the metadata record of a run's later files: how many messages, by topic, stand at the
+head that an earlier file has already, so that each file can be used by itself.
+"""
 
 
 class RecordedMessage(NamedTuple):
@@ -115,8 +115,8 @@ def _opened(opcode: int, data: bytes) -> tuple[bytes, Iterable[tuple[int, int, i
 
 def _repeated(data: bytes) -> int:
     name, texts = rec.read_metadata(data)
-    count = texts.get(REPEATED, "") if name == SEGMENT else ""
-    return int(count) if count.isdecimal() else 0
+    counts = texts.values() if name == REPEATED else ()
+    return sum(int(count) for count in counts if count.isdecimal())
 
 
 def _is_wanted(topic: str, topics: Collection[str] | None) -> bool:

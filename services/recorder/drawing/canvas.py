@@ -16,6 +16,7 @@ from services.common.node.documents import Entities, World
 from services.recorder.drawing.mesh import RobotMesh
 from services.recorder.drawing.scenery import Part
 from services.recorder.judging.errors import TruthComparison
+from services.recorder.stream.pictures import Pictures
 from services.recorder.stream.recording import Recording
 
 _PATH_STEP_M = 0.03
@@ -65,7 +66,7 @@ class Canvas:
     assets: dict[str, bytes]
     """Textures (PNG) and meshes (npz) by their sha256, of every world so far."""
     wall_clock_s: Callable[[], float]
-    jpeg_quality: int = 75
+    pictures: Pictures = field(default_factory=lambda: Pictures(75))
     now_ns: int = 0
     entities: Entities | None = None
     camera: msg.CameraInfo | None = None

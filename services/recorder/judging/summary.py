@@ -50,6 +50,9 @@ class TopicMessages(Document):
     )
     received: int | None = Field(description="of these, by the recorder; null as `sent`")
     lost: int | None = Field(description="not received by the recorder; null as `sent`")
+    recorded: int | None = Field(
+        None, description="of these, in `run.mcap`; null: there is none, or as `sent`"
+    )
     rejected: int = Field(description="by any service")
     rejected_by: dict[str, int] = Field(description="the same by `service: reason`")
 
@@ -138,6 +141,7 @@ def build_summary(
     evaluation: Evaluation,
     totals: Mapping[str, Any],
     counts: Mapping[str, TopicCounts],
+    recorded: Mapping[str, int],
     rejected_elsewhere: RejectedElsewhere,
     versions: Mapping[str, str],
 ) -> RunSummary:
@@ -162,7 +166,7 @@ def build_summary(
         contacts=Contacts(count=count, list=contacts),
         **judged,
         **totals,
-        messages=_messages(counts, rejected_elsewhere),
+        messages=_messages(counts, recorded, rejected_elsewhere),
         versions=dict(versions),
     )
 
@@ -193,7 +197,7 @@ def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
 
 
 def _messages(
-    counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere
+    counts: Mapping[str, TopicCounts], recorded: Mapping[str, int], elsewhere: RejectedElsewhere
 ) -> dict[str, TopicMessages]:
     rejected: dict[str, dict[str, int]] = {}
     for topic, seen in counts.items():
@@ -206,6 +210,7 @@ def _messages(
             sent=counts[topic].sent if topic in counts else None,
             received=counts[topic].received if topic in counts else None,
             lost=counts[topic].lost if topic in counts else None,
+            recorded=recorded.get(topic, 0) if recorded and topic in counts else None,
             rejected=sum(rejected.get(topic, {}).values()),
             rejected_by=dict(sorted(rejected.get(topic, {}).items())),
         )

@@ -12,7 +12,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.common.recordings.run_folder import LOCK, PROGRESS, parts_of
+from services.common.recordings.mcap_file import repair
+from services.common.recordings.mcap_records import McapError
+from services.common.recordings.run_folder import (
+    LOCK,
+    MESSAGES,
+    PROGRESS,
+    attachments_of,
+    parts_of,
+)
 from services.recorder.keeping.progress import Progress, read_progress
 
 _LOG = logging.getLogger("recorder")
@@ -150,6 +158,12 @@ class Repair(threading.Thread):
         return folder == self.spared and time.monotonic() - self._start_s < SPARE_S
 
     def _repair(self, folder: Path) -> None:
+        for part in parts_of(folder, MESSAGES):
+            try:
+                if repair(part, attachments_of(folder)):
+                    _LOG.info("repaired %s", part)
+            except McapError as error:
+                _LOG.warning("%s cannot be repaired: %s", part, error)
         parts = parts_of(folder)
         if parts:
             needed_bytes = sum(part.stat().st_size for part in parts)

@@ -56,10 +56,14 @@ from services.recorder.judging.evaluation import RunEvaluation
 from services.recorder.judging.obstacles import read_meshes
 from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
+from services.recorder.keeping.latched import Latched
 from services.recorder.keeping.map_folder import MapFolder
 from services.recorder.keeping.progress import Progress, write_progress
 from services.recorder.keeping.repair import Rewriting
+from services.recorder.keeping.run_messages import RunMessages
 from services.recorder.stream.file_writer import RecordingError
+from services.recorder.stream.message_log import Taken
+from services.recorder.stream.pictures import Pictures
 
 if TYPE_CHECKING:
     from services.recorder.drawing.canvas import Canvas
@@ -101,7 +105,9 @@ class Setting:
     assets: dict[str, bytes] = field(default_factory=dict)
     """Textures (PNG) and meshes (npz) by their sha256."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
-    """The newest message of each latched topic."""
+    """The newest message of each latched topic that is drawn or judged in every run."""
+    latched: Latched = field(default_factory=Latched)
+    """Those of all latched topics, for the head of `run.mcap`."""
 
 
 class Run:
@@ -150,6 +156,8 @@ class Run:
                 SCAN: self._evaluation.add_scan,
             }
         self._digests = self._open_digests()
+        self._pictures = Pictures(setting.config.jpeg_quality)
+        self.messages = RunMessages(setting.config, world, setting.latched, self._pictures)
         self._canvas: Canvas | None = None
         self._parts = 0
         self._are_whole = True
@@ -178,9 +186,9 @@ class Run:
             self._judge_one(topic, message)
         self._open_recording(now_ns)
 
-    def take(self, topic: Topic[Any], arrival: tuple[Any, Envelope], now_ns: int) -> None:
-        """Evaluate, draw and digest one message from Inbox.arrivals()."""
-        message, envelope = arrival
+    def take(self, topic: Topic[Any], taken: Taken, now_ns: int, is_recorded: bool = False) -> None:
+        """Evaluate, draw, record and digest one message; `is_recorded`: `run.mcap` has it."""
+        message, envelope, pieces = taken
         if topic.delivery is Delivery.EVERY and not self._is_new(topic, envelope):
             return
         self._end = self._setting.wall_clock_s(), now_ns
@@ -192,7 +200,9 @@ class Run:
         if judge is not None:
             judge(message)
         if self._digests is not None:
-            self._digests.add(topic, message, envelope)
+            self._digests.add(topic, pieces, envelope)
+        if not is_recorded:
+            self.messages.add(topic, taken, now_ns)
         if self._canvas is not None:
             self._draw(self._canvas, topic, message, now_ns)
 
@@ -211,6 +221,7 @@ class Run:
     def tick(self, now_ns: int, counts: Mapping[str, TopicCounts]) -> None:
         """Write to disk what is due."""
         self._counts = counts
+        self.messages.tick()
         now_s = self._setting.wall_clock_s()
         if self._tick_ns is not None:
             # Only the newest of the queued messages arrived just now.
@@ -322,13 +333,16 @@ class Run:
     def close(self) -> None:
         """Write the summary, end the recording, and mark the run as complete."""
         self._keep_map(self._end[1], all_of_it=True)
+        self.messages.wait()
         self._write_summary()
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
         canvas, self._canvas = self._canvas, None
         if canvas is not None:
             self._end_recording(canvas.recording.close)
-        if self._join_parts():
+        is_whole = self.messages.end()
+        self._pictures.close()
+        if self._join_parts() and is_whole:
             self.folder.release()
         else:
             # A later recorder will repair it.
@@ -407,15 +421,24 @@ class Run:
         elif is_kept:
             try:
                 self._begin_drawing(self.folder.part(self._parts + 1), now_ns)
+                self._parts += 1
+                self.messages.begin(self.folder, self._properties(), now_ns)
             except RecordingError as error:
                 self._stop(str(error))
             else:
-                self._parts += 1
                 if self.trouble is not None:
                     _LOG.info("recording goes on: %s", self.folder.part(self._parts))
                 self.trouble = None
         if self._canvas is None and self._setting.live is not None:
             self._begin_drawing(None, now_ns)
+
+    def _properties(self) -> dict[str, str]:
+        return {
+            "world": self.world.name,
+            "world_hash": self.world.hash,
+            "seed": str(self._setting.config.seed),
+            **self._setting.versions,
+        }
 
     def _begin_drawing(self, path: Path | None, now_ns: int) -> None:
         """Draw the current state, into a file, to the live view, or both.
@@ -437,12 +460,7 @@ class Run:
             path=path,
             live=setting.live,
             blueprint=run_blueprint(extent, self.world.slam),
-            properties={
-                "world": self.world.name,
-                "world_hash": self.world.hash,
-                "seed": str(setting.config.seed),
-                **setting.versions,
-            },
+            properties=self._properties(),
         )
         before, self._canvas = self._canvas, None
         if before is not None:
@@ -453,7 +471,7 @@ class Run:
             world=self.world,
             assets=setting.assets,
             wall_clock_s=setting.wall_clock_s,
-            jpeg_quality=setting.config.jpeg_quality,
+            pictures=self._pictures,
             now_ns=now_ns,
         )
         draw_start(canvas)
@@ -502,6 +520,11 @@ class Run:
         if self.folder.is_gone:
             return
         self._write_digests()
+        try:
+            self.messages.flush(self._end[1])
+        except RecordingError as error:
+            self._stop(self._no_room() or str(error))
+            return
         canvas = self._canvas
         if canvas is None:
             return
@@ -522,6 +545,7 @@ class Run:
         if trouble != self.trouble:
             _LOG.error("recording stopped: %s: %s", recording, reason)
         self.trouble = trouble
+        self.messages.end()
         canvas = self._canvas
         if canvas is None:
             return
@@ -580,6 +604,7 @@ class Run:
             evaluation=self.evaluation(),
             totals=self._evaluation.totals(),
             counts=self._all_counts(),
+            recorded=self.messages.recorded,
             rejected_elsewhere=self._rejected,
             versions=self._setting.versions,
         )
