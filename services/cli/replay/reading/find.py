@@ -6,13 +6,14 @@ from pathlib import Path
 
 from services.cli.replay.reading.recording import Recording
 from services.common.config import ConfigError
-from services.common.recordings.mcap_messages import SEGMENT
 from services.common.recordings.mcap_records import McapError
 from services.common.recordings.mcap_scan import scan
-from services.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY
+from services.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
 
 _ROSBAG_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
 METADATA = "metadata.yaml"
+_OF_A_RUN = "mazebot"
+"""Name of a metadata record in the MCAP files of a run."""
 
 
 def open_recording(directory: Path, name: str) -> Recording:
@@ -31,20 +32,9 @@ def open_recording(directory: Path, name: str) -> Recording:
     )
 
 
-def message_files(folder: Path) -> list[Path]:
-    """The files with the messages of a run, the oldest first."""
-    numbered = [(_number(path.stem), path) for path in folder.glob("run*.mcap")]
-    return [path for number, path in sorted(numbered) if number]
-
-
-def _number(stem: str) -> int:
-    number = stem.removeprefix("run_")
-    return 1 if stem == "run" else int(number) if number.isdecimal() else 0
-
-
 def _open_folder(folder: Path) -> Recording:
     # Reading a bag needs other libraries than reading a run.
-    parts = message_files(folder)
+    parts = parts_of(folder, MESSAGES)
     if parts:
         from services.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
 
@@ -71,7 +61,7 @@ def _open_file(path: Path) -> Recording:
             f"replay: {path}: is a bag of ROS 1: must be rosbag2's, as rosbags-convert makes of it"
         )
     try:
-        is_run = SEGMENT in scan(path).texts
+        is_run = _OF_A_RUN in scan(path).texts
     except McapError as error:
         raise ConfigError(f"replay: {path}: must be an MCAP file: {error}") from error
     except OSError as error:
