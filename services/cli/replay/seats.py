@@ -14,9 +14,13 @@ from services.physics.config import STEPS_PER_SECOND, time_of_step_ns
 
 START_TURNS = 3
 """Turns before time advances."""
-FIRST_TURN = {"worldgen": 2, "spawner": 2, "recorder": 2, CLOCK_SERVICE: START_TURNS}
+OUTSIDE = ""
+"""Whoever is no service."""
+FIRST_TURN = {
+    "worldgen": 2, "spawner": 2, "recorder": 2, CLOCK_SERVICE: START_TURNS, OUTSIDE: START_TURNS,
+}  # fmt: skip
 """Before time advances, a world is asked for, then described and furnished, then built. All other
-services have taken a step before that.
+services have taken a step before that, and nobody commands before.
 """
 
 
@@ -133,7 +137,7 @@ class ReplayRound:
         }
         if isinstance(self._clock, ReplayedClock):
             self._seats[CLOCK_SERVICE] = ReplayedClockSeat(self._clock, feed, send)
-        self._outside = ReplayedSeat("", feed, send)
+        self._outside = ReplayedSeat(OUTSIDE, feed, send)
         """Of those that are no service: their messages are taken between two turns."""
         self._round = Round(self._clock)
         self._round.now_ns = feed.start_ns
