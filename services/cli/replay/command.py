@@ -97,7 +97,7 @@ def replay(
         from services.cli.replay.through_service import compare_service  # noqa: PLC0415
 
         check_service(service)
-        recording = open_recording(directory, run)
+        recording = open_recording(directory, run, slam=service in ("mapping", "explorer"))
         span_ns = recording.span_ns(start_s, duration_s)
         raise typer.Exit(
             compare_service(recording, service, span_ns, config, overrides or [], as_json)

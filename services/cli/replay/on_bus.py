@@ -117,6 +117,8 @@ def publish_recording(
         print_json({"recording": recording.name, "services": real, **summary_of(comparison)})
     else:
         tell_comparison(comparison)
+        if not lockstep and not comparison.is_same:
+            _say("by the wall clock messages come a step earlier or later; see --lockstep", False)
     return code or (0 if comparison.is_same else 1)
 
 

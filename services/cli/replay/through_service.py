@@ -45,7 +45,7 @@ def compare_service(
         )
     settings = settings_of(service, recorded, path, overrides)
     # What the service logs has been read once.
-    logging.getLogger().addHandler(logging.NullHandler())
+    logging.getLogger().handlers = [logging.NullHandler()]
     node = make_node(service, settings.config)
     messages = between(in_time(recording.read()), *span_ns)
     try:
@@ -53,12 +53,13 @@ def compare_service(
             comparison = replay_through(
                 node, messages, span_ns[0], recording.pictures == "raw", watch
             )
+        waits_for = node.waiting_for()
     finally:
         node.close()
     if as_json:
-        print_json(_summary(recording, service, span_ns, settings, comparison))
+        print_json(_summary(recording, service, span_ns, settings, comparison, waits_for))
     else:
-        _tell(recording, service, span_ns, settings, comparison)
+        _tell(recording, service, span_ns, settings, comparison, waits_for)
     return 0 if comparison.is_same else 1
 
 
@@ -68,6 +69,7 @@ def _summary(
     span_ns: tuple[int, int],
     settings: Settings,
     comparison: Comparison,
+    waits_for: str | None,
 ) -> dict[str, Any]:
     return {
         "recording": recording.name,
@@ -77,6 +79,7 @@ def _summary(
         "pictures": recording.pictures,
         "settings": {name: list(values) for name, values in settings.changed.items()},
         "left_out": recording.lines_of_unfit(),
+        "waits_for": waits_for,
         **summary_of(comparison),
     }
 
@@ -117,6 +120,7 @@ def _tell(
     span_ns: tuple[int, int],
     settings: Settings,
     comparison: Comparison,
+    waits_for: str | None,
 ) -> None:
     start_s, end_s = (time_ns * 1e-9 for time_ns in span_ns)
     lines = [f"{service} against {recording.name}, {start_s:.3f} s to {end_s:.3f} s"]
@@ -126,6 +130,8 @@ def _tell(
     ]
     lines += picture_lines(recording, service)
     lines += recording.lines_of_unfit()
+    if waits_for is not None:
+        lines.append(f"at the end {service} still waits for {waits_for}")
     sys.stdout.write("\n".join(lines) + "\n")
     tell_comparison(comparison)
 

@@ -48,9 +48,9 @@ class _Channel(NamedTuple):
     """Where the bag's definition is another one."""
 
 
-def open_bag(path: Path) -> Recording:
+def open_bag(path: Path, slam: bool = False) -> Recording:
     """A bag, with what is needed besides for Mazebot's services to run against it: the world, of
-    which nothing is known, and the clock.
+    which nothing is known, and the clock. With `slam`, the robot gets no map, though there is one.
 
     Raises ConfigError where it cannot be read, or nothing in it fits.
     """
@@ -75,12 +75,12 @@ def open_bag(path: Path) -> Recording:
     recording.pictures = "raw" if CAMERA_IMAGE.name in names else "none"
     services = {_service_of(channel.topic, None) for channel in channels.values()}
     recording.services = frozenset(services - {EDGE}) | {"worldgen", CLOCK_SERVICE}
-    slam = MAP.name not in names
+    has_map = MAP.name in names and not slam
 
     def read() -> Iterator[Replayed]:
         recording.unfit.clear()
         messages = _read(path, recording, channels, time)
-        yield from _clocked(_beginning(recording.name, slam), messages)
+        yield from _clocked(_beginning(recording.name, not has_map), messages)
 
     recording.read = read
     return recording
