@@ -205,6 +205,23 @@ def test_of_a_folder_that_is_removed_the_run_goes_on_in_a_new_one(
     assert messages[-1].time_ns > 1_900_000_000
 
 
+def test_of_two_recorders_each_has_a_folder(tmp_path: Path) -> None:
+    world = room()
+    benches = [Bench(recorder(tmp_path)) for _ in range(2)]
+    for said in (opening(world), list(driving(world, 1.0))):
+        for bench in benches:
+            bench.say(said)
+    for bench in benches:
+        bench.node.close()
+    runs = sorted(tmp_path.iterdir())
+    assert len(runs) == 2
+    assert messages_of(runs[0]) == messages_of(runs[1])
+    for run in runs:
+        verify(run / "run.rrd")
+        assert scan(run / "run.mcap").is_whole
+        assert counts_of(messages_of(run)) == counts_in_summary(run)
+
+
 def test_without_messages_there_is_no_file(tmp_path: Path) -> None:
     bench = Bench(recorder(tmp_path, messages=False))
     bench.say(opening(room()))
