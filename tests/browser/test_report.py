@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from services.common.recordings.report.report import write_report
 from tests.browser.viewer import CHROMIUM
@@ -41,6 +42,12 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
+def pixels_of(png: bytes) -> NDArray[np.int64]:
+    """(h, w, 3), RGB."""
+    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR_RGB)
+    return np.asarray(picture, np.int64)
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width_px", [390, 1280])
 def test_it_shows_plan_and_plots_on_a_phone_and_on_a_desk(
@@ -61,19 +68,16 @@ def test_it_shows_plan_and_plots_on_a_phone_and_on_a_desk(
     box = plan.bounding_box()
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= width_px
-    picture = cv2.imdecode(np.frombuffer(plan.screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
+    picture = pixels_of(plan.screenshot())
     for colour, least in ((TRUE_PATH[scheme], 100), (GOAL[scheme], 15)):
-        near = (np.abs(picture.astype(int) - colour).max(axis=2) < 40).sum()
+        near = (np.abs(picture - colour).max(axis=2) < 40).sum()
         assert near > least, colour
     for name in ("Localisation error over simulation time", "Speed over simulation time"):
         assert page.get_by_role("img", name=name).is_visible()
     assert page.get_by_role("heading", level=1).inner_text() == "run"
     assert page.get_by_role("cell", name="no (105)").is_visible()
     # Nothing is cut off at the side.
-    whole = cv2.imdecode(
-        np.frombuffer(page.screenshot(full_page=True), np.uint8), cv2.IMREAD_COLOR_RGB
-    )
-    assert whole.shape[1] == width_px
+    assert pixels_of(page.screenshot(full_page=True)).shape[1] == width_px
     context.close()
 
 
