@@ -8,11 +8,11 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, known, localize, markers, plan, sim, world
+from services.cli import console, entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
 from services.cli.completion import topic_names, world_names, written_topic_names
 from services.cli.drive import behaviors, teleop, waypoints
@@ -21,8 +21,12 @@ from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.cli.recordings import group as recordings_group
 from services.cli.recordings.group import RecordingsDir, RunName
+from services.cli.replay import command as replay
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
+
+if TYPE_CHECKING:
+    from services.console.config import ConsoleConfig
 
 app = App(
     name="mazebot",
@@ -153,6 +157,19 @@ def demo(
     record: Annotated[
         bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
     ] = None,
+    console: Annotated[
+        bool,
+        typer.Option(
+            "--console", help="serve the console beside the run, which is in real time then and "
+            "goes on after the tour until Ctrl-C",
+        ),
+    ] = False,
+    console_port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="its port [default: 8080]")
+    ] = None,
+    tour: Annotated[
+        bool, typer.Option("--tour/--no-tour", help="with --console: or wait for goals from it")
+    ] = True,
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
@@ -172,6 +189,11 @@ def demo(
         raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
     if slam and explore is False and goal is None:
         raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
+    if not console and (console_port is not None or not tour):
+        option = "--no-tour" if console_port is None else "--console-port"
+        raise ConfigError(f"{option}: must be given with --console")
+    if not tour and goal is not None:
+        raise ConfigError("--no-tour: must be given without --goal")
     if config is not None:
         known.check_file(config)
     with collections_held_off():
@@ -202,9 +224,19 @@ def demo(
             as_json=as_json,
             arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
+            console=_console_config(console_port) if console else None,
+            tour=tour,
         )
         code = embedded.run(options)
     raise typer.Exit(code)
+
+
+def _console_config(port: int | None) -> ConsoleConfig:
+    """Environment and defaults, and the port as given. Raises ConfigError."""
+    from services.common.load import load  # noqa: PLC0415
+    from services.console.config import ConsoleConfig  # noqa: PLC0415
+
+    return load(ConsoleConfig, "console", (), {} if port is None else {"port": port})
 
 
 @app.command()
@@ -346,6 +378,8 @@ def topic_pub(
 
 
 entities.register(app)
+app.command()(console.console)
+app.command()(replay.replay)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

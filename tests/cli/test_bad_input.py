@@ -362,11 +362,17 @@ recordings tag nope a : nope|no run
 recordings tag run 'a b' : 'a b'|letters
 recordings tag run ../x : '../x'|letters
 recordings tag run --note : --note|a value
+console --dir nowhere : --dir|nowhere
+console --port 70000 : --port|70000
+console --bind 1.2.3.4 --port 0 --no-live : bind|1.2.3.4|of this machine
 recordings view nope : nope
 recordings view --dir nowhere : nowhere
 recordings view nope --port 0 : --port|0
 recordings view nope --port 70000 : --port|70000
 recordings view nope --port x : --port|x
+recordings view nope --layout x : --layout|x
+recordings compress nope : nope
+recordings compress --dir nowhere : --dir|nowhere
 world show nope : nope
 world show nowhere.yaml : nowhere.yaml
 world show nowhere.sdf : nowhere.sdf
@@ -609,6 +615,9 @@ recorder --grpc-port 99999 : grpc_port|99999
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir
 router --listen x : listen|x|--listen
+console --port 70000 : port|70000|--port
+console --hosts http://lab : hosts|http://lab|without scheme
+console --max-body-kib 0 : max_body_kib|0
 bus --pace slow : pace|slow|real_time
 """
 
