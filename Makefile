@@ -101,6 +101,10 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 		.venv/bin/python -m services.cli.pages.$${page}_page | diff - docs/$$page.md \
 			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
 	done
+	@for schema in summary series labels; do \
+		.venv/bin/python -m services.cli.pages.run_schemas $$schema | diff - docs/schemas/$$schema.schema.json \
+			|| { echo "docs/schemas/$$schema.schema.json is stale: make generate"; exit 1; }; \
+	done
 	@echo "check: all well"
 
 fix: $(STAMP) ## format, and fix what the linter can
@@ -110,6 +114,9 @@ fix: $(STAMP) ## format, and fix what the linter can
 generate: $(STAMP) ## regenerate the generated files
 	@for page in topics recipes parameters recordings; do \
 		.venv/bin/python -m services.cli.pages.$${page}_page > docs/$$page.md; \
+	done
+	@for schema in summary series labels; do \
+		.venv/bin/python -m services.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
 
 lock: $(STAMP) ## resolve the dependencies again
