@@ -52,6 +52,11 @@ class WatchedTransport(MemoryTransport):
 
         return end
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody watches now."""
+        return bool(self._watches)
+
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         with self._lock:
             # /diagnostics too: a page that opens while the simulation is paused shows the states.
@@ -72,21 +77,24 @@ class MemoryStack:
 
     how_to_start = ".venv/bin/mazebot demo --console"
 
-    def __init__(self, transport: WatchedTransport, executive: Executive) -> None:
+    def __init__(self, transport: WatchedTransport) -> None:
         self._transport = transport
-        self._executive = executive
+        self._executive: Executive | None = None
         self._outbox = Outbox(Person(), transport.send)
         self._waiting: queue.Queue[Callable[[], None]] = queue.Queue(MAX_WAITING)
-        self._names = frozenset(node.name for node in executive.nodes)
-        self._ended = False
+
+    def begin(self, executive: Executive) -> None:
+        """The run begins; until then there is no stack."""
+        self._executive = executive
 
     def services(self) -> frozenset[str]:
         """See Stack."""
-        return frozenset() if self._ended else self._names
+        executive = self._executive
+        return frozenset(() if executive is None else (node.name for node in executive.nodes))
 
     def now_ns(self) -> int:
         """See Stack."""
-        return self._executive.now_ns
+        return 0 if self._executive is None else self._executive.now_ns
 
     def watch(self, topics: Iterable[Topic[Any]], receive: Receive) -> Callable[[], None]:
         """See Stack."""
@@ -98,7 +106,7 @@ class MemoryStack:
             raise StackError(f"{topic.name}: only {' and '.join(topic.owners)} may write it")
 
         def put() -> None:
-            self._outbox.now_ns = self._executive.now_ns
+            self._outbox.now_ns = self.now_ns()
             self._outbox.put(topic, message)
 
         self._put(put)
@@ -108,7 +116,7 @@ class MemoryStack:
         answers: queue.SimpleQueue[A | None] = queue.SimpleQueue()
 
         def ask() -> None:
-            if query.owner not in self._names or not self._transport.ask(
+            if query.owner not in self.services() or not self._transport.ask(
                 query, message, answers.put
             ):
                 answers.put(None)
@@ -136,10 +144,10 @@ class MemoryStack:
 
     def close(self) -> None:
         """The run has ended."""
-        self._ended = True
+        self._executive = None
 
     def _put(self, task: Callable[[], None]) -> None:
-        if self._ended:
+        if self._executive is None:
             raise StackError("the run has ended")
         try:
             self._waiting.put_nowait(task)
