@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
 
+from services.cli.loopback_router import free_port
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
 from tests.browser.viewer import CHROMIUM, Picture
@@ -17,7 +19,7 @@ from tests.console.served import Served, console
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, Response
 
 pytestmark = [
     pytest.mark.browser,
@@ -62,11 +64,13 @@ def page(browser: Browser) -> Iterator[Page]:
     context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme="dark")
     opened = context.new_page()
     problems: list[str] = []
+
+    def heard(answer: Response) -> None:
+        if "//localhost:" not in answer.url and not answer.url.startswith(("data:", "blob:")):
+            problems.append(answer.url)
+
     opened.on("pageerror", lambda error: problems.append(str(error)))
-    opened.on(
-        "response",
-        lambda answer: "//localhost:" in answer.url or problems.append(answer.url),
-    )
+    opened.on("response", heard)
     yield opened
     context.close()
     assert problems == []
@@ -179,6 +183,40 @@ def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page)
     )
     assert page.evaluate("window.kept")
     wait_for_bricks(page)
+
+
+def test_a_running_run_is_shown_as_it_is_recorded(tmp_path: Path, browser: Browser) -> None:
+    from playwright.sync_api import expect
+
+    data_port = free_port()
+    config = RecorderConfig(
+        recordings_dir=tmp_path,
+        live=True,
+        bind="127.0.0.1",
+        web_port=free_port(),
+        grpc_port=data_port,
+    )
+    world = room()
+    bench = Bench(RecorderNode(config))
+    bench.say(opening(world))
+    bench.say(driving(world, 3.0))
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme="dark")
+    page = context.new_page()
+    try:
+        with console(tmp_path, live_data_port=data_port) as served:
+            page.goto(f"{served.url}/runs/{folder.name}")
+            page.get_by_role("button", name="Open in the viewer").click()
+            viewer = page.locator(f'#viewer[data-recording="{folder.name}"]')
+            expect(viewer).to_be_visible(timeout=1000.0 * _PATIENCE_S)
+            wait_for_bricks(page)
+            bench.node.close()
+            head = page.locator("[data-part=head][data-state=ended]")
+            expect(head).to_be_visible(timeout=20_000.0)
+            wait_for_bricks(page)
+    finally:
+        context.close()
+        bench.node.close()
 
 
 def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> None:
