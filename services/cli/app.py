@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, known, localize, markers, plan, sim, world
+from services.cli import console, entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
-from services.cli.completion import run_names, topic_names, world_names, written_topic_names
+from services.cli.completion import topic_names, world_names, written_topic_names
 from services.cli.drive import behaviors, teleop, waypoints
 from services.cli.map import group as map_group
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
+from services.cli.recordings import group as recordings_group
+from services.cli.recordings.group import RecordingsDir, RunName
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
 
@@ -31,20 +33,13 @@ app = App(
     pretty_exceptions_enable=False,
 )
 topics_app = App(help="Inspect the topics of a running stack, and publish to them.")
-recordings_app = App(help="List and view the recordings of runs.")
 app.add_typer(topics_app, name="topic")
-app.add_typer(recordings_app, name="recordings")
+app.add_typer(recordings_group.app, name="recordings")
 app.add_typer(world.app, name="world")
 app.add_typer(map_group.app, name="map")
 app.add_typer(markers.app, name="markers")
 app.add_typer(sim.app, name="sim")
 
-RecordingsDir = Annotated[
-    Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
-]
-RunName = Annotated[
-    str, typer.Argument(metavar="RUN", help="its folder or its name", autocompletion=run_names)
-]
 TopicName = Annotated[
     str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
 ]
@@ -381,32 +376,8 @@ def topic_pub(
     publish_messages(connect, name, message, rate_hz, 1 if once else times)
 
 
-@recordings_app.command("list")
-def recordings_list(directory: RecordingsDir = None, as_json: Json = False) -> None:
-    """List the runs, newest first."""
-    from services.cli.recordings import list_runs  # noqa: PLC0415
-
-    list_runs(directory, as_json)
-
-
-@recordings_app.command("view")
-def recordings_view(
-    name: Annotated[
-        str, typer.Argument(help="a run's folder or its name", autocompletion=run_names)
-    ] = "",
-    directory: RecordingsDir = None,
-    port: Annotated[int, typer.Option(min=1, max=65534, help="port of the web viewer")] = 9090,
-    open_browser: Annotated[
-        bool, typer.Option("--open", help="open it in a browser, if this machine has one")
-    ] = False,
-) -> None:
-    """Serve a run (by default the newest one) to a browser."""
-    from services.cli.recordings import view_run  # noqa: PLC0415
-
-    view_run(directory or Path("recordings"), name, port, open_browser)
-
-
 entities.register(app)
+app.command()(console.console)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

@@ -24,6 +24,13 @@ class ConsoleConfig(ServiceConfig):
         "and the address in `bind`",
     )
     live: bool = Field(True, description="connect to a running stack, and show and drive it")
+    live_data_port: int = Field(
+        9876,
+        ge=0,
+        le=65535,
+        description="port, on the host of the pages, from which the recorder shows a run while it "
+        "is recorded; 0: such a run is shown from its files",
+    )
     max_body_kib: int = Field(64, ge=1, le=65536, description="largest request body, KiB")
     max_connections: int = Field(512, ge=8, le=10_000, description="connections at the same time")
     request_timeout_s: float = Field(

@@ -22,6 +22,7 @@ LOGGER = logging.getLogger("console")
 
 MAX_TARGET = 4096
 """Characters of path and query."""
+MAX_HEADERS_BYTES = 32 * 1024
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 _ANY_ADDRESS = ("0.0.0.0", "::")
@@ -72,6 +73,12 @@ def host_of(authority: str) -> str:
     if parts.path or parts.query or parts.fragment or parts.username is not None:
         return ""
     return (parts.hostname or "").rstrip(".")
+
+
+def address_of(authority: str, port: int) -> str:
+    """`host:port` on the host of a Host header."""
+    host = host_of(authority)
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def is_known_host(authority: str, hosts: Collection[str], any_address: bool) -> bool:
@@ -140,6 +147,10 @@ class Guard:
         size = len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"")
         if size > MAX_TARGET:
             return 414, f"the address must have at most {MAX_TARGET} characters"
+        if sum(len(name) + len(value) for name, value in scope["headers"]) > MAX_HEADERS_BYTES:
+            return 431, f"the headers must have at most {MAX_HEADERS_BYTES} bytes"
+        if not scope["path"].isprintable():
+            return 400, "the address must have no control characters"
         if scope["type"] == "websocket":
             own = is_own_origin(headers, needs_origin=True)
         else:

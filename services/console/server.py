@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import threading
+from collections.abc import AsyncIterator, Sequence
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -42,11 +44,19 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
         ],
         middleware=[Middleware(Guard, config=config)],
         exception_handlers={HTTPException: error_page},
+        lifespan=_lifespan,
     )
     app.state.config = config
     app.state.index = RunIndex(config.recordings_dir)
     app.state.has_live = bool(live)
     return app
+
+
+@contextlib.asynccontextmanager
+async def _lifespan(app: Starlette) -> AsyncIterator[None]:
+    """Read the runs before the first page is asked for."""
+    threading.Thread(target=app.state.index.runs, name="runs", daemon=True).start()
+    yield
 
 
 async def _first_page(request: Request) -> Response:

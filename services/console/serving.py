@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import threading
@@ -14,9 +15,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from services.common.config import ConfigError
 from services.console.config import ConsoleConfig
+from services.console.security import MAX_HEADERS_BYTES
 
-MAX_HEAD_BYTES = 32 * 1024
-"""Of a request's first line and headers."""
 MAX_WEBSOCKET_BYTES = 64 * 1024
 _STOP_S = 1
 
@@ -39,7 +39,7 @@ class ConsoleServer:
                 server_header=False,
                 proxy_headers=False,
                 limit_concurrency=config.max_connections,
-                h11_max_incomplete_event_size=MAX_HEAD_BYTES,
+                h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
                 timeout_keep_alive=10,
                 timeout_graceful_shutdown=_STOP_S,
             )
@@ -89,6 +89,8 @@ def _listening(bind: str, port: int) -> socket.socket:
         listener.listen(512)
     except OSError as error:
         listener.close()
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise ConfigError(f"bind: {bind!r:.80}: must be an address of this machine") from error
         said = error.strerror or str(error)
         raise ConfigError(f"port: {port}: cannot be used on {bind}: {said}") from error
     return listener

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from services.common.bus.bus import BusConfig
 from services.common.config import ConfigError, fail
@@ -19,9 +19,7 @@ from services.console.serving import ConsoleServer
 
 def main(arguments: Sequence[str]) -> None:
     """Serve until SIGTERM or SIGINT. A wrong setting ends it with one line and exit code 2."""
-    handler = logging.StreamHandler(sys.stdout)
-    handler.setFormatter(RosFormatter())
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    log_to_stdout()
     try:
         config = load(ConsoleConfig, "console", arguments)
         bus_config = load(BusConfig, "bus", [])
@@ -30,8 +28,17 @@ def main(arguments: Sequence[str]) -> None:
         fail(str(error))
 
 
-def serve(config: ConsoleConfig, bus_config: BusConfig) -> None:
-    """Serve until SIGTERM or SIGINT.
+def log_to_stdout() -> None:
+    """Print what the console logs, in ROS style."""
+    handler = logging.StreamHandler(sys.stdout)
+    handler.setFormatter(RosFormatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+def serve(
+    config: ConsoleConfig, bus_config: BusConfig, opener: Callable[[str], object] | None = None
+) -> None:
+    """Serve until SIGTERM or SIGINT; `opener` is called with the address of the first page.
 
     Raises ConfigError if the address cannot be used.
     """
@@ -40,6 +47,8 @@ def serve(config: ConsoleConfig, bus_config: BusConfig) -> None:
         live = () if stack is None else live_routes(stack)
         server = ConsoleServer(build_app(config, live), config)
         logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
+        if opener is not None:
+            opener(server.url)
         server.run()
     finally:
         if stack is not None:

@@ -41,6 +41,7 @@ from services.common.recordings.run_folder import RunFolder, check_free, check_w
 from services.common.world.assets import assets_of
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping.beginnings import Beginnings
+from services.recorder.keeping.closing import delete_old_runs
 from services.recorder.keeping.progress import Progress
 from services.recorder.keeping.repair import Repair, interrupted
 from services.recorder.keeping.run import Run, Setting
@@ -155,6 +156,7 @@ class RecorderNode(Node):
             self._repair = Repair(config.recordings_dir)
             self._repair.spared = self._interrupted[0] if self._interrupted else None
             self._repair.start()
+        self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
         self._early: deque[tuple[Topic[Any], _Arrival]] = deque(maxlen=1000)
         self._run: Run | None = None
@@ -214,9 +216,13 @@ class RecorderNode(Node):
         if self._run is not None:
             self._run.close()
             self._run = None
+            self._delete_old_runs()
         if self._live is not None:
             self._live.close()
             self._live = None
+
+    def _delete_old_runs(self) -> None:
+        delete_old_runs(self._config, self._local_time())
 
     def _take(self, topic: Topic[Any], arrival: _Arrival, now_ns: int) -> None:
         message = arrival[0]
@@ -313,6 +319,7 @@ class RecorderNode(Node):
         if self._run is not None:
             self._run.close()
             self._run = None
+            self._delete_old_runs()
             if world.slam:
                 for topic in _OF_A_RUN:
                     self._setting.fixed.pop(topic, None)

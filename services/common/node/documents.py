@@ -68,9 +68,9 @@ class WorldStatus(Document):
 class Planar(Document):
     """A planar pose in the map frame."""
 
-    x_m: Finite
-    y_m: Finite
-    yaw_rad: Finite
+    x_m: Finite = Field(description="m")
+    y_m: Finite = Field(description="m")
+    yaw_rad: Finite = Field(description="counter-clockwise from x, rad")
 
     def se2(self) -> SE2:
         """The same pose as a transform, map_from_self."""
@@ -80,7 +80,7 @@ class Planar(Document):
 class Location(Planar):
     """A named place to drive to."""
 
-    name: str
+    name: str = Field(description="unique in its world")
 
 
 class Material(Document):

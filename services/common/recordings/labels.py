@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -74,6 +75,10 @@ def relabelled(
     """
     tags = (set(labels.tags) | set(add)) - set(remove)
     values = {"tags": sorted(tags), "note": labels.note if note is None else note}
+    for tag in add:
+        if re.fullmatch(TAG_PATTERN, tag) is None:
+            said = "must be letters, digits and _.:- and begin with a letter or digit, 40 at most"
+            raise ConfigError(f"tag {tag!r:.60}: {said}")
     try:
         return Labels.model_validate(values)
     except ValidationError as error:

@@ -15,6 +15,8 @@ FRESH_S = 0.5
 """Within this wall time the folder is not looked at again."""
 _SHARE = 0.1
 """Of the time that may go into looking, however many runs there are."""
+_PATIENCE_S = 0.1
+"""For which a page waits for a look at the folder."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +37,35 @@ class RunIndex:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._catalog = Catalog(folder)
-        self._lock = threading.Lock()
+        self._looking = threading.Lock()
         self._runs = Runs((), 0, "")
         self._fresh_until_s = float("-inf")
         self._real: dict[str, bool] = {}
 
     def runs(self, at_once: bool = False) -> Runs:
-        """The runs, as they were a moment ago; `at_once`: as they are now."""
-        with self._lock:
-            if at_once or time.monotonic() >= self._fresh_until_s:
-                start_s = time.monotonic()
-                self._look()
-                end_s = time.monotonic()
-                self._fresh_until_s = end_s + max(FRESH_S, (end_s - start_s) / _SHARE)
-            return self._runs
+        """The runs, as they were a moment ago; `at_once`: as they are now.
+
+        Of thousands it may be what was seen last, while the folder is looked at again.
+        """
+        if at_once or not self._runs.version:
+            self._refresh(float("-inf") if at_once else time.monotonic())
+        elif time.monotonic() >= self._fresh_until_s and not self._looking.locked():
+            looking = threading.Thread(
+                target=self._refresh, args=(time.monotonic(),), name="runs", daemon=True
+            )
+            looking.start()
+            looking.join(_PATIENCE_S)
+        return self._runs
+
+    def _refresh(self, asked_s: float) -> None:
+        """Look at the folder, unless that was done after `asked_s`; -inf: in any case."""
+        with self._looking:
+            start_s = time.monotonic()
+            if self._runs.version and 0.0 < asked_s < self._fresh_until_s:
+                return
+            self._look()
+            end_s = time.monotonic()
+            self._fresh_until_s = end_s + max(FRESH_S, (end_s - start_s) / _SHARE)
 
     def _look(self) -> None:
         found = tuple(run for run in self._catalog.runs() if self._is_shown(run.name))

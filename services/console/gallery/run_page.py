@@ -31,6 +31,7 @@ from services.common.recordings.run_folder import (
 from services.common.recordings.run_settings import read_summary, settings_of
 from services.common.recordings.series import RunSeries, read_series
 from services.console.file_answer import FileAnswer
+from services.console.gallery.goals import GoalRow, goals_of
 from services.console.gallery.index import Runs
 from services.console.gallery.routes import current_runs, index_of
 from services.console.pages import page
@@ -41,18 +42,11 @@ from services.console.safe_files import (
     is_real_folder,
     open_inside,
 )
-from services.console.security import content_policy
-from services.console.viewer_assets import viewer_version
+from services.console.security import address_of
+from services.console.viewer_assets import viewer_policy, viewer_version
 
 T = TypeVar("T")
 
-VIEWER_POLICY = content_policy(
-    script_src="'self' 'wasm-unsafe-eval'",
-    style_src_attr="'unsafe-inline'",
-    connect_src="'self' data: blob:",
-    worker_src="'self' blob:",
-)
-"""Of pages with Rerun's viewer: WebAssembly, and elements with a `style`."""
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "frame-ancestors 'self'; base-uri 'none'; form-action 'none'; sandbox allow-popups"
@@ -101,7 +95,7 @@ def _run_at(folder: Path) -> RecordingInfo | None:
 class _Content:
     """What the files of a run say."""
 
-    summary: Mapping[str, Any]
+    goals: tuple[GoalRow, ...]
     figures: tuple[tuple[Figure, str], ...]
     """Those that were measured, each with its value."""
     series: RunSeries | None
@@ -129,7 +123,7 @@ def _read(folder: Path) -> _Content:
     summary = read(SUMMARY, read_summary, nothing)
     values = figures_of(summary)
     return _Content(
-        summary=summary,
+        goals=goals_of(summary),
         figures=tuple(
             (figure, figure_text(figure, values[figure.name]))
             for figure in FIGURES
@@ -168,17 +162,20 @@ async def _run_page(request: Request) -> Response:
     run = await run_of(request)
     runs = await current_runs(request)
     content = await asyncio.to_thread(_read, run.path)
+    port = request.app.state.config.live_data_port if run.state == "running" else 0
+    live_data = address_of(request.headers["host"], port) if port else ""
     newer, older = _neighbours(runs, run.name)
     answer = page(
         request,
         "run.html",
-        headers={"content-security-policy": VIEWER_POLICY},
+        headers={"content-security-policy": viewer_policy(live_data)},
         section="runs",
         run=run,
         newer=newer,
         older=older,
         others=[one for one in runs.all[:_MOST_OTHERS] if one.name != run.name],
         viewer=viewer_version(),
+        live=f"rerun+http://{live_data}/proxy" if live_data else "",
         downloads=[name for name in (RECORDING, MESSAGES) if name in content.files],
         has_report=REPORT in content.files,
         content=content,

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from services.common.recordings.run_folder import LOCK, PROGRESS, parts_of
+from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.progress import Progress, read_progress
 
 _LOG = logging.getLogger("recorder")
@@ -106,12 +107,14 @@ class Repair(threading.Thread):
     regularly: for one that had no room, or whose recorder has just died.
     """
 
-    def __init__(self, recordings_dir: Path) -> None:
+    def __init__(self, recordings_dir: Path, only: Path | None = None) -> None:
+        """`only`: the one leftover to repair."""
         super().__init__(name="repair", daemon=True)
         self.spared: Path | None = None
         """A run that may still be resumed, for a minute."""
         self._start_s = time.monotonic()
         self._recordings_dir = recordings_dir
+        self._only = only
         self._stopped = threading.Event()
         self._rewriting: Rewriting | None = None
 
@@ -126,7 +129,7 @@ class Repair(threading.Thread):
         for folder in leftovers(self._recordings_dir):
             if self._stopped.is_set():
                 return
-            if self._is_spared(folder):
+            if self._is_spared(folder) or self._only not in (None, folder):
                 continue
             lock = folder / LOCK
             try:
@@ -165,6 +168,7 @@ class Repair(threading.Thread):
                 _LOG.info("repaired %s", parts[0])
         (folder / PROGRESS).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
+        leave_report(folder)
 
 
 def _is_free(lock: Path) -> bool:

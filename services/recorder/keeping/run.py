@@ -60,6 +60,7 @@ from services.recorder.judging.evaluation import RunEvaluation
 from services.recorder.judging.obstacles import read_meshes
 from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
+from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.map_folder import MapFolder
 from services.recorder.keeping.progress import Progress, write_progress
 from services.recorder.keeping.repair import Rewriting
@@ -338,11 +339,14 @@ class Run:
         canvas, self._canvas = self._canvas, None
         if canvas is not None:
             self._end_recording(canvas.recording.close)
+        is_gone = self.folder.is_gone
         if self._join_parts():
             self.folder.release()
         else:
             # A later recorder will repair it.
             self.folder.let_go()
+        if self._setting.config.record and not is_gone:
+            leave_report(self.folder.path)
 
     def _judge_one(self, topic: Topic[Any], message: Any) -> None:
         judge = self._judge.get(topic)

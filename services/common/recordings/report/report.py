@@ -73,7 +73,7 @@ def report_html(folder: Path, series: RunSeries | None, problem: str = "") -> st
         raise ConfigError(f"{folder}: holds no run")
     notices = [problem] if problem else []
     if run.state != "ended":
-        why = "has not ended" if run.state == "running" else "was cut off: its recorder was killed"
+        why = "has not ended" if run.state == "running" else "was cut off, and is not repaired yet"
         notices.append(f"This run {why}; the report is as of its newest {SUMMARY}.")
     content: dict[str, Any] = {}
     for part in (_said_by_summary, _said_by_config):
