@@ -23,6 +23,7 @@ from services.console.live.zenoh_stack import ZenohStack
 from services.console.server import build_app
 from services.console.serving import ConsoleServer
 from tests.browser.viewer import CHROMIUM
+from tests.console.live.running import Page as Bystander
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -147,6 +148,7 @@ def live(browser: Browser, url: str) -> Iterator[Opened]:
 def test_a_goal_clicked_on_the_plan_is_reached(live: Opened) -> None:
     x, y, _ = live.pose()
     page = live.page
+    page.get_by_label("Speed").select_option("4")
     page.get_by_role("button", name="Goal").click()
     from_px = live.pixel(x + 0.55, y - 0.45)
     page.mouse.move(*from_px)
@@ -159,9 +161,11 @@ def test_a_goal_clicked_on_the_plan_is_reached(live: Opened) -> None:
     reached = live.pose()
     assert math.dist(reached[:2], (x + 0.55, y - 0.45)) < 0.3
     assert abs(reached[2]) < 20.0
+    page.get_by_label("Speed").select_option("1")
+    live.wait(lambda: page.locator("#said").inner_text().startswith("running at 1x"))
 
 
-def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened) -> None:
+def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened, url: str) -> None:
     x, y, _ = live.pose()
     page = live.page
     place = live.pixel(x - 0.8, y + 0.4)
@@ -169,11 +173,17 @@ def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened) -> None:
     page.mouse.click(*place)
     name = live.said().split()[0]
     assert re.fullmatch(r"box(_\d+)?", name)
-    # Into the same place physics lets no second one.
+    with Bystander(url) as bystander:
+        # What physics says that there is.
+        bodies = bystander.wait_for(lambda: bystander.newest.get("entities", {}).get("bodies"))
+        assert math.dist(bodies[0]["pose"][:2], (x - 0.8, y + 0.4)) < 0.02
+        # Into a wall physics lets none, and the page says why.
+        corners = bystander.wait_kind("world")["walls"][0]
+    middle = [sum(corner[axis] for corner in corners) / 4 for axis in (0, 1)]
     page.get_by_role("button", name="Box").click()
     page.locator("#said").evaluate("one => { one.textContent = ''; }")
-    page.mouse.click(*place)
-    assert name in live.said()
+    page.mouse.click(*live.pixel(*middle))
+    assert "reaches" in live.said()
     assert page.locator("#said.bad").count() == 1
     page.get_by_role("button", name="Remove").click()
     page.locator("#said").evaluate("one => { one.textContent = ''; }")
