@@ -42,8 +42,7 @@ from services.console.safe_files import (
     is_real_folder,
     open_inside,
 )
-from services.console.security import address_of
-from services.console.viewer_assets import viewer_policy, viewer_version
+from services.console.viewer_assets import live_data_of, viewer_policy, viewer_version
 
 T = TypeVar("T")
 
@@ -162,8 +161,7 @@ async def _run_page(request: Request) -> Response:
     run = await run_of(request)
     runs = await current_runs(request)
     content = await asyncio.to_thread(_read, run.path)
-    port = request.app.state.config.live_data_port if run.state == "running" else 0
-    live_data = address_of(request.headers["host"], port) if port else ""
+    live_data = live_data_of(request) if run.state == "running" else ""
     newer, older = _neighbours(runs, run.name)
     answer = page(
         request,

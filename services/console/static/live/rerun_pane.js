@@ -2,20 +2,22 @@
 
 import { Viewer } from "/static/viewer.js";
 
-const LIVE_MS = 8000;
+const LOOK_MS = 3000;
 
-/** The pane; it loads the viewer when it is first shown. */
+/** The pane; it loads the viewer when it is first shown, and opens the next run by itself. */
 export class RerunPane {
   #box;
   #viewer = null;
   #says;
-  #opened = "";
+  #isStarting = false;
+  #shownRun = null;
 
   /** `run()` gives the name of the newest run, or "". */
   constructor(box, run) {
     this.#box = box;
     this.#says = box.querySelector("p");
     this.run = run;
+    setInterval(() => this.#look(), LOOK_MS);
   }
 
   get isShown() {
@@ -23,51 +25,51 @@ export class RerunPane {
   }
 
   /** Show or hide the pane. */
-  async toggle() {
+  toggle() {
     this.#box.hidden = !this.#box.hidden;
-    if (this.isShown && !this.#viewer) {
-      await this.#start();
-    }
+    this.#look();
   }
 
-  async #start() {
-    this.#says.textContent = "loading the viewer ...";
-    try {
-      this.#viewer = await Viewer.start(this.#box.querySelector(".rerun-box"), this.#box.dataset.version);
-    } catch (error) {
-      this.#says.textContent = `the viewer cannot be loaded: ${error.message}`;
-      return;
-    }
-    this.#viewer.onOpen = (recording) => {
-      this.#opened = recording;
-      this.#says.textContent = "";
-    };
-    const { live } = this.#box.dataset;
-    if (live && (await isThere(live))) {
-      await this.#viewer.open([live]);
-      setTimeout(() => {
-        if (!this.#opened) {
-          this.#openFiles();
-        }
-      }, LIVE_MS);
-    } else {
-      await this.#openFiles();
-    }
-  }
-
-  async #openFiles() {
+  /** Open what there is, if it is another run than before. */
+  async #look() {
     const run = this.run();
-    if (!run) {
-      this.#says.textContent = "no run is recorded yet";
+    if (!this.isShown || document.hidden || this.#isStarting || run === this.#shownRun) {
       return;
     }
-    const url = `/runs/${encodeURIComponent(run)}/files/run.rrd`;
-    const found = await fetch(url, { method: "HEAD" }).catch(() => null);
-    if (!found?.ok) {
-      this.#says.textContent = `${run} has no recording to show`;
-      return;
+    this.#isStarting = true;
+    try {
+      const url = (await this.#liveAddress()) || (await fileOf(run));
+      this.#shownRun = run;
+      if (!url) {
+        this.#says.textContent = run ? `${run} has no recording to show` : "no run is recorded yet";
+        return;
+      }
+      if (!this.#viewer) {
+        this.#says.textContent = "loading the viewer ...";
+        this.#viewer = await Viewer.start(
+          this.#box.querySelector(".rerun-box"),
+          this.#box.dataset.version,
+        );
+      }
+      await this.#viewer.open([url]);
+      this.#says.textContent = "";
+      this.#box.title = url.startsWith("/") ? "from the run's files, as they were when opened" : "";
+    } catch (error) {
+      this.#says.textContent = `the viewer cannot be shown: ${error.message}`;
+    } finally {
+      this.#isStarting = false;
     }
-    await this.#viewer.open([url]);
+  }
+
+  /** Where the recorder shows its run, if it does. */
+  async #liveAddress() {
+    const { live } = this.#box.dataset;
+    try {
+      await fetch(`http://${live}/`, { mode: "no-cors" });
+      return live ? `rerun+http://${live}/proxy` : "";
+    } catch {
+      return "";
+    }
   }
 
   /** Show a moment, in s of simulation time. */
@@ -78,13 +80,9 @@ export class RerunPane {
   }
 }
 
-/** Whether anybody listens at the address of a live recording. */
-async function isThere(live) {
-  const address = live.replace(/^rerun[+]/, "").replace(/proxy$/, "");
-  try {
-    await fetch(address, { mode: "no-cors" });
-    return true;
-  } catch {
-    return false;
-  }
+/** The recording in a run's folder; empty: there is none. */
+async function fileOf(run) {
+  const url = `/runs/${encodeURIComponent(run)}/files/run.rrd`;
+  const found = run ? await fetch(url, { method: "HEAD" }) : null;
+  return found?.ok ? url : "";
 }
