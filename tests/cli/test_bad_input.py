@@ -58,6 +58,10 @@ demo --world_name ../x : ../x
 demo --renderer vulkan : --renderer|vulkan|'auto'
 demo --renderer GL : --renderer|GL
 demo --camera=no : --camera
+demo --console-port 8080 : --console-port|--console
+demo --no-tour : --no-tour|--console
+demo --console --no-tour --goal 1 0 0 : --no-tour|--goal
+demo --console --console-port 65536 : --console-port|65536
 demo --use_aruco maybe : --use_aruco|maybe|True
 demo --use_aruco 2 : --use_aruco|2
 demo --texture_base nowhere --world enhanced : nowhere

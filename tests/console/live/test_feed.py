@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def taken(outgoing: Outgoing) -> list[Frame]:
     return asyncio.run(outgoing.taken())
 
 
-def content(frames: list[Frame], kind: str) -> dict[str, object]:
+def content(frames: list[Frame], kind: str) -> dict[str, Any]:
     """The newest content of a kind."""
     (*_, found) = [frame.content for frame in frames if frame.kind == kind]
     if isinstance(found, bytes):
@@ -51,7 +52,7 @@ def test_what_cannot_be_read_or_drawn_is_left_out() -> None:
         world_hash="0" * 16, sim_time_s=1.0, iterations=240, step_size_s=1 / 240, renderer="none",
         state_hash="",
     )  # fmt: skip
-    wrong: list[tuple[tp.Topic[object], object]] = [
+    wrong: list[tuple[tp.Topic[Any], object]] = [
         (topic, data) for topic in WATCHED for data in (b"", b"\x00\x01\x00\x00", bytes(64))
     ]
     grid = msg.occupancy_grid(0, 0.05, SE2(0, 0, 0), np.zeros((2, 3), np.int8))
@@ -97,7 +98,7 @@ def test_the_scan_lies_where_the_robot_believes_to_be_and_else_where_it_is() -> 
     )
     drawn = content(frames, "scan")
     assert drawn["pose"] == pytest.approx([1.9, 1.0, 0.0])
-    assert np.frombuffer(drawn["data"], "<u2").tolist() == [1000, 2000, 65535, 65535]  # type: ignore[call-overload]
+    assert np.frombuffer(drawn["data"], "<u2").tolist() == [1000, 2000, 65535, 65535]
     frames = view.frames(
         [
             (tp.TF, frame("map", "odom", SE2(1.0, 0.0, np.pi / 2))),
@@ -119,7 +120,7 @@ def test_a_costmap_in_odom_lies_in_the_map() -> None:
     placed = (tp.TF, frame("map", "odom", SE2(1.0, 1.0, np.pi / 2)))
     drawn = content(view.frames([placed, (tp.LOCAL_COSTMAP, grid)]), "local_costmap")
     assert drawn["origin"] == pytest.approx([1.0, 1.2, np.pi / 2], abs=1e-3)
-    assert np.frombuffer(drawn["data"], np.int8).tolist() == [0, 99, 100, -1]  # type: ignore[call-overload]
+    assert np.frombuffer(drawn["data"], np.int8).tolist() == [0, 99, 100, -1]
     assert (drawn["rows"], drawn["columns"]) == (2, 2)
 
 
@@ -131,6 +132,6 @@ def test_a_marker_faces_where_its_panel_does() -> None:
         dictionary="DICT_4X4_100",
     )  # fmt: skip
     entities = Entities(world_hash="0" * 16, entities=(marker,))
-    (drawn,) = content(View().frames([(tp.ENTITIES, entities)]), "entities")["markers"]  # type: ignore[misc]
+    (drawn,) = content(View().frames([(tp.ENTITIES, entities)]), "entities")["markers"]
     assert (drawn["id"], drawn["x_m"], drawn["y_m"]) == (5, 1.0, 2.0)
     assert drawn["heading_rad"] == pytest.approx(0.0)
