@@ -57,6 +57,17 @@ class Choice:
                 raise ConfigError(f"--without: {service!r:.60}: must be one of {known}")
         return cls(frozenset(topics), services)
 
+    @property
+    def real(self) -> list[str]:
+        """The services whose place running ones take."""
+        return [service for service in self.without if service != EDGE]
+
+    def check(self, compare: bool, lockstep: bool) -> None:
+        """Raises ConfigError where an option needs a service that takes part."""
+        for option, given in (("--compare", compare), ("--lockstep", lockstep)):
+            if given and not self.real:
+                raise ConfigError(f"{option}: must be given with --without")
+
     def wants(self, message: Replayed) -> bool:
         """Whether a message is published."""
         if message.service in self.without:
@@ -82,10 +93,7 @@ def publish_recording(
     Raises ConfigError where no router responds, a simulation runs there already, or a service that
     is replayed.
     """
-    real = [service for service in choice.without if service != EDGE]
-    for option, given in (("--compare", compare), ("--lockstep", lockstep)):
-        if given and not real:
-            raise ConfigError(f"{option}: must be given with --without")
+    real = choice.real
     try:
         pace = "lockstep" if lockstep else "real_time"
         session = open_session(BusConfig(connect=endpoint, pace=pace))
