@@ -202,6 +202,7 @@ class _Player:
         sender = Sender(self._session, self._replayed, lockstep)
         self._listener.own.update(sender.sources.values())
         self._listener.newest_ns.clear()
+        self._listener.counts.clear()
         messages = between(in_time(self._recording.read()), *span_ns)
         wanted = (one for one in messages if self._choice.wants(one) or self._keeps(one))
         feed = Feed(wanted, span_ns[0])
@@ -213,12 +214,12 @@ class _Player:
                     self._listener.hand_to(self._comparison)
 
                 if self._turns is not None:
-                    self._turns.play(
-                        feed, sender, speed, self._keep, watch, self._comparison.missing_at
-                    )
+                    self._turns.play(feed, sender, speed, self._keep, watch, self._is_missing)
                 else:
                     self._play_by_the_clock(feed, sender, speed, watch)
-            self._hear_the_last()
+            if self._real:
+                self._hear_the_last()
+                self._comparison.end()
         finally:
             self.sent += sender.sent
             sender.close()
@@ -251,7 +252,7 @@ class _Player:
 
     def _have_stepped(self, start_ns: int) -> bool:
         """Whether each service has sent something in a step after the first instant."""
-        stepped = [time_ns > start_ns for time_ns in self._listener.newest_ns.values()]
+        stepped = [time_ns > start_ns for time_ns in list(self._listener.newest_ns.values())]
         return stepped.count(True) >= len(self._real)
 
     def _publish(self, messages: list[Replayed], sender: Sender) -> None:
@@ -262,9 +263,7 @@ class _Player:
                 sender.send(message)
 
     def _hear_the_last(self) -> None:
-        """Take in what the services send at the end."""
-        if not self._real:
-            return
+        """Take in what the services have sent so far."""
         sent = self._turns.sent() if self._turns is not None else {}
 
         def is_heard() -> bool:
@@ -277,7 +276,11 @@ class _Player:
             )
 
         wait_until(is_heard, MATCH_S if sent else _LAST_S)
-        self._comparison.end()
+
+    def _is_missing(self, time_ns: int) -> bool:
+        """Whether the services lack a message of a time."""
+        self._hear_the_last()
+        return self._comparison.missing_at(time_ns)
 
     def close(self) -> None:
         """Hear no more."""
