@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from services.common.node.topics import CAMERA_COMPRESSED, DEPTH_IMAGE
 from services.common.recordings import mcap_records as rec
 from services.common.recordings.mcap_channels import definition_of
 from services.common.recordings.mcap_file import McapFile, Row
-from services.common.recordings.mcap_messages import MADE_FROM
+from services.common.recordings.mcap_messages import MADE_FROM, read_messages
 from services.common.recordings.mcap_scan import content, records
 from services.common.recordings.run_folder import attachments_of
 from services.recorder.transcoding.depth import compressed_depth
@@ -78,15 +78,25 @@ def transcode_mcap(path: Path) -> bool:
     return True
 
 
-def frame_of(cdr: bytes) -> bytes:
-    """The encoded frame in a message of VIDEO_TYPE. Raises VideoError if it is none."""
+def read_video(parts: Sequence[Path], made_from: str) -> Iterator[tuple[int, VideoFrame]]:
+    """The stamp in ns and the frame of each picture of a topic in files with video, in order.
+
+    Raises VideoError or McapError for a damaged file, OSError.
+    """
+    for message in read_messages(parts, {f"{made_from}/video"}):
+        if message.type_name == VIDEO_TYPE:
+            yield frame_of(message.data)
+
+
+def frame_of(cdr: bytes) -> tuple[int, VideoFrame]:
+    """Stamp in ns and frame in a message of VIDEO_TYPE. Raises VideoError if it is none."""
     try:
-        (length,) = struct.unpack_from("<I", cdr, 12)
+        sec, nanosec, length = struct.unpack_from("<iII", cdr, 4)
         at = 4 + _aligned(12 + length)
         (size,) = struct.unpack_from("<I", cdr, at)
     except struct.error as error:
         raise VideoError("a video's message is cut off") from error
-    return cdr[at + 4 : at + 4 + size]
+    return sec * 1_000_000_000 + nanosec, VideoFrame(cdr[at + 4 : at + 4 + size])
 
 
 def _conversions(path: Path) -> dict[int, _Conversion]:

@@ -15,6 +15,7 @@ BITS_PER_PIXEL = 0.16
 """What the encoder aims at; a drive through textured rooms needs about a third of it."""
 _MOST_BITS_PER_S = (2**31 - 1) // 2
 """OpenCV asks the encoder for 64 bits a pixel, and for at most this bit rate."""
+_KEY_FRAME = 0x80
 
 
 class VideoError(Exception):
@@ -26,7 +27,11 @@ class VideoFrame:
     """One picture, encoded: a key frame is decoded alone, any other after those before it."""
 
     data: bytes
-    is_key: bool
+
+    @property
+    def is_key(self) -> bool:
+        """Whether it is a key frame (VP9 bitstream, 6.2: marker, profile 0, new, type)."""
+        return bool(self.data) and self.data[0] & 0xFC == _KEY_FRAME
 
 
 def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFrame]:
@@ -122,8 +127,7 @@ def _frames(path: Path) -> Iterator[VideoFrame]:
             is_read, packet = video.read()
             if not is_read:
                 return
-            is_key = video.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0.0
-            yield VideoFrame(np.asarray(packet, np.uint8).tobytes(), is_key)
+            yield VideoFrame(np.asarray(packet, np.uint8).tobytes())
     finally:
         video.release()
 

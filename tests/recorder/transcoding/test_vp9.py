@@ -70,4 +70,4 @@ def test_what_cannot_be_a_video_is_said(pictures: list[bytes], said: str, tmp_pa
 
 def test_no_stream_cannot_be_decoded() -> None:
     with pytest.raises(VideoError):
-        list(decode([VideoFrame(b"nothing", True)], SIZE_PX))
+        list(decode([VideoFrame(b"nothing")], SIZE_PX))
