@@ -34,7 +34,7 @@ PATIENCE_S = 60.0
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an ended run."""
     folder = tmp_path_factory.mktemp("recordings")
-    bench = Bench(recorder(folder))
+    bench = Bench(recorder(folder, video=True))
     bench.say(opening(room()))
     bench.say(driving(room(), SECONDS))
     bench.node.close()
