@@ -55,6 +55,8 @@ alive, the folder also contains a locked file `{LOCK}`.
 
 ## In the viewer
 
+There is a layout for each purpose: see [the viewer](viewer.md).
+
 | tab | shows |
 | --- | --- |
 """
@@ -80,6 +82,7 @@ _TABS = (
     ),
     ("Behavior tree", "the tree that runs, each node marked with its newest answer"),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
+    ("Events", "what one may want to jump to: goals, contacts, recoveries, new markers, faults"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
     (
