@@ -9,6 +9,8 @@ MAP ?=
 SET ?=
 GOAL ?= 0.5 -0.9 0.0
 JSON ?= bench.json
+# Of console.
+PORT ?= 8080
 HOURS ?= 1
 # Any value: with the camera.
 CAMERA ?=
@@ -30,7 +32,7 @@ space := $(subst ,, )
 STAMP := .venv/.installed
 SOURCES := services tests
 
-.PHONY: help env demo slam demo-original up down goal recordings view test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings console view test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -67,13 +69,16 @@ up: image ## start the containers of WORLD=enhanced|original|... and follow the 
 	esac
 
 down: ## stop the containers and close their recordings
-	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced down
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile console down
 
 goal: $(STAMP) ## send the running robot to GOAL="x y yaw"
 	@.venv/bin/mazebot goal $(GOAL)
 
 recordings: $(STAMP) ## list the recorded runs
 	@.venv/bin/mazebot recordings list
+
+console: $(STAMP) ## serve the page with all runs and the live view at http://localhost:8080 (PORT=8080)
+	@.venv/bin/mazebot console --port $(PORT) --open
 
 view: $(STAMP) ## serve the newest recording, and open it in a browser if there is one
 	@.venv/bin/mazebot recordings view --open
@@ -96,6 +101,10 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 		.venv/bin/python -m services.cli.pages.$${page}_page | diff - docs/$$page.md \
 			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
 	done
+	@for schema in summary series labels; do \
+		.venv/bin/python -m services.cli.pages.run_schemas $$schema | diff - docs/schemas/$$schema.schema.json \
+			|| { echo "docs/schemas/$$schema.schema.json is stale: make generate"; exit 1; }; \
+	done
 	@echo "check: all well"
 
 fix: $(STAMP) ## format, and fix what the linter can
@@ -105,6 +114,9 @@ fix: $(STAMP) ## format, and fix what the linter can
 generate: $(STAMP) ## regenerate the generated files
 	@for page in topics recipes parameters recordings; do \
 		.venv/bin/python -m services.cli.pages.$${page}_page > docs/$$page.md; \
+	done
+	@for schema in summary series labels; do \
+		.venv/bin/python -m services.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
 
 lock: $(STAMP) ## resolve the dependencies again
@@ -140,7 +152,7 @@ bench-slam: $(STAMP) ## explore worlds without a map, judged by the ground truth
 		$(NOISE:%=--noise %) --json $(if $(filter file,$(origin JSON)),bench-slam.json,$(JSON))
 
 image: ## build the container image
-	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced build
+	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile console build
 
 clean: ## remove the environment and caches; recordings stay
 	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -20,6 +20,10 @@ rm -f pyarrow/libarrow_python.so pyarrow/libarrow_python.so.*.*
 # rosbags is used only for message types and serialization, not for bags.
 rm -rf apsw lz4 ruamel
 
+# Of the notebook package only the viewer for browsers is used, which the console sends compressed.
+rm -f rerun_notebook/asset_server.py rerun_notebook/error_widget.js rerun_notebook/static/widget.css
+gzip -9 -n rerun_notebook/static/re_viewer_bg.wasm rerun_notebook/static/widget.js
+
 # scipy is used for distances, neighbours, graphs and optimisation.
 rm -rf scipy/stats scipy/io scipy/signal scipy/integrate scipy/interpolate
 find pyarrow -name '*.pxi' -delete -o -name '*.pxd' -delete -o -name '*.pyx' -delete
@@ -34,7 +38,8 @@ if [ -e rerun_cli/rerun ]; then strip --strip-unneeded rerun_cli/rerun; fi
 # The remaining packages must still import.
 cd /
 "$1/../../../bin/python" -c '
-import collada, cv2, lxml.etree, moderngl, networkx, numba, PIL.Image, pybullet
+import collada, cv2, jinja2, lxml.etree, moderngl, networkx, numba, PIL.Image, pybullet
 import pydantic_settings, rerun, rosbags.typesys, scipy.ndimage, scipy.sparse.csgraph
-import scipy.optimize, scipy.spatial, shapely, trimesh, typer, xacro, zenoh
+import scipy.optimize, scipy.spatial, shapely, starlette, trimesh, typer, uvicorn
+import websockets, xacro, zenoh
 '

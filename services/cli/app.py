@@ -8,20 +8,25 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from services.cli import entities, known, localize, markers, plan, sim, world
+from services.cli import console, entities, known, localize, markers, plan, sim, world
 from services.cli.command import App, UsageMistake, in_one_line, overview
-from services.cli.completion import run_names, topic_names, world_names, written_topic_names
+from services.cli.completion import topic_names, world_names, written_topic_names
 from services.cli.drive import behaviors, teleop, waypoints
 from services.cli.map import group as map_group
 from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
+from services.cli.recordings import group as recordings_group
+from services.cli.recordings.group import RecordingsDir, RunName
+from services.cli.replay import command as replay
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
-from services.recorder.config import LayoutName
+
+if TYPE_CHECKING:
+    from services.console.config import ConsoleConfig
 
 app = App(
     name="mazebot",
@@ -29,20 +34,13 @@ app = App(
     pretty_exceptions_enable=False,
 )
 topics_app = App(help="Inspect the topics of a running stack, and publish to them.")
-recordings_app = App(help="List, view and compress the recordings of runs.")
 app.add_typer(topics_app, name="topic")
-app.add_typer(recordings_app, name="recordings")
+app.add_typer(recordings_group.app, name="recordings")
 app.add_typer(world.app, name="world")
 app.add_typer(map_group.app, name="map")
 app.add_typer(markers.app, name="markers")
 app.add_typer(sim.app, name="sim")
 
-RecordingsDir = Annotated[
-    Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
-]
-RunName = Annotated[
-    str, typer.Argument(metavar="RUN", help="its folder or its name", autocompletion=run_names)
-]
 TopicName = Annotated[
     str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
 ]
@@ -159,6 +157,19 @@ def demo(
     record: Annotated[
         bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
     ] = None,
+    console: Annotated[
+        bool,
+        typer.Option(
+            "--console", help="serve the console beside the run, which is in real time then and "
+            "goes on after the tour until Ctrl-C",
+        ),
+    ] = False,
+    console_port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="its port [default: 8080]")
+    ] = None,
+    tour: Annotated[
+        bool, typer.Option("--tour/--no-tour", help="with --console: or wait for goals from it")
+    ] = True,
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
@@ -178,6 +189,11 @@ def demo(
         raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
     if slam and explore is False and goal is None:
         raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
+    if not console and (console_port is not None or not tour):
+        option = "--no-tour" if console_port is None else "--console-port"
+        raise ConfigError(f"{option}: must be given with --console")
+    if not tour and goal is not None:
+        raise ConfigError("--no-tour: must be given without --goal")
     if config is not None:
         known.check_file(config)
     with collections_held_off():
@@ -208,9 +224,19 @@ def demo(
             as_json=as_json,
             arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
+            console=_console_config(console_port) if console else None,
+            tour=tour,
         )
         code = embedded.run(options)
     raise typer.Exit(code)
+
+
+def _console_config(port: int | None) -> ConsoleConfig:
+    """Environment and defaults, and the port as given. Raises ConfigError."""
+    from services.common.load import load  # noqa: PLC0415
+    from services.console.config import ConsoleConfig  # noqa: PLC0415
+
+    return load(ConsoleConfig, "console", (), {} if port is None else {"port": port})
 
 
 @app.command()
@@ -351,50 +377,9 @@ def topic_pub(
     publish_messages(connect, name, message, rate_hz, 1 if once else times)
 
 
-@recordings_app.command("list")
-def recordings_list(directory: RecordingsDir = None, as_json: Json = False) -> None:
-    """List the runs, newest first."""
-    from services.cli.recordings import list_runs  # noqa: PLC0415
-
-    list_runs(directory, as_json)
-
-
-@recordings_app.command("view")
-def recordings_view(
-    name: Annotated[
-        str, typer.Argument(help="a run's folder or its name", autocompletion=run_names)
-    ] = "",
-    directory: RecordingsDir = None,
-    port: Annotated[int, typer.Option(min=1, max=65534, help="port of the web viewer")] = 9090,
-    open_browser: Annotated[
-        bool, typer.Option("--open", help="open it in a browser, if this machine has one")
-    ] = False,
-    layout: Annotated[
-        LayoutName | None, typer.Option(help="what to show [default: that of the run]")
-    ] = None,
-) -> None:
-    """Serve a run (by default the newest one) to a browser."""
-    from services.cli.recordings import view_run  # noqa: PLC0415
-
-    view_run(directory or Path("recordings"), name, port, open_browser, layout)
-
-
-@recordings_app.command("compress")
-def recordings_compress(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(help="runs' folders or names", autocompletion=run_names),
-    ] = None,
-    directory: RecordingsDir = None,
-    as_json: Json = False,
-) -> None:
-    """Make videos of the pictures of runs: by default of all that have none yet."""
-    from services.cli.compress import compress_runs  # noqa: PLC0415
-
-    raise typer.Exit(compress_runs(directory, names or [], as_json))
-
-
 entities.register(app)
+app.command()(console.console)
+app.command()(replay.replay)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

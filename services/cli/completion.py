@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import glob
 import os
 from pathlib import Path
+
+import typer
 
 from services.common.config import ConfigError
 
@@ -37,7 +41,29 @@ def written_topic_names(incomplete: str) -> list[str]:
     return [name for name in topic_names(incomplete) if name in mine]
 
 
-def run_names(incomplete: str) -> list[str]:
-    """The runs in ./recordings, newest first."""
-    folders = Path("recordings").glob(f"{incomplete}*/config.yaml")
+def run_names(context: typer.Context, incomplete: str) -> list[str]:
+    """The runs in --dir or ./recordings, newest first."""
+    folders = _recordings(context).glob(f"{glob.escape(incomplete)}*/config.yaml")
     return sorted((file.parent.name for file in folders), reverse=True)
+
+
+def tag_names(context: typer.Context, incomplete: str) -> list[str]:
+    """The tags of all runs in --dir or ./recordings, and `keep`."""
+    from services.common.recordings.labels import KEEP, read_labels  # noqa: PLC0415
+
+    tags = {KEEP}
+    for file in _recordings(context).glob("*/labels.json"):
+        with contextlib.suppress(ConfigError):
+            tags.update(read_labels(file.parent).tags)
+    return sorted(tag for tag in tags if tag.startswith(incomplete))
+
+
+def _recordings(context: typer.Context) -> Path:
+    return Path(context.params.get("directory") or "recordings")
+
+
+def service_names(incomplete: str) -> list[str]:
+    """The services, in the order in which they step."""
+    from services.common.node.topics import SERVICES  # noqa: PLC0415
+
+    return [name for name in SERVICES if name.startswith(incomplete)]

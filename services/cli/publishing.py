@@ -6,7 +6,7 @@ import contextlib
 import json
 import sys
 import time
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import yaml
@@ -17,11 +17,12 @@ from services.cli.sim import stats_now
 from services.cli.topic import named_topic
 from services.common.bus import wire
 from services.common.bus.bus import Bus, alive, subscribed
-from services.common.config import ConfigError, ServiceConfig
+from services.common.config import ConfigError
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from services.common.known_settings import unknown_name
 from services.common.node import messages as msg
-from services.common.node.node import Inbox, Node, Outbox
+from services.common.node.node import Inbox
+from services.common.node.person import Person
 from services.common.node.topics import CLOCK, CMD_VEL, EDGE, Topic, owned_by
 from services.common.yaml_words import line_and_words
 
@@ -31,16 +32,6 @@ _INTEGERS = {
     for bits in (8, 16, 32, 64)
 }
 """Minimum and maximum value by type."""
-
-
-class _Person(Node):
-    """The user: may publish the topics of the user's tools."""
-
-    name: ClassVar[str] = EDGE
-    _config = ServiceConfig()
-
-    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Does nothing: the user does not step."""
 
 
 def publish_messages(
@@ -60,7 +51,7 @@ def publish_messages(
         )
     content = parsed(topic, text)
     message_at(topic, content, 0)
-    person = _Person()
+    person = Person()
     with connected(endpoint) as session:
         if not alive(session) & set(topic.readers):
             raise ConfigError(

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import to_jsonable_python
 
 
 class ConfigError(Exception):
@@ -20,6 +22,18 @@ class ServiceConfig(BaseModel):
     seed: int = Field(
         7, ge=0, le=2**63 - 1, description="the run's seed; each random stream derives from it"
     )
+
+
+def changed_defaults(config: ServiceConfig) -> dict[str, Any]:
+    """The defaults, as JSON values, of the fields that have another value."""
+    changed = {
+        name: field.get_default(call_default_factory=True)
+        for name, field in type(config).model_fields.items()
+        if not field.is_required()
+    }
+    changed = {name: value for name, value in changed.items() if value != getattr(config, name)}
+    defaults: dict[str, Any] = to_jsonable_python(changed)
+    return defaults
 
 
 class PlainText:

@@ -70,7 +70,7 @@ def load(
 
 def sections() -> tuple[str, ...]:
     """The sections that a settings file, and the environment variables, may have."""
-    return ("bus", "router", *SERVICES)
+    return ("bus", "console", "router", *SERVICES)
 
 
 def read_settings(

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -49,6 +49,9 @@ from services.worldgen.config import WorldgenConfig
 from services.worldgen.files import load_any
 from services.worldgen.node import Load, WorldgenNode
 from services.worldgen.recipe.loader import LoadedWorld
+
+if TYPE_CHECKING:
+    from services.console.config import ConsoleConfig
 
 C = TypeVar("C", bound=ServiceConfig)
 
@@ -96,6 +99,10 @@ class DemoOptions:
     """Arguments of a xacro file."""
     roots: tuple[Path, ...] = ()
     """Folders of models that an SDF file may include."""
+    console: ConsoleConfig | None = None
+    """Where the console is served; with it the run is in real time, and goes on until Ctrl-C."""
+    tour: bool = True
+    """Without one, only the console sends goals."""
 
 
 def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]:
@@ -162,6 +169,7 @@ def bringup_config(options: DemoOptions) -> BringupConfig:
         "goal": options.goal,
         "slam": options.slam,
         "explore": options.explore,
+        "only_ask": None if options.tour else True,
     }
     return _configured(options, BringupConfig, "bringup", told)
 
@@ -249,9 +257,15 @@ def run(options: DemoOptions) -> int:
     except NoLocationsError as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_NOT_REACHED
+    beside = None
+    if options.console is not None:
+        from services.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
+
+        beside = ConsoleBeside(options.console)
     # No node in this process requests another world.
     nodes = build_nodes(options, lambda *_: loaded)
-    executive = Executive(nodes, MemoryTransport(), rosout)
+    transport = MemoryTransport() if beside is None else beside.transport
+    executive = Executive(nodes, transport, rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
     with _stop_on_signal() as stopped, _progress(console) as progress:
         unit = "%" if bringup.explores else "goals"
@@ -276,7 +290,11 @@ def run(options: DemoOptions) -> int:
             return bool(stopped)
 
         try:
-            code = executive.run(until)
+            if beside is None:
+                code = executive.run(until)
+            else:
+                beside.play(executive, until)
+                code = bringup.exit_code
         except StalledError as error:
             # Print one line instead of a traceback.
             raise ConfigError(str(error)) from error

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, Literal, Self, TypeVar, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 from pydantic import ValidationError
 
 from services.bringup.config import BringupConfig
 from services.bringup.node import BringupNode
-from services.common.config import ConfigError, ServiceConfig, one_line
+from services.common.config import ConfigError, one_line
 from services.common.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
 from services.common.load import load
 from services.common.node import messages as msg
@@ -35,13 +35,13 @@ from services.common.node.documents import (
     Vector,
 )
 from services.common.node.executive import Executive, MemoryTransport, StalledError
-from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.node import Envelope, Outbox
+from services.common.node.person import Person
 from services.common.node.topics import (
     BY_NAME,
     CANCEL_GOAL,
     CMD_VEL,
     DELETE_ENTITY,
-    EDGE,
     GET_ENTITIES,
     GOAL_POSE,
     GROUND_TRUTH_ODOM,
@@ -96,16 +96,6 @@ class _Wire(MemoryTransport):
             if name == topic.name:
                 seen.append(message)
         super()._send(topic, message, envelope)
-
-
-class _Person(Node):
-    """The user of the session: may publish the topics of the user's tools."""
-
-    name: ClassVar[str] = EDGE
-    _config = ServiceConfig()
-
-    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Does nothing: the user does not step."""
 
 
 class Session:
@@ -175,7 +165,7 @@ class Session:
             nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))
         self._wire = _Wire()
         self._executive = Executive(nodes, self._wire)
-        self._outbox = Outbox(_Person(), self._wire.send)
+        self._outbox = Outbox(Person(), self._wire.send)
         self._closed = False
         try:
             self.pause()

@@ -36,6 +36,17 @@ class RecorderConfig(ServiceConfig):
         None, description="folder of the run, instead of a new one in recordings_dir"
     )
     repair: bool = Field(True, description="at start, repair recordings left by a killed recorder")
+    keep_days: float | None = Field(
+        None,
+        gt=0,
+        description="at start and at a run's end, delete runs that began longer ago; none: keep "
+        "all. Runs with the tag `keep`, and those that have not ended, always stay",
+    )
+    keep_gib: float | None = Field(
+        None,
+        gt=0,
+        description="likewise, delete the oldest runs until all together take no more, in GiB",
+    )
     compact_timeout_s: float = Field(
         1.2,
         ge=0,

@@ -42,10 +42,11 @@ from services.common.recordings.run_folder import RunFolder, check_free, check_w
 from services.common.world.assets import assets_of
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping.beginnings import Beginnings
+from services.recorder.keeping.closing import delete_old_runs
 from services.recorder.keeping.progress import Progress
 from services.recorder.keeping.repair import Repair, interrupted
 from services.recorder.keeping.run import Run, Setting
-from services.recorder.keeping.versions import versions
+from services.recorder.keeping.versions import hardware, versions
 from services.recorder.stream.message_log import Taken
 
 if TYPE_CHECKING:
@@ -118,7 +119,6 @@ class RecorderNode(Node):
         """Raises ConfigError if a folder cannot be written or a port is in use."""
         self._config = config
         self._local_time = local_time
-        self._parameters: dict[str, Any] = {}
         self._seed = config.seed
         """The simulation's seed, as soon as it is known: a reset may change it."""
         if config.out_dir is None:
@@ -137,9 +137,11 @@ class RecorderNode(Node):
             config,
             wall_clock_s,
             versions(),
+            hardware(),
             live=self._live.feed if self._live else None,
             resumable=config.out_dir is None,
         )
+        self._parameters = self._setting.parameters
         self._interrupted = interrupted(config.recordings_dir) if config.out_dir is None else None
         """Folder and progress of a run whose recorder died and that may still be resumed."""
         if self._interrupted is not None:
@@ -155,6 +157,7 @@ class RecorderNode(Node):
             self._repair = Repair(config.recordings_dir, is_idle)
             self._repair.spared = self._interrupted[0] if self._interrupted else None
             self._repair.start()
+        self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
         self._early: deque[tuple[Topic[Any], Taken]] = deque(maxlen=1000)
         self._beginnings = Beginnings()
@@ -218,9 +221,13 @@ class RecorderNode(Node):
         if self._run is not None:
             self._run.close()
             self._run = None
+            self._delete_old_runs()
         if self._live is not None:
             self._live.close()
             self._live = None
+
+    def _delete_old_runs(self) -> None:
+        delete_old_runs(self._config, self._local_time())
 
     def _taken(self, topic: Topic[Any], arrival: Received[Any], inbox: Inbox) -> Taken | None:
         """A message with its CDR, if it is to be recorded; None: it cannot be encoded."""
@@ -252,8 +259,8 @@ class RecorderNode(Node):
         elif topic is WORLD_REQUEST and message != self._request:
             self._request = message
             self._write_config()
-        elif topic is PARAMETERS and self._parameters.get(message.service) != message.values:
-            self._parameters[message.service] = message.values
+        elif topic is PARAMETERS and self._parameters.get(message.service) != message:
+            self._parameters[message.service] = message
             self._write_config()
         elif topic is SIMULATION_STATS:
             self._simulation = message, taken.envelope
@@ -334,6 +341,7 @@ class RecorderNode(Node):
         if self._run is not None:
             self._run.close()
             self._run = None
+            self._delete_old_runs()
             if world.slam:
                 for topic in _OF_A_RUN:
                     self._setting.fixed.pop(topic, None)
@@ -380,6 +388,6 @@ class RecorderNode(Node):
             "world": world.name,
             "world_hash": world.hash,
             "seed": self._seed,
-            "services": dict(sorted(self._parameters.items())),
+            "services": {name: said.values for name, said in sorted(self._parameters.items())},
         }
         self._run.write_config(content)

@@ -324,6 +324,9 @@ entities --timeout nan : --timeout|nan
 recordings list --dir nowhere : --dir|nowhere
 recordings list --dir file.txt : --dir|file.txt
 recordings list --dir '' : --dir|empty
+console --dir nowhere : --dir|nowhere
+console --port 70000 : --port|70000
+console --bind 1.2.3.4 --port 0 --no-live : bind|1.2.3.4|of this machine
 recordings view nope : nope
 recordings view --dir nowhere : nowhere
 recordings view nope --port 0 : --port|0
@@ -574,6 +577,9 @@ recorder --grpc-port 99999 : grpc_port|99999
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir
 router --listen x : listen|x|--listen
+console --port 70000 : port|70000|--port
+console --hosts http://lab : hosts|http://lab|without scheme
+console --max-body-kib 0 : max_body_kib|0
 bus --pace slow : pace|slow|real_time
 """
 

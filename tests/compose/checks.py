@@ -41,9 +41,12 @@ def check_recordings(stack: Stack) -> list[dict[str, Any]]:
         assert {path.name for path in folder.iterdir()} - {".to_compress"} == {
             "config.yaml",
             "digests.bin",
+            "report.html",
             "run.mcap",
             "run.rrd",
+            "series.json",
             "summary.json",
+            "thumbnail.png",
         }
         verified = subprocess.run(
             [Path(sys.executable).with_name("rerun"), "rrd", "verify", folder / "run.rrd"],

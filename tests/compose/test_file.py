@@ -18,6 +18,8 @@ NAMES = ["router", *(service for service in SERVICES if service != "bringup")]
 MAPPERS = {"mapping", "explorer"}
 OURS = [name for name in STANZAS if name != "nothing-named"]
 PROFILES = {"original", "enhanced", "slam", "slam-enhanced"}
+WRITERS = {"recorder", "console"}
+"""They write into the folder of recordings, as its owner."""
 DEMOS = {
     "original": "demo-world",
     "enhanced": "demo-world-enhanced",
@@ -38,6 +40,17 @@ def test_each_service_has_a_stanza_that_runs_it_in_its_profiles(name: str) -> No
         assert set(stanza["profiles"]) == PROFILES
     assert stanza["restart"] == "unless-stopped"
     assert stanza["healthcheck"]["test"][-1] == name
+
+
+def test_the_console_comes_up_alone_and_writes_as_the_recorder_does() -> None:
+    stanza, recorder = STANZAS["console"], STANZAS["recorder"]
+    assert stanza["command"][:3] == ["python", "-m", "services.console"]
+    assert stanza["profiles"] == ["console"]
+    assert stanza["depends_on"] == []
+    assert stanza["ports"] == ["127.0.0.1:${MAZEBOT_CONSOLE_PORT:-8080}:8080"]
+    for field in ("user", "cap_add", "init", "entrypoint", "volumes"):
+        assert stanza[field] == recorder[field]
+    assert stanza["healthcheck"]["test"][-1] == "services.console.health"
 
 
 def test_each_demo_needs_every_service() -> None:
@@ -90,18 +103,19 @@ def test_worlds_and_textures_are_the_image_s_or_one_s_own(
 @pytest.mark.parametrize("name", OURS)
 def test_each_stanza_is_hardened(name: str) -> None:
     stanza = STANZAS[name]
-    assert set(stanza["profiles"]) <= PROFILES
+    assert set(stanza["profiles"]) <= {*PROFILES, "console"}
     assert stanza["image"] == "mazebot"
     assert stanza["read_only"] is True
     assert stanza["cap_drop"] == ["ALL"]
     assert stanza["security_opt"] == ["no-new-privileges:true"]
     assert all(port.startswith("127.0.0.1:") for port in stanza.get("ports", ()))
-    assert "edge" not in stanza["networks"] or name in ("router", "recorder")
-    assert name == "recorder" or stanza["user"] == "10001:10001"
+    assert "edge" not in stanza["networks"] or name in ("router", *WRITERS)
+    assert name in WRITERS or stanza["user"] == "10001:10001"
 
 
-def test_one_stanza_builds_the_image_for_all_and_nobody_looks_for_it_elsewhere() -> None:
-    assert [name for name in OURS if "build" in STANZAS[name]] == ["router"]
+def test_router_and_console_build_the_image_and_nobody_looks_for_it_elsewhere() -> None:
+    assert [name for name in OURS if "build" in STANZAS[name]] == ["router", "console"]
+    assert STANZAS["console"]["build"] == STANZAS["router"]["build"]
     assert {STANZAS[name]["pull_policy"] for name in OURS} == {"never"}
     assert all("router" in STANZAS[demo]["depends_on"] for demo in DEMOS.values())
 

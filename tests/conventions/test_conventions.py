@@ -10,6 +10,7 @@ import pytest
 from services.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
 from services.cli.pages.recipes_page import recipes_page
 from services.cli.pages.recordings_page import recordings_page
+from services.cli.pages.run_schemas import SCHEMAS, schema_text
 from services.cli.pages.topics_page import topics_page
 from services.common.node import topics
 from services.common.node.topics import EDGE, SERVICES, TOPICS
@@ -139,6 +140,12 @@ def test_tests_do_not_sleep() -> None:
 def test_a_generated_page_is_current(name: str, page: Callable[[], str]) -> None:
     text = (ROOT / "docs" / name).read_text()
     assert text == page(), f"docs/{name} is stale: run `make generate`"
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_a_generated_schema_is_current(name: str) -> None:
+    text = (ROOT / "docs" / "schemas" / f"{name}.schema.json").read_text()
+    assert text == schema_text(name), f"docs/schemas/{name} is stale: run `make generate`"
 
 
 @pytest.mark.parametrize("service", SERVICES)

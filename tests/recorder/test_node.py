@@ -86,7 +86,8 @@ def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path
     (run,) = tmp_path.iterdir()
     assert run.name == "2026-11-21_12-00-00_room"
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "run.mcap", "summary.json", "config.yaml", "digests.bin",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     drawn = entities_of(run / "run.rrd")
@@ -171,7 +172,7 @@ def test_without_a_recording_rerun_is_not_even_loaded(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT)
     (run,) = tmp_path.iterdir()
-    assert {path.name for path in run.iterdir()} == {"summary.json", "config.yaml"}
+    assert {path.name for path in run.iterdir()} == {"summary.json", "series.json", "config.yaml"}
     assert summary_of(run)["messages"]["/clock"]["received"] == 15
 
 
@@ -318,7 +319,8 @@ def test_a_disk_that_is_full_loses_nothing_but_what_it_had_no_room_for(
     assert bench.node.waiting_for() is None
     bench.node.close()
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "run.mcap", "summary.json", "config.yaml", "digests.bin",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     assert "/scan: " in entities_of(run / "run.rrd")
@@ -364,7 +366,8 @@ def test_a_folder_that_is_removed_is_told_of_and_the_run_goes_on_in_a_new_one(
     assert "MiB are free" not in caplog.text
     (run,) = tmp_path.iterdir()
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "run.mcap", "summary.json", "config.yaml", "digests.bin",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     assert "/world/walls/bricks: " in entities_of(run / "run.rrd")

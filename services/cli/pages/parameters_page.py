@@ -11,6 +11,7 @@ from services.cli.pages.schema_words import default_in_yaml, kind_in_words, one_
 from services.common.bus.bus import BusConfig
 from services.common.config import ServiceConfig
 from services.common.root import ROOT
+from services.console.config import ConsoleConfig
 from services.explorer.config import ExplorerConfig
 from services.localization.config import LocalizationConfig
 from services.mapping.config import MappingConfig
@@ -34,6 +35,7 @@ CONFIGS: dict[str, type[ServiceConfig]] = {
     "explorer": ExplorerConfig,
     "recorder": RecorderConfig,
     "bringup": BringupConfig,
+    "console": ConsoleConfig,
     "router": RouterConfig,
 }
 

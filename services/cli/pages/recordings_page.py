@@ -6,9 +6,22 @@ import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from services.common.node.documents import Document
 from services.common.recordings.digests import HEAD, ROW, ROW_FIELDS
-from services.common.recordings.run_folder import CONFIG, DIGESTS, LOCK, RECORDING, SUMMARY
-from services.recorder.judging.summary import RunSummary
+from services.common.recordings.labels import KEEP, Labels
+from services.common.recordings.run_folder import (
+    CONFIG,
+    DIGESTS,
+    LABELS,
+    LOCK,
+    RECORDING,
+    REPORT,
+    SERIES,
+    SUMMARY,
+    THUMBNAIL,
+)
+from services.common.recordings.series import RunSeries
+from services.common.recordings.summary import RunSummary
 from services.recorder.keeping.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
 
 _HEAD = """# Recordings: what a run leaves
@@ -27,7 +40,29 @@ _FILES = (
         "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
         "simulation time; entities are named like the topics",
     ),
-    (SUMMARY, "the run in numbers, compared with the ground truth; its fields are listed below"),
+    (
+        SUMMARY,
+        "the run in numbers, compared with the ground truth; its fields are listed below, and in "
+        "[summary.schema.json](schemas/summary.schema.json)",
+    ),
+    (
+        SERIES,
+        "the run over time, in tables of bounded length, and the plan of its world "
+        "([series.schema.json](schemas/series.schema.json)): what the report, the console and the "
+        "comparison of runs draw",
+    ),
+    (
+        REPORT,
+        "one page without scripts, which needs nothing else: plan with true and estimated path, "
+        "goals, errors, speed, costs of each service, events, changed settings, versions and "
+        "hardware. It can be printed",
+    ),
+    (THUMBNAIL, "the plan with the path, goals reached in green and missed in red, 320 x 240"),
+    (
+        LABELS,
+        "tags and a note, if someone has written any "
+        "([labels.schema.json](schemas/labels.schema.json))",
+    ),
     (
         CONFIG,
         "the requested world, the world that ran and its hash, the seed, and every parameter of "
@@ -47,11 +82,60 @@ _FILES = (
 )
 
 _VIEWER = f"""
-`{SUMMARY}` is rewritten every 5 s during the run, and at its end. Without recording
-(`--no-record`) only `{SUMMARY}`, `{CONFIG}` and `{MAP_FOLDER}` are written. While its recorder is
-alive, the folder also contains a locked file `{LOCK}`.
+`{SUMMARY}` and `{SERIES}` are rewritten every 5 s during the run, and at its end; `{REPORT}` and
+`{THUMBNAIL}` are written at the end. Without recording (`--no-record`) only `{SUMMARY}`,
+`{SERIES}`, `{CONFIG}` and `{MAP_FOLDER}` are written. While its recorder is alive, the folder also
+contains a locked file `{LOCK}`.
 
-`mazebot recordings list` lists the runs, `mazebot recordings view` shows one in the browser.
+## Commands
+
+Each takes `--dir` for another folder than `./recordings`, and `--json` where it prints data. A run
+is named by its folder or its name, or `latest`.
+
+| command | what it does |
+| --- | --- |
+"""
+
+_COMMANDS = (
+    (
+        "list",
+        "lists the runs, newest first; `--world`, `--tag`, `--failed`, `--since 7d` choose some, "
+        "`--sort error` sorts them. A summary that cannot be read is told of in its row",
+    ),
+    ("info RUN", "prints the figures of a run, its changed settings and its files"),
+    ("view RUN", "shows a run in the browser, by default the newest one"),
+    (
+        "report RUN...",
+        f"writes `{REPORT}` and `{THUMBNAIL}` again: of a run without a recording, of one that "
+        "goes on, or of one whose recorder was killed",
+    ),
+    (
+        "compare RUN RUN...",
+        "prints the settings that differ, the figures of each run with their differences from the "
+        "first one's, and what [`mazebot diff`](simulation.md) says of their messages",
+    ),
+    (
+        "export --out FILE",
+        "writes one table of all runs as Parquet, CSV or JSON: a row a run, nested names joined by "
+        "dots (`localisation_error_m.p95`, `settings.navigation.controller`); with `--goals` a row "
+        "a goal",
+    ),
+    (
+        "prune",
+        "deletes the runs beyond `--keep-days`, `--keep-gb` and `--keep-last`, after asking; "
+        f"`--dry-run` only names them. A run that has not ended, or with the tag `{KEEP}`, stays. "
+        "The recorder does the same by itself with `keep_days` and `keep_gib` "
+        "([parameters](parameters.md))",
+    ),
+    ("repair [RUN]", "makes the recordings of killed recorders whole, as the next recorder would"),
+    (
+        "tag RUN TAG...",
+        "adds tags; `--remove TAG` removes one, `--note` sets the note. Without any, prints them",
+    ),
+)
+
+_IN_THE_VIEWER = """
+The names of runs and tags are completed by the shell after `mazebot --install-completion`.
 
 ## In the viewer
 
@@ -104,6 +188,17 @@ Lengths are in m, angles in rad, times in s, in the frame `map`. A value that wa
 `null`, never 0.
 """
 
+_SERIES = """
+## series.json
+
+Units and frames as in summary.json. A table has at most 2,000 rows: when it is full, every second
+one is left out, and from then on rows are taken half as often.
+"""
+
+_LABELS = """
+## labels.json
+"""
+
 _DIGESTS = f"""
 ## digests.bin
 
@@ -117,22 +212,38 @@ bytes per message, little-endian, in the order in which the recorder processed t
 
 def recordings_page() -> str:
     """Return the text of the page."""
-    schema: dict[str, Any] = RunSummary.model_json_schema()
-    definitions: dict[str, Any] = schema["$defs"]
     files = [f"| `{name}` | {about} |\n" for name, about in _FILES]
+    commands = [f"| `mazebot recordings {name}` | {about} |\n" for name, about in _COMMANDS]
     tabs = [f"| {name} | {about} |\n" for name, about in _TABS]
-    parts = [_HEAD, *files, _VIEWER, *tabs, _FIELDS, *_section("The run", schema)]
-    for name in _in_use(schema, definitions):
-        parts += _section(_title(name), definitions[name])
     rows = (f"| `{name}` | `{kind}` | {about} |\n" for name, kind, about in ROW_FIELDS)
-    return "".join([*parts, _DIGESTS, *rows])
+    told: set[str] = set()
+    return "".join(
+        [
+            *(_HEAD, *files, _VIEWER, *commands, _IN_THE_VIEWER, *tabs),
+            *(_FIELDS, *_document("The run", RunSummary, told)),
+            *(_SERIES, *_document("The run over time", RunSeries, told)),
+            *(_LABELS, *_document("Tags and note", Labels, told)),
+            *(_DIGESTS, *rows),
+        ]
+    )
+
+
+def _document(title: str, model: type[Document], told: set[str]) -> Iterator[str]:
+    """The fields of a document, and of those in it that are not yet told of."""
+    schema: dict[str, Any] = model.model_json_schema()
+    definitions: dict[str, Any] = schema.get("$defs", {})
+    yield from _section(title, schema)
+    for name in _in_use(schema, definitions):
+        if name not in told and definitions[name].get("properties"):
+            told.add(name)
+            yield from _section(_title(name), definitions[name])
 
 
 def _section(title: str, schema: dict[str, Any]) -> Iterator[str]:
     about = " ".join(schema.get("description", "").split())
     yield f"\n### {title}\n\n{about}\n\n| field | value | what |\n| --- | --- | --- |\n"
     for name, field in schema["properties"].items():
-        what = " ".join(field["description"].split()).replace("|", "\\|")
+        what = " ".join(field.get("description", "").split()).replace("|", "\\|")
         yield f"| `{name}` | {_kind(field)} | {what} |\n"
 
 
@@ -141,7 +252,9 @@ def _in_use(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
     found: dict[str, None] = {}
     for field in schema["properties"].values():
         for name in _references(field):
-            found |= dict.fromkeys([name, *_in_use(definitions[name], definitions)])
+            # Any JSON value refers to itself.
+            inner = definitions[name] if definitions[name].get("properties") else {}
+            found |= dict.fromkeys([name, *(_in_use(inner, definitions) if inner else ())])
     return list(found)
 
 
@@ -164,11 +277,17 @@ def _title(name: str) -> str:
 
 def _kind(field: dict[str, Any]) -> str:
     """The type of a field, in words."""
+    if field.get("$ref", "").endswith("/JsonValue") or not field:
+        return "any"
     if "$ref" in field:
         title = _title(field["$ref"].rpartition("/")[2])
         return f"[{title.lower()}](#{title.lower().replace(' ', '-')})"
     if "anyOf" in field:
         return " or ".join(map(_kind, field["anyOf"]))
+    if "const" in field:
+        return f"`{field['const']}`"
+    if "enum" in field:
+        return ", ".join(f"`{value}`" for value in field["enum"])
     match field["type"]:
         case "array" if "prefixItems" in field:
             return f"[{len(field['prefixItems'])} x {_one_of(map(_kind, field['prefixItems']))}]"

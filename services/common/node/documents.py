@@ -68,9 +68,9 @@ class WorldStatus(Document):
 class Planar(Document):
     """A planar pose in the map frame."""
 
-    x_m: Finite
-    y_m: Finite
-    yaw_rad: Finite
+    x_m: Finite = Field(description="m")
+    y_m: Finite = Field(description="m")
+    yaw_rad: Finite = Field(description="counter-clockwise from x, rad")
 
     def se2(self) -> SE2:
         """The same pose as a transform, map_from_self."""
@@ -80,7 +80,7 @@ class Planar(Document):
 class Location(Planar):
     """A named place to drive to."""
 
-    name: str
+    name: str = Field(description="unique in its world")
 
 
 class Material(Document):
@@ -674,6 +674,9 @@ class Parameters(Document):
 
     service: str
     values: dict[str, JsonValue]
+    defaults: dict[str, JsonValue] = Field(
+        default_factory=dict, description="the defaults of those that have another value"
+    )
 
 
 class ErrorStatistics(Document):
@@ -734,6 +737,12 @@ class GoalReport(Document):
         "there was no estimate",
     )
     contacts: int = Field(0, description="number of contacts during the drive")
+    start_time_s: Finite | None = Field(
+        None, description="simulation time of the start, s; null: not known"
+    )
+    goal: Planar | None = Field(
+        None, description="where it should have led, in `map`; null: the task says nothing of it"
+    )
 
 
 class TrajectoryError(Document):

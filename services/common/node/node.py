@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 import numpy as np
 
 from services.common.bus import wire
-from services.common.config import ServiceConfig
+from services.common.config import ServiceConfig, changed_defaults
 from services.common.node.documents import Parameters
 from services.common.node.held import HeldMessage, HeldMessages
 from services.common.node.topics import Delivery, Query, Topic, asked_of, owned_by, read_by
@@ -90,7 +90,12 @@ class Node(ABC):
 
     def parameters(self) -> Parameters:
         """The configuration of this node."""
-        return Parameters(service=self.name, values=self._config.model_dump(mode="json"))
+        config = self._config
+        return Parameters(
+            service=self.name,
+            values=config.model_dump(mode="json"),
+            defaults=changed_defaults(config),
+        )
 
     def waiting_for(self) -> str | None:
         """Description of the required input that this node still lacks; None: it is active."""

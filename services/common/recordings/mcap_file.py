@@ -121,7 +121,7 @@ class McapFile:
             entries += (log_ns, offset)
             offset += rec.RECORD_HEAD.size + length
         times_ns = [row[2] for row in rows]
-        chunk = rec.compressed(b"".join(pieces), min(times_ns), max(times_ns), self._level)
+        chunk = rec.compressed(pieces, min(times_ns), max(times_ns), self._level)
         written = rec.chunk_record(chunk)
         indexes = {
             channel: rec.message_index(channel, entries) for channel, entries in index.items()

@@ -62,6 +62,18 @@ def _number(stem: str) -> int:
     return int(number) if number.isdecimal() else 0
 
 
+def is_recording(folder: Path) -> bool:
+    """Whether the recorder of a run is alive, or a repair of it is under way."""
+    try:
+        with (folder / LOCK).open(encoding="utf-8") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
 def check_writable(folder: Path) -> None:
     """Create a folder; raise ConfigError with one line if no file can be created in it."""
     try:

@@ -24,6 +24,7 @@ from services.common.node.documents import (
     LocalizationHonesty,
     MarkerEntity,
     NavigationResult,
+    Planar,
     World,
 )
 from services.common.node.messages import (
@@ -34,10 +35,13 @@ from services.common.node.messages import (
 )
 from services.common.node.slam_documents import ExplorationStatus, PoseGraph
 from services.common.pose_history import PoseHistory
+from services.common.recordings.series import RunSeries
 from services.recorder.judging.driven_way import DrivenWay
 from services.recorder.judging.error_summary import ErrorSummary
+from services.recorder.judging.history import RunHistory
 from services.recorder.judging.honesty import inside_95_percent
 from services.recorder.judging.obstacles import obstacles, read_meshes
+from services.recorder.judging.plan import Plan
 from services.recorder.judging.recent_rows import RecentRows
 from services.recorder.judging.shortest_path import ShortestPath
 
@@ -143,6 +147,7 @@ class RunEvaluation:
         self._assets = {} if assets is None else assets
         self._truth = PoseHistory(_TRUTH_DEPTH)
         self._way = DrivenWay()
+        self.history = RunHistory()
         self._entities: tuple[MarkerEntity, ...] = ()
         self._standing: tuple[BodyEntity, ...] = ()
         self._standing_at: dict[int | str, tuple[BodyEntity, ...]] = {}
@@ -156,6 +161,7 @@ class RunEvaluation:
         self._goal_stamps_ns: set[int] = set()
         self._goal_ids: set[str] = set()
         self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
+        self._plan = Plan(world, self._assets)
         self._contacts: list[Contact] = []
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
         self._contact_count = 0
@@ -194,6 +200,8 @@ class RunEvaluation:
         if newest_ns is None or stamp_ns > newest_ns:
             self._truth.add(stamp_ns, pose)
             self._way.add(stamp_ns, _planar(pose))
+            twist = odometry.twist.twist
+            self.history.add_truth(stamp_ns, _planar(pose), twist.linear.x, twist.angular.z)
         self._settle()
 
     def add_odometry(self, odometry: msg.Odometry) -> None:
@@ -210,6 +218,8 @@ class RunEvaluation:
     def add_detections(self, detections: msg.Detection3DArray) -> None:
         """Add the markers detected in one image, in the camera's optical frame."""
         classes = {d.results[0].hypothesis.class_id for d in detections.detections if d.results}
+        for class_id in sorted(classes - self._seen.keys()):
+            self.history.see_marker(ns_from_time(detections.header.stamp), class_id)
         self._seen.update(sorted(classes))
         if detections.detections:
             self._detections.append((ns_from_time(detections.header.stamp), detections))
@@ -313,6 +323,12 @@ class RunEvaluation:
             recording=recording,
         )
 
+    def series(self, evaluation: Evaluation, now_s: float) -> RunSeries:
+        """The run so far over time; `evaluation` is its newest one."""
+        return self.history.series(
+            self._world, evaluation, self._entities, self._plan.rings(self._standing), now_s
+        )
+
     def totals(self) -> dict[str, Any]:
         """Totals of the run that the evaluation does not contain, as JSON values.
 
@@ -363,6 +379,7 @@ class RunEvaluation:
             "contact_count": self._contact_count,
             "seen": dict(self._seen),
             "drift_m": self._drift_m,
+            "history": self.history.values(),
         }
         if self._mapping is not None:
             values["mapping"], mapping_arrays = self._mapping.state()
@@ -414,14 +431,16 @@ class RunEvaluation:
         self._contact_count = values["contact_count"]
         self._seen.update(values["seen"])
         self._drift_m = values["drift_m"]
+        self.history.restore_values(values["history"])
 
-    def _lasting(self) -> tuple[tuple[str, DrivenWay | ErrorSummary], ...]:
+    def _lasting(self) -> tuple[tuple[str, DrivenWay | ErrorSummary | RunHistory], ...]:
         """The parts that have arrays in their state."""
         return (
             ("way", self._way),
             ("error_m", self._error_m),
             ("error_rad", self._error_rad),
             ("marker_error_m", self._marker_error_m),
+            ("history", self.history),
         )
 
     def _reports(self) -> list[GoalReport]:
@@ -459,6 +478,7 @@ class RunEvaluation:
                 self._estimate_count += 1
                 self._inside_count += inside_95_percent(np.array(apart), covariance)
                 self._recent_error_m.add(stamp_ns, (error_m,))
+                self.history.add_estimate(stamp_ns, estimate, error_m, abs(turn_rad))
                 if self._mapping is not None:
                     self._mapping.add_pose(estimate, true_pose)
                 for judged in self._goals[-_GOALS_UNDER_WAY:]:
@@ -544,6 +564,8 @@ class RunEvaluation:
             goal_stamp_ns=stamp_ns,
             action=action,
             goal_id=goal_id,
+            start_time_s=result.start_time_s,
+            goal=None if goal is None else Planar(x_m=goal.x_m, y_m=goal.y_m, yaw_rad=goal.yaw_rad),
         )
         judged = _Judged(start_ns, end_ns, report)
         stamps_ns = self._recent_error_m.stamps_ns

@@ -21,6 +21,7 @@ from services.common.recordings.run_folder import (
     attachments_of,
     parts_of,
 )
+from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.progress import Progress, read_progress
 from services.recorder.stream.rerun_program import rerun_binary
 from services.recorder.transcoding.job import end, start, waiting
@@ -111,15 +112,21 @@ class Repair(threading.Thread):
     """
 
     def __init__(
-        self, recordings_dir: Path, may_compress: Callable[[], bool] | None = None
+        self,
+        recordings_dir: Path,
+        only: Path | None = None,
+        may_compress: Callable[[], bool] | None = None,
     ) -> None:
-        """`may_compress` returns whether there is no run; None: there are to be no videos."""
+        """`only`: the one leftover to repair; `may_compress` returns whether there is no run; None:
+        there are to be no videos.
+        """
         super().__init__(name="repair", daemon=True)
         self._may_compress = may_compress
         self.spared: Path | None = None
         """A run that may still be resumed, for a minute."""
         self._start_s = time.monotonic()
         self._recordings_dir = recordings_dir
+        self._only = only
         self._stopped = threading.Event()
         self._rewriting: Rewriting | None = None
 
@@ -140,7 +147,7 @@ class Repair(threading.Thread):
         for folder in leftovers(self._recordings_dir):
             if self._stopped.is_set():
                 return
-            if self._is_spared(folder):
+            if self._is_spared(folder) or self._only not in (None, folder):
                 continue
             lock = folder / LOCK
             try:
@@ -199,6 +206,7 @@ class Repair(threading.Thread):
             (folder / TO_COMPRESS).touch()
         (folder / PROGRESS).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
+        leave_report(folder)
 
 
 def _is_free(lock: Path) -> bool:

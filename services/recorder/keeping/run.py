@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
+from pydantic_core import to_json
 
 from services.common.node import documents as doc
 from services.common.node import messages as msg
@@ -36,6 +37,7 @@ from services.common.node.topics import (
     NAVIGATION_RESULT,
     ODOM,
     POSE_GRAPH,
+    ROSOUT,
     SCAN,
     SIMULATION_STATS,
     TF_STATIC,
@@ -47,11 +49,13 @@ from services.common.recordings.run_folder import (
     CONFIG,
     DIGESTS,
     RECORDING,
+    SERIES,
     SUMMARY,
     TO_COMPRESS,
     RunFolder,
     write_atomically,
 )
+from services.common.recordings.summary import Hardware
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.drawing.scenery import extent_of
@@ -59,6 +63,7 @@ from services.recorder.judging.evaluation import RunEvaluation
 from services.recorder.judging.obstacles import read_meshes
 from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
+from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.latched import Latched
 from services.recorder.keeping.map_folder import MapFolder
 from services.recorder.keeping.progress import Progress, write_progress
@@ -77,8 +82,8 @@ _LOG = logging.getLogger("recorder")
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The C implementation is ten times as fast, if available."""
 
-FLUSH_PERIOD_S = 0.5
-"""Wall time: data of at most this duration is lost if the recorder is killed."""
+FLUSH_PERIOD_S = 0.4
+"""Wall time: together with a step of the recorder, the most that is lost if it is killed."""
 SEND_PERIOD_S = 0.25
 """Wall time by which the live view may lag behind."""
 SUMMARY_PERIOD_S = 5.0
@@ -102,11 +107,14 @@ class Setting:
     config: RecorderConfig
     wall_clock_s: Callable[[], float]
     versions: Mapping[str, str]
+    hardware: Hardware | None = None
     live: LiveFeed | None = None
     resumable: bool = False
     """Whether a recorder resumes a run whose recorder died."""
     assets: dict[str, bytes] = field(default_factory=dict)
     """Textures (PNG) and meshes (npz) by their sha256."""
+    parameters: dict[str, doc.Parameters] = field(default_factory=dict)
+    """The parameters of each service, by its name."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
     """The newest message of each latched topic that is drawn or judged in every run."""
     latched: Latched = field(default_factory=Latched)
@@ -148,6 +156,7 @@ class Run:
             ACTION_RESULT: self._evaluation.add_result,
             SIMULATION_STATS: self._take_stats,
             DIAGNOSTICS: self._take_diagnostics,
+            ROSOUT: self._evaluation.history.add_log,
         }
         self._maps: MapFolder | None = None
         if world.slam:
@@ -231,6 +240,8 @@ class Run:
         if self._tick_ns is not None:
             # Only the newest of the queued messages arrived just now.
             self._wall_time.tick(now_s, self._tick_ns)
+            is_paused = self._stats is not None and self._stats.paused
+            self._evaluation.history.tick(now_s, self._tick_ns, is_paused)
             self._tick_ns = None
         if self._setting.live is not None and now_s - self._sent_s >= SEND_PERIOD_S:
             self._sent_s = now_s
@@ -348,7 +359,8 @@ class Run:
             self._end_recording(canvas.recording.close)
         is_whole = self.messages.end()
         self._pictures.close()
-        if self._has_pictures and config.record and config.video and not self.folder.is_gone:
+        is_gone = self.folder.is_gone
+        if self._has_pictures and config.record and config.video and not is_gone:
             with contextlib.suppress(OSError):
                 (self.folder.path / TO_COMPRESS).touch()
         if self._join_parts() and is_whole:
@@ -356,6 +368,8 @@ class Run:
         else:
             # A later recorder will repair it.
             self.folder.let_go()
+        if self._setting.config.record and not is_gone:
+            leave_report(self.folder.path)
 
     def _judge_one(self, topic: Topic[Any], message: Any) -> None:
         judge = self._judge.get(topic)
@@ -391,6 +405,7 @@ class Run:
         change(self._setting.wall_clock_s())
 
     def _take_diagnostics(self, array: Any) -> None:
+        self._evaluation.history.add_diagnostics(array)
         for status in array.status:
             if status.name == "recorder":
                 continue
@@ -604,6 +619,7 @@ class Run:
 
     def _write_summary(self) -> None:
         end_s, end_ns = self._end
+        evaluation = self.evaluation()
         summary = build_summary(
             world=self.world,
             seed=self._stats.seed if self._stats else self._setting.config.seed,
@@ -612,14 +628,17 @@ class Run:
             sim_time_s=end_ns * 1e-9 if end_ns or self._wall_time.ticked else None,
             wall_time=self._wall_time,
             now_s=end_s,
-            evaluation=self.evaluation(),
+            evaluation=evaluation,
             totals=self._evaluation.totals(),
             counts=self._all_counts(),
             recorded=self.messages.recorded,
             rejected_elsewhere=self._rejected,
             versions=self._setting.versions,
+            hardware=self._setting.hardware,
+            parameters=self._setting.parameters.values(),
         )
         self._write(SUMMARY, summary_text(summary))
+        self._write(SERIES, [to_json(self._evaluation.series(evaluation, end_ns * 1e-9)), b"\n"])
 
     def _write(self, name: str, pieces: Iterable[bytes]) -> None:
         if self.folder.is_gone:

@@ -9,7 +9,8 @@ from pydantic_core import to_json
 
 from services.common.node.documents import Evaluation, GoalReport
 from services.common.node.node import TopicCounts
-from services.recorder.judging.summary import RunSummary, build_summary, summary_text
+from services.common.recordings.summary import RunSummary
+from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
 from tests.recorder.synthetic import room
 

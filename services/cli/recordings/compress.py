@@ -6,22 +6,18 @@ import sys
 from pathlib import Path
 
 from services.cli.options import print_json
-from services.common.config import ConfigError
+from services.common.recordings.catalog import find_run
 from services.recorder.transcoding.job import compress_run, waiting, yield_to_others
 from services.recorder.transcoding.vp9 import VideoError
 
-_DEFAULT = Path("recordings")
 
-
-def compress_runs(directory: Path | None, names: list[str], as_json: bool) -> int:
+def compress_runs(directory: Path, names: list[str], as_json: bool) -> int:
     """Compress the named runs of a folder, or all that wait for it; returns the exit code.
 
-    Raises ConfigError where there is no such run, or the given path is not a folder.
+    Raises ConfigError where there is no such run.
     """
-    if directory is not None and not directory.is_dir():
-        raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
-    directory = directory or _DEFAULT
-    folders = [_folder(directory, name) for name in names] or waiting(directory)
+    named = [find_run("recordings compress", directory, name).path for name in names]
+    folders = named or waiting(directory)
     yield_to_others()
     rows: list[dict[str, object]] = []
     for folder in folders:
@@ -43,10 +39,3 @@ def compress_runs(directory: Path | None, names: list[str], as_json: bool) -> in
     elif not rows:
         sys.stdout.write("nothing to compress\n")
     return int(any(row["error"] for row in rows))
-
-
-def _folder(directory: Path, name: str) -> Path:
-    for folder in (Path(name), directory / name):
-        if name and folder.is_dir():
-            return folder
-    raise ConfigError(f"recordings: {name!r} is no run in {directory}")

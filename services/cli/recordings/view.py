@@ -1,8 +1,7 @@
-"""`mazebot recordings list|view`."""
+"""`mazebot recordings view`."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import sys
 import tempfile
@@ -10,56 +9,10 @@ import threading
 import webbrowser
 from pathlib import Path
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
-from services.cli.options import print_json
 from services.common.config import ConfigError
 from services.common.recordings.catalog import RecordingInfo, list_recordings
 from services.common.recordings.run_folder import RECORDING, parts_of
 from services.recorder.config import LayoutName
-
-DEFAULT = Path("recordings")
-
-
-def list_runs(directory: Path | None, as_json: bool) -> None:
-    """Print the runs of a folder, newest first.
-
-    Raises ConfigError where the given path is not a folder.
-    """
-    if directory is not None and not directory.is_dir():
-        raise ConfigError(f"--dir: {directory}: must be a folder of recordings")
-    directory = directory or DEFAULT
-    runs = list_recordings(directory)
-    if as_json:
-        print_json([_row(run) for run in runs])
-        return
-    if not runs:
-        sys.stdout.write(f"no recordings in {directory}; `make demo` makes one\n")
-        return
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("name", "world", "started", "goals", "simulated s", "size MB", ""):
-        table.add_column(heading, justify="left" if heading in ("name", "world") else "right")
-    for run in runs:
-        started = run.started.strftime("%Y-%m-%d %H:%M:%S") if run.started else "-"
-        goals = f"{run.goals_reached}/{run.goals_total}"
-        state = "" if run.closed else "open"
-        size = f"{run.size_bytes / 1e6:.1f}"
-        simulated = "-" if run.sim_time_s is None else f"{run.sim_time_s:.0f}"
-        table.add_row(run.name, run.world, started, goals, simulated, size, state)
-    console = Console()
-    if not console.is_terminal:
-        console.width = 200
-    console.print(table)
-
-
-def _row(run: RecordingInfo) -> dict[str, object]:
-    return dataclasses.asdict(run) | {
-        "path": str(run.path),
-        "started": run.started.isoformat() if run.started else None,
-        "recording": str(run.recording) if run.recording else None,
-    }
 
 
 def view_run(

@@ -1,0 +1,367 @@
+// How each layer of the plan is drawn. `pen` has the context and the transform of the moment.
+
+export const COLORS = {
+  truth: "#2ecc71",
+  estimate: "#ff8c00",
+  plan: "#3498ff",
+  scan: "#ff3c3c",
+  marker: "#ff00c8",
+  unseen: "#8a8f98",
+  particle: "#e6a700",
+  goal: "#0958c4",
+  wall: "#5b4636",
+  body: "#9b6b43",
+  room: "#6d7683",
+  keepout: "#cf222e",
+  speed: "#bf8700",
+};
+
+/** The outline of a TurtleBot3 waffle, in m in base_footprint. */
+const FOOTPRINT = [
+  [0.0685, 0.1325], [0.03, 0.153], [-0.03, 0.153], [-0.1965, 0.1325],
+  [-0.1965, -0.1325], [-0.03, -0.153], [0.03, -0.153], [0.0685, -0.1325],
+];
+/** Standard deviations within which 95 % of a planar Gaussian lie. */
+const ELLIPSE_95 = Math.sqrt(5.991);
+const VISIBLE_MS = 1500;
+
+/** Layers from the lowest to the highest: key, name, colour, whether shown at first, drawing. */
+export const LAYERS = [
+  ["map", "Map", "#ffffff", true, drawMap],
+  ["global_costmap", "Global costmap", "#7f007f", false, (pen, scene) => drawGrid(pen, scene.grids.global_costmap)],
+  ["local_costmap", "Local costmap", "#ff00ff", false, (pen, scene) => drawGrid(pen, scene.grids.local_costmap)],
+  ["zones", "Rooms, zones", COLORS.room, true, drawZones],
+  ["walls", "Walls, bodies", COLORS.wall, true, drawWalls],
+  ["frontiers", "Frontiers", "#2ecc71", true, (pen, scene) => drawShapes(pen, scene.shapes.frontiers)],
+  ["graph", "Pose graph", COLORS.plan, true, drawGraph],
+  ["trails", "Driven trails", COLORS.truth, true, drawTrails],
+  ["trajectories", "Trajectories", "#9acd32", false, (pen, scene) => drawShapes(pen, scene.shapes.trajectories)],
+  ["plan", "Path", COLORS.plan, true, (pen, scene) => drawLine(pen, scene.plan, COLORS.plan, 3)],
+  ["particles", "Particles", COLORS.particle, false, drawParticles],
+  ["scan", "Scan", COLORS.scan, true, drawScan],
+  ["markers", "Markers", COLORS.marker, true, drawMarkers],
+  ["locations", "Locations", COLORS.goal, true, drawLocations],
+  ["robot", "Robot", COLORS.truth, true, drawRobot],
+];
+
+function drawMap(pen, scene) {
+  drawGrid(pen, scene.grids.map);
+}
+
+function drawGrid(pen, grid) {
+  if (!grid) {
+    return;
+  }
+  const { context } = pen;
+  const [x, y] = pen.at(grid.origin[0], grid.origin[1]);
+  context.save();
+  context.translate(x, y);
+  context.rotate(-grid.origin[2]);
+  context.imageSmoothingEnabled = false;
+  const height = grid.height_m * pen.scale;
+  context.drawImage(grid.canvas, 0, -height, grid.width_m * pen.scale, height);
+  context.restore();
+}
+
+function polygon(pen, points) {
+  const { context } = pen;
+  context.beginPath();
+  points.forEach(([x, y], index) => {
+    const [px, py] = pen.at(x, y);
+    if (index) {
+      context.lineTo(px, py);
+    } else {
+      context.moveTo(px, py);
+    }
+  });
+  context.closePath();
+}
+
+function drawZones(pen, scene) {
+  const { context } = pen;
+  const world = scene.world;
+  if (!world) {
+    return;
+  }
+  for (const [zones, color] of [[world.keepout_zones, COLORS.keepout], [world.speed_limits, COLORS.speed]]) {
+    context.fillStyle = `${color}40`;
+    context.strokeStyle = color;
+    for (const zone of zones) {
+      polygon(pen, zone);
+      context.fill();
+      context.stroke();
+    }
+  }
+  context.fillStyle = COLORS.room;
+  context.textAlign = "center";
+  context.font = pen.font(12);
+  for (const room of world.rooms) {
+    const middle = room.polygon_m.reduce((sum, point) => [sum[0] + point[0], sum[1] + point[1]], [0, 0]);
+    const [x, y] = pen.at(middle[0] / room.polygon_m.length, middle[1] / room.polygon_m.length);
+    context.fillText(room.name, x, y);
+  }
+}
+
+function drawWalls(pen, scene) {
+  const { context } = pen;
+  context.fillStyle = COLORS.wall;
+  for (const wall of scene.world?.walls ?? []) {
+    polygon(pen, wall);
+    context.fill();
+  }
+  context.strokeStyle = "#00000080";
+  context.lineWidth = 1;
+  for (const body of [...(scene.world?.bodies ?? []), ...scene.entities.bodies]) {
+    context.fillStyle = COLORS.body;
+    for (const points of scene.polygonsOf(body)) {
+      polygon(pen, points);
+      context.fill();
+      context.stroke();
+    }
+  }
+}
+
+function drawShapes(pen, shapes) {
+  const { context } = pen;
+  for (const shape of shapes) {
+    const color = `rgb(${shape.rgb.join(",")})`;
+    if (shape.is_line) {
+      drawLine(pen, shape.points_m, color, Math.max(1, shape.width_m * pen.scale));
+      continue;
+    }
+    context.fillStyle = color;
+    const side = Math.max(2, shape.width_m * pen.scale);
+    for (const [x, y] of shape.points_m) {
+      const [px, py] = pen.at(x, y);
+      context.fillRect(px - side / 2, py - side / 2, side, side);
+    }
+  }
+}
+
+function drawGraph(pen, scene) {
+  const { context } = pen;
+  if (!scene.graph) {
+    return;
+  }
+  for (const isLoop of [false, true]) {
+    context.strokeStyle = isLoop ? COLORS.marker : COLORS.plan;
+    context.lineWidth = 1;
+    context.beginPath();
+    for (const [from, to, closes] of scene.graph.edges) {
+      if (closes === isLoop) {
+        context.moveTo(...pen.at(...scene.graph.nodes[from]));
+        context.lineTo(...pen.at(...scene.graph.nodes[to]));
+      }
+    }
+    context.stroke();
+  }
+  context.fillStyle = COLORS.plan;
+  for (const node of scene.graph.nodes) {
+    dot(pen, node[0], node[1], 2);
+  }
+  context.fillStyle = COLORS.marker;
+  for (const [, x, y] of scene.graph.markers) {
+    dot(pen, x, y, 4);
+  }
+}
+
+function drawTrails(pen, scene) {
+  drawLine(pen, scene.trails.estimate, `${COLORS.estimate}90`, 1.5);
+  drawLine(pen, scene.trails.truth, `${COLORS.truth}b0`, 2);
+}
+
+function drawLine(pen, points, color, width) {
+  if (points.length < 2) {
+    return;
+  }
+  const { context } = pen;
+  context.strokeStyle = color;
+  context.lineWidth = width;
+  context.lineJoin = "round";
+  context.beginPath();
+  context.moveTo(...pen.at(points[0][0], points[0][1]));
+  for (let index = 1; index < points.length; index += 1) {
+    context.lineTo(...pen.at(points[index][0], points[index][1]));
+  }
+  context.stroke();
+}
+
+function drawParticles(pen, scene) {
+  const { context } = pen;
+  const particles = scene.particles;
+  if (!particles) {
+    return;
+  }
+  context.strokeStyle = COLORS.particle;
+  context.lineWidth = 1;
+  context.beginPath();
+  for (let index = 0; index + 2 < particles.length; index += 3) {
+    const [x, y] = pen.at(particles[index], particles[index + 1]);
+    const yaw = particles[index + 2];
+    context.moveTo(x, y);
+    context.lineTo(x + 7 * Math.cos(yaw), y - 7 * Math.sin(yaw));
+  }
+  context.stroke();
+}
+
+function drawScan(pen, scene) {
+  if (!scene.scan) {
+    return;
+  }
+  const { context } = pen;
+  context.fillStyle = COLORS.scan;
+  const side = Math.min(4, Math.max(2, 0.03 * pen.scale));
+  for (let index = 0; index < scene.scan.length; index += 2) {
+    const [x, y] = pen.at(scene.scan[index], scene.scan[index + 1]);
+    context.fillRect(x - side / 2, y - side / 2, side, side);
+  }
+}
+
+function drawMarkers(pen, scene) {
+  const { context } = pen;
+  const now = performance.now();
+  context.textAlign = "center";
+  for (const marker of scene.entities.markers) {
+    const id = String(marker.id);
+    const seen = scene.seen.has(id);
+    const isVisible = now - (scene.visible.get(id) ?? -VISIBLE_MS) < VISIBLE_MS;
+    const [x, y] = pen.at(marker.x_m, marker.y_m);
+    const half = Math.max(5, (marker.size_m * pen.scale) / 2);
+    const [cos, sin] = [Math.cos(marker.heading_rad), Math.sin(marker.heading_rad)];
+    context.strokeStyle = seen ? COLORS.marker : COLORS.unseen;
+    context.fillStyle = context.strokeStyle;
+    context.lineWidth = isVisible ? 7 : 4;
+    context.beginPath();
+    context.moveTo(x - sin * half, y - cos * half);
+    context.lineTo(x + sin * half, y + cos * half);
+    context.stroke();
+    context.font = pen.font(12, seen);
+    context.fillText(seen ? id : `${id}?`, x + 13 * cos, y - 13 * sin + 4);
+  }
+}
+
+function drawLocations(pen, scene) {
+  const { context } = pen;
+  context.font = pen.font(11);
+  context.textAlign = "left";
+  context.fillStyle = COLORS.goal;
+  for (const place of scene.world?.locations ?? []) {
+    dot(pen, place.x_m, place.y_m, 3);
+    const [x, y] = pen.at(place.x_m, place.y_m);
+    context.fillText(place.name, x + 6, y - 4);
+  }
+}
+
+function drawRobot(pen, scene) {
+  const { context } = pen;
+  if (scene.goal) {
+    arrow(pen, [scene.goal.x_m, scene.goal.y_m, scene.goal.yaw_rad], COLORS.goal);
+  }
+  const { truth, estimate } = scene.shown;
+  if (truth) {
+    outline(pen, truth);
+    context.fillStyle = `${COLORS.truth}c0`;
+    context.fill();
+    context.strokeStyle = "#145a32";
+    context.lineWidth = 1.5;
+    context.stroke();
+    nose(pen, truth, "#145a32");
+  }
+  if (estimate) {
+    outline(pen, estimate);
+    context.strokeStyle = COLORS.estimate;
+    context.lineWidth = 2;
+    context.stroke();
+    nose(pen, estimate, COLORS.estimate);
+    drawEllipse(pen, estimate, scene.pose.covariance);
+  }
+}
+
+function outline(pen, [x, y, yaw]) {
+  const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+  // Never smaller than a person can see.
+  const grow = Math.max(1, 14 / (0.3 * pen.scale));
+  polygon(
+    pen,
+    FOOTPRINT.map(([a, b]) => [x + grow * (cos * a - sin * b), y + grow * (sin * a + cos * b)]),
+  );
+}
+
+function nose(pen, [x, y, yaw], color) {
+  const { context } = pen;
+  const [px, py] = pen.at(x, y);
+  const length = Math.max(14, 0.22 * pen.scale);
+  context.strokeStyle = color;
+  context.lineWidth = 2;
+  context.beginPath();
+  context.moveTo(px, py);
+  context.lineTo(px + length * Math.cos(yaw), py - length * Math.sin(yaw));
+  context.stroke();
+}
+
+/** The ellipse that holds the position with 95 %, and the heading's sector of two deviations. */
+function drawEllipse(pen, [x, y, yaw], covariance) {
+  if (!covariance) {
+    return;
+  }
+  const { context } = pen;
+  const [xx, xy, yy, aa] = covariance;
+  const middle = (xx + yy) / 2;
+  const spread = Math.hypot((xx - yy) / 2, xy);
+  const long = ELLIPSE_95 * Math.sqrt(Math.max(middle + spread, 0)) * pen.scale;
+  const short = ELLIPSE_95 * Math.sqrt(Math.max(middle - spread, 0)) * pen.scale;
+  const [px, py] = pen.at(x, y);
+  context.fillStyle = `${COLORS.estimate}38`;
+  context.strokeStyle = COLORS.estimate;
+  context.lineWidth = 1;
+  context.beginPath();
+  context.ellipse(px, py, Math.max(long, 1), Math.max(short, 1), -Math.atan2(2 * xy, xx - yy) / 2, 0, 2 * Math.PI);
+  context.fill();
+  context.stroke();
+  const half = Math.min(2 * Math.sqrt(Math.max(aa, 0)), Math.PI);
+  context.beginPath();
+  context.moveTo(px, py);
+  context.arc(px, py, 26, -yaw - half, -yaw + half);
+  context.closePath();
+  context.fill();
+}
+
+/** An arrow of a pose, such as RViz draws for a goal. */
+export function arrow(pen, [x, y, yaw], color, label = "") {
+  const { context } = pen;
+  const [px, py] = pen.at(x, y);
+  const length = Math.max(26, 0.35 * pen.scale);
+  context.save();
+  context.translate(px, py);
+  context.rotate(-yaw);
+  context.strokeStyle = color;
+  context.fillStyle = color;
+  context.lineWidth = 3;
+  context.beginPath();
+  context.arc(0, 0, 6, 0, 2 * Math.PI);
+  context.stroke();
+  context.beginPath();
+  context.moveTo(6, 0);
+  context.lineTo(length - 9, 0);
+  context.stroke();
+  context.beginPath();
+  context.moveTo(length, 0);
+  context.lineTo(length - 11, 6);
+  context.lineTo(length - 11, -6);
+  context.fill();
+  context.restore();
+  if (label) {
+    context.fillStyle = color;
+    context.font = pen.font(12, true);
+    context.textAlign = "center";
+    context.fillText(label, px, py - 11);
+  }
+}
+
+function dot(pen, x, y, radius) {
+  const { context } = pen;
+  const [px, py] = pen.at(x, y);
+  context.beginPath();
+  context.arc(px, py, radius, 0, 2 * Math.PI);
+  context.fill();
+}

@@ -1,0 +1,253 @@
+// The lists beside the plan: task, figures, services, tree, results, log.
+
+const MOST_LINES = 200;
+const LEVELS = { 30: "warn", 40: "bad", 50: "bad" };
+const $ = (id) => document.getElementById(id);
+
+function element(tag, text = "", className = "") {
+  const made = document.createElement(tag);
+  made.textContent = text;
+  made.className = className;
+  return made;
+}
+
+function line(list, timeS, text, className) {
+  const item = element("li", "", className);
+  if (timeS !== null) {
+    item.append(element("time", timeS.toFixed(1)));
+  }
+  item.append(text);
+  const atEnd = list.scrollHeight - list.scrollTop - list.clientHeight < 30;
+  list.append(item);
+  while (list.childElementCount > MOST_LINES) {
+    list.firstElementChild.remove();
+  }
+  if (atEnd) {
+    list.scrollTop = list.scrollHeight;
+  }
+}
+
+/** Shows what is not on the plan. */
+export class Panels {
+  #services = new Map();
+  #running = new Set();
+  #figures = new Map();
+  #camera = "";
+  #exploration = null;
+
+  /** Take one frame in. */
+  take(kind, content, data) {
+    if (kind.startsWith("service ")) {
+      this.#services.set(content.name, content);
+      this.#showServices();
+      return;
+    }
+    switch (kind) {
+      case "stack":
+        this.#running = new Set(content.services);
+        this.#showServices();
+        break;
+      case "began_anew":
+        $("tree").replaceChildren();
+        $("task").textContent = "the simulation began anew";
+        break;
+      case "stats":
+        this.#showTime(content);
+        break;
+      case "pose":
+        this.#showPose(content);
+        break;
+      case "localization":
+        this.#figure("localisation", `${content.state}, quality ${content.quality.toFixed(2)}`, content.reason);
+        break;
+      case "monitor":
+        this.#figure(
+          "collision monitor",
+          content.action === "do_nothing" ? "free" : `${content.action} ${content.polygon_name}`,
+          content.reason,
+        );
+        break;
+      case "navigation":
+        this.#showNavigation(content);
+        break;
+      case "feedback":
+        $("task").textContent = progress(content);
+        break;
+      case "exploration":
+        this.#showExploration(content);
+        break;
+      case "evaluation":
+        this.#showEvaluation(content);
+        break;
+      case "tree":
+        showTree(content);
+        break;
+      case "camera":
+        this.#showCamera(data);
+        break;
+      case "log":
+        line($("log"), content.time_s, `[${content.name}] ${content.text}`, LEVELS[content.level] ?? "");
+        break;
+      case "action_result":
+        this.#result(content.end_time_s, content.action.replaceAll("_", " "), content);
+        break;
+      case "navigation_result":
+        this.#result(content.end_time_s, `goal (${content.goal.x_m.toFixed(2)}, ${content.goal.y_m.toFixed(2)})`, content);
+        break;
+      case "contact":
+        line($("results"), content.time_s, `contact with ${content.body}`, "bad");
+        break;
+      case "world_status":
+        if (content.error) {
+          line($("results"), null, content.error, "bad");
+        }
+        break;
+      default:
+    }
+  }
+
+  #result(timeS, what, content) {
+    const done = content.error_code === 0 && (content.status ?? "succeeded") === "succeeded";
+    const how = done ? "done" : `${content.status ?? "failed"}: ${content.error_msg} (${content.error_code})`;
+    const took = (timeS - content.start_time_s).toFixed(1);
+    line($("results"), timeS, `${what}: ${how} after ${took} s`, done ? "good" : "bad");
+    $("task").textContent = `${what}: ${how}`;
+  }
+
+  #figure(name, value, title = "") {
+    let shown = this.#figures.get(name);
+    if (!shown) {
+      shown = element("dd");
+      this.#figures.set(name, shown);
+      $("figures").append(element("dt", name), shown);
+    }
+    if (shown.textContent !== value) {
+      shown.textContent = value;
+    }
+    shown.title = title;
+  }
+
+  #showTime(stats) {
+    $("pause").textContent = stats.paused ? "Resume" : "Pause";
+    $("pause").setAttribute("aria-pressed", String(stats.paused));
+    const speed = $("speed");
+    const value = String(stats.speed);
+    if (![...speed.options].some((option) => option.value === value)) {
+      speed.append(new Option(`${value}×`, value));
+    }
+    if (document.activeElement !== speed) {
+      speed.value = value;
+    }
+    if (stats.paused) {
+      $("time").textContent = `${stats.sim_time_s.toFixed(2)} s`;
+    }
+  }
+
+  #showPose(pose) {
+    if (pose.time_s !== undefined) {
+      $("time").textContent = `${pose.time_s.toFixed(2)} s`;
+    }
+    for (const [name, at] of [["true pose", pose.truth], ["estimate", pose.estimate]]) {
+      if (at) {
+        const degrees = ((at[2] * 180) / Math.PI).toFixed(0);
+        this.#figure(name, `${at[0].toFixed(2)}, ${at[1].toFixed(2)} m, ${degrees}°`);
+      }
+    }
+    if (pose.truth && pose.estimate) {
+      const apart = Math.hypot(pose.truth[0] - pose.estimate[0], pose.truth[1] - pose.estimate[1]);
+      this.#figure("apart", `${(100 * apart).toFixed(1)} cm`);
+    }
+    if (pose.velocity) {
+      this.#figure("speed", `${pose.velocity[0].toFixed(2)} m/s, ${pose.velocity[1].toFixed(2)} rad/s`);
+    }
+  }
+
+  #showNavigation(status) {
+    const active = status.localization_active && status.navigation_active;
+    $("task-state").textContent = active ? status.state : "not active";
+    $("task-state").className = `badge ${active ? (status.state === "recovering" ? "warn" : "good") : "warn"}`;
+    if (active && status.state === "idle" && !status.goal && $("task").textContent.includes(" left")) {
+      $("task").textContent = "nothing to do";
+    }
+  }
+
+  #showExploration(status) {
+    this.#exploration = status;
+    $("explore-stop").hidden = $("explore-resume").hidden = false;
+    this.#figure("exploration", `${status.state}, ${Math.round(100 * status.seen_share)} % seen`, status.reason);
+    this.#figure("frontiers", `${status.reachable} of ${status.frontiers}`);
+  }
+
+  #showEvaluation(evaluation) {
+    const goals = evaluation.goals;
+    this.#figure("goals reached", `${goals.filter((goal) => goal.reached).length} of ${goals.length}`);
+    const error = evaluation.localisation_error_m;
+    if (error.mean !== null) {
+      this.#figure("localisation error", `${(100 * error.mean).toFixed(1)} cm mean, ${(100 * error.max).toFixed(1)} max`);
+    }
+    this.#figure("contacts", String(evaluation.contacts.length));
+    const seen = Object.values(evaluation.markers_seen);
+    this.#figure("markers seen", `${seen.filter((count) => count > 0).length} of ${seen.length}`);
+    if (evaluation.mapping?.coverage_share != null) {
+      this.#figure("mapped", `${Math.round(100 * evaluation.mapping.coverage_share)} %`);
+    }
+  }
+
+  #showServices() {
+    const names = [...new Set([...this.#services.keys(), ...this.#running])].sort();
+    const items = names.map((name) => {
+      const known = this.#services.get(name);
+      const runs = this.#running.has(name);
+      const said = runs ? (known?.message ?? "running") : "not running";
+      const waits = runs && (known?.level ?? 0) > 0;
+      const item = element("li", "", runs ? (waits ? "waits" : "") : "gone");
+      item.append(element("span", "", "dot"), element("strong", name), element("span", said, "muted"));
+      const values = Object.entries(known?.values ?? {}).filter(([, value]) => value !== "");
+      item.title = values.map(([key, value]) => `${key}: ${value}`).join("\n");
+      return item;
+    });
+    $("services").replaceChildren(...items);
+  }
+
+  #showCamera(data) {
+    URL.revokeObjectURL(this.#camera);
+    this.#camera = URL.createObjectURL(new Blob([data], { type: "image/jpeg" }));
+    $("camera").src = this.#camera;
+  }
+}
+
+function showTree(log) {
+  const items = log.nodes.map((node) => {
+    const item = element("li", "", node.status);
+    item.style.paddingInlineStart = `${0.8 * node.depth}rem`;
+    item.append(element("span", MARKS[node.status]), element("span", node.name));
+    item.title = `${node.kind}: ${node.status.toLowerCase()}`;
+    item.setAttribute("aria-label", `${node.name}: ${node.status.toLowerCase()}`);
+    return item;
+  });
+  $("tree").replaceChildren(...items);
+}
+
+const MARKS = { RUNNING: "▶", SUCCESS: "✓", FAILURE: "✗", IDLE: "·", SKIPPED: "–" };
+
+/** Feedback in one line: time, what is left, recoveries. */
+function progress(feedback) {
+  const parts = [`${feedback.action.replaceAll("_", " ")}: ${feedback.navigation_time_s.toFixed(1)} s`];
+  const add = (value, text) => {
+    if (value !== null && value !== undefined) {
+      parts.push(text(value));
+    }
+  };
+  add(feedback.current_waypoint, (value) => `waypoint ${value + 1}`);
+  add(feedback.number_of_poses_remaining, (value) => `${value} to go`);
+  add(feedback.distance_remaining_m, (value) => `${value.toFixed(2)} m left`);
+  add(feedback.estimated_time_remaining_s, (value) => `about ${value.toFixed(0)} s left`);
+  add(feedback.angular_distance_traveled_rad, (value) => `turned ${value.toFixed(2)} rad`);
+  add(feedback.distance_traveled_m, (value) => `driven ${value.toFixed(2)} m`);
+  add(feedback.docking_state, (value) => value.replaceAll("_", " "));
+  add(feedback.number_of_recoveries || null, (value) => `${value} recoveries`);
+  if (feedback.paused) {
+    parts.push("paused");
+  }
+  return parts.join(", ");
+}

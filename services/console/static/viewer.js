@@ -1,0 +1,93 @@
+// Rerun's viewer inside a page: its notebook widget, driven without a notebook.
+
+/** The two files of the viewer have the version in their address, so that they can be kept. */
+const address = (version) => `/viewer/${encodeURIComponent(version)}/widget.js`;
+
+export class Viewer {
+  #listeners = new Map();
+  #box;
+  #open = [];
+  #ready;
+  #isReady;
+  #observer;
+  /** Called with the time shown, in s of simulation time. */
+  onTime = () => {};
+  /** Called with the id of each recording that has been opened. */
+  onOpen = () => {};
+
+  /** Load the viewer of a version into an element. */
+  static async start(box, version) {
+    // It tells thousands of lines at this level, which would keep the page busy.
+    console.debug = () => {};
+    const widget = (await import(address(version))).default;
+    return new Viewer(box, widget);
+  }
+
+  constructor(box, widget) {
+    this.#box = box;
+    this.#ready = new Promise((resolve) => { this.#isReady = resolve; });
+    const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
+    const values = {
+      _url: null,
+      _width: box.clientWidth,
+      _height: box.clientHeight,
+      _panel_states: { top: "hidden", blueprint: "hidden", selection: "hidden", time: "collapsed" },
+      _fallback_token: null,
+      _theme: isDark ? "dark" : "light",
+    };
+    widget.render({
+      el: box,
+      model: {
+        get: (key) => values[key],
+        on: (event, listener) => this.#listeners.set(event, listener),
+        send: (event) => this.#hear(event),
+      },
+    });
+    this.#observer = new ResizeObserver(() => this.#fit());
+    this.#observer.observe(box);
+  }
+
+  /** Show the recording in some files, which are parts of one; what was shown is closed. */
+  async open(urls) {
+    await this.#ready;
+    const wanted = urls.map((url) => new URL(url, location.href).href);
+    if (wanted.join() === this.#open.join()) return;
+    for (const url of this.#open) if (!wanted.includes(url)) this.#send({ type: "close_url", url });
+    for (const url of wanted) if (!this.#open.includes(url)) this.#send({ type: "open_url", url });
+    this.#open = wanted;
+  }
+
+  /** Show a moment of the recording, in s of simulation time. */
+  async seek(time_s) {
+    await this.#ready;
+    const duration_nanos = String(BigInt(Math.round(time_s * 1e9)));
+    this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
+  }
+
+  #send(message) {
+    this.#listeners.get("msg:custom")?.(message, []);
+  }
+
+  #fit() {
+    this.#listeners.get("change:_width")?.(null, this.#box.clientWidth);
+    this.#listeners.get("change:_height")?.(null, this.#box.clientHeight);
+  }
+
+  #hear(event) {
+    if (event === "ready") {
+      this.#fit();
+      this.#isReady();
+      return;
+    }
+    let said;
+    try {
+      said = typeof event === "string" ? JSON.parse(event) : event;
+    } catch {
+      return;
+    }
+    if (said.type === "recording_open") this.onOpen(said.recording_id);
+    if (said.type === "time_update" && Number.isFinite(Number(said.time))) {
+      this.onTime(Number(said.time) / 1e9);
+    }
+  }
+}

@@ -1,0 +1,250 @@
+"""The live page beside a run: what it is told, what it may ask for, and what it costs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from services.common.node.documents import GetEntities, SetEntityState
+from services.common.node.slam_documents import ExplorationStatus
+from services.common.node.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
+from services.console.live.stack import StackError
+from services.embedded.demo import DemoOptions
+from tests.console.live.running import Page, Run, running, wait_until
+
+pytestmark = pytest.mark.timeout(180)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    options = DemoOptions(
+        world_name="original", camera=False, renderer="none", record=False, tour=False,
+        out_dir=tmp_path_factory.mktemp("live") / "run",
+    )  # fmt: skip
+    with running(options) as started:
+        with started.page() as page:
+            page.wait_for(lambda: page.newest.get("navigation", {}).get("navigation_active"))
+        yield started
+
+
+@pytest.fixture
+def page(run: Run) -> Iterator[Page]:
+    with run.page() as opened:
+        yield opened
+        opened.tell(do="simulation", speed=1.0, pause=False)
+
+
+def truth(page: Page) -> tuple[float, float, float]:
+    page.wait_for(lambda: page.newest.get("pose", {}).get("truth"))
+    x, y, yaw = page.newest["pose"]["truth"]
+    return x, y, yaw
+
+
+def test_a_page_is_told_of_the_world_the_robot_and_every_service(page: Page) -> None:
+    world = page.wait_kind("world")
+    assert world["name"] == "sim_house"
+    assert len(world["walls"]) > 20
+    grid = page.wait_kind("map")
+    cells = np.frombuffer(grid["data"], np.int8).reshape(grid["rows"], grid["columns"])
+    assert {0, 100} <= set(np.unique(cells).tolist())
+    scan = page.wait_kind("scan")
+    ranges = np.frombuffer(scan["data"], "<u2")
+    assert len(ranges) == 360
+    assert scan["angle_end_rad"] - scan["angle_min_rad"] == pytest.approx(2 * math.pi, abs=0.03)
+    page.wait_for(lambda: page.newest.get("pose", {}).get("estimate"))
+    pose = page.newest["pose"]
+    assert pose["estimate"] == pytest.approx(pose["truth"], abs=0.2)
+    assert len(pose["covariance"]) == 4
+    services = set(page.wait_kind("stack")["services"])
+    assert {"physics", "navigation", "localization"} <= services
+    page.wait_for(lambda: {f"service {name}" for name in services} <= page.newest.keys())
+    assert page.newest["service physics"]["message"].startswith(("active", "slow"))
+    for kind in ("entities", "global_costmap", "local_costmap", "navigation", "stats"):
+        page.wait_kind(kind)
+
+
+def test_a_goal_is_driven_to_and_its_result_is_told(page: Page) -> None:
+    x, y, _ = truth(page)
+    page.done(do="simulation", speed=0.0)
+    said = page.done(do="goal", pose={"x_m": x + 0.4, "y_m": y - 0.1, "yaw_rad": 0.0})
+    assert said.startswith("driving to")
+    page.wait_for(lambda: page.newest.get("plan", {}).get("points_m"))
+    page.wait_for(lambda: page.newest.get("tree", {}).get("nodes"))
+    results = page.wait_for(
+        lambda: [content for kind, content in page.events if kind == "action_result"]
+    )
+    assert results[-1]["status"] == "succeeded"
+    page.wait_for(lambda: math.dist(truth(page)[:2], (x + 0.4, y - 0.1)) < 0.25)
+
+
+def test_waypoints_are_taken_up_and_canceled(page: Page) -> None:
+    x, y, _ = truth(page)
+    places = [{"x_m": x + shift, "y_m": y, "yaw_rad": 0.0} for shift in (-0.1, -0.3)]
+    for stops in (True, False):
+        assert page.done(do="waypoints", poses=places, stops=stops) == "driving to 2 waypoints"
+        assert page.done(do="cancel") == "canceled: the robot stops"
+
+
+def test_what_a_service_refuses_is_said_in_its_words(page: Page, run: Run) -> None:
+    answer = page.ask(do="goal", pose={"x_m": 500.0, "y_m": 0.0, "yaw_rad": 0.0})
+    assert "error code" in answer["error"]
+    nothing = page.ask(do="remove", name="nothing")
+    with pytest.raises(StackError):
+        run.stack.publish(EXPLORATION_STATUS, ExplorationStatus(state="complete"))
+    moved = SetEntityState(name="nothing", position_m=(0.0, 0.0, 0.0))
+    assert "nothing" in nothing["error"]
+    assert nothing["error"] == run.stack.ask(SET_ENTITY_STATE, moved, 5.0).error
+    assert page.ask(do="cancel")["error"]
+    assert page.ask(do="explore", resume=True)["error"] == "explore: no explorer service is running"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("no json", "message: (whole): Invalid JSON"),
+        ("[]", "message: (whole): must be an object"),
+        ('{"id": 4711, "action": {"do": "fly"}}', "message: action: Input tag 'fly'"),
+        ('{"id": 4711, "action": {"do": "goal"}}', "message: action.goal.pose: Field required"),
+        (
+            '{"id": 4711, "action": {"do": "goal", "pose": {"x_m": NaN, "y_m": 0}}}',
+            "message: action.goal.pose.x_m",
+        ),
+        (
+            '{"id": 4711, "action": {"do": "drive", "linear_m_s": 9, "angular_rad_s": 0}}',
+            "message: action.drive.linear_m_s: must be",
+        ),
+        (json.dumps({"id": 4711, "action": {"do": "x" * 20_000}}), "message: 2"),
+    ],
+)
+def test_a_wrong_message_gets_one_line_and_the_page_stays(page: Page, text: str, said: str) -> None:
+    page.socket.send(text)
+    page.wait_for(lambda: page.answers)
+    (answer,) = page.answers.values()
+    assert answer["error"].startswith(said[:40]), answer
+    assert "\n" not in answer["error"]
+    assert page.done(do="simulation", pause=False)
+
+
+def test_a_page_that_sends_too_much_is_told_once_and_ignored(page: Page) -> None:
+    for _ in range(400):
+        page.socket.send('{"id": 7, "action": {"do": "stop"}}')
+    page.wait_for(lambda: None in page.answers)
+    assert "too many" in page.answers[None]["error"]
+    end_s = time.monotonic() + 10.0
+    while page.ask_quietly(do="simulation", pause=False) is None:
+        assert time.monotonic() < end_s
+
+
+def test_a_box_is_dropped_into_the_world_and_removed(page: Page, run: Run) -> None:
+    x, y, _ = truth(page)
+    page.wait_kind("entities")
+    said = page.done(do="drop_box", pose={"x_m": x - 0.7, "y_m": y, "yaw_rad": 0.3})
+    name = said.split()[0]
+    page.wait_for(lambda: [one for one in page.newest["entities"]["bodies"] if one["name"] == name])
+    (box,) = page.newest["entities"]["bodies"]
+    assert np.mean(box["polygons_m"][0][:-1], axis=0) == pytest.approx([x - 0.7, y], abs=0.01)
+    assert name in {one.name for one in run.stack.ask(GET_ENTITIES, GetEntities(), 5.0).entities}
+    page.done(do="remove", name=name)
+    page.wait_for(lambda: not page.newest["entities"]["bodies"])
+    # In the robot itself it cannot stand, and the reason is the service's.
+    x, y, _ = truth(page)
+    refused = page.ask(do="drop_box", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})
+    if not refused["error"]:
+        page.wait_for(lambda: page.newest["entities"]["refused"])
+        page.ask(do="remove", name=refused["said"].split()[0])
+
+
+def drive(page: Page, until: float = 0.05) -> None:
+    """Turn on the spot until the robot does."""
+    before = truth(page)[2]
+    end_s = time.monotonic() + 20.0
+    while abs(truth(page)[2] - before) < until:
+        assert time.monotonic() < end_s
+        page.tell(do="drive", linear_m_s=0.0, angular_rad_s=1.0)
+        page.take(0.05)
+        page.wait_kind("pose")
+
+
+def stands(page: Page) -> bool:
+    return abs(page.newest["pose"]["velocity"][1]) < 0.02
+
+
+def test_driving_by_hand_ends_when_the_page_says_so(page: Page) -> None:
+    drive(page)
+    page.tell(do="stop")
+    page.wait_for(lambda: stands(page), 5.0)
+    yaw = truth(page)[2]
+    begin_s = page.newest["pose"]["time_s"]
+    page.wait_for(lambda: page.newest["pose"]["time_s"] > begin_s + 0.5)
+    assert truth(page)[2] == pytest.approx(yaw, abs=0.05)
+
+
+def test_driving_by_hand_ends_when_the_page_is_silent(page: Page) -> None:
+    drive(page)
+    page.wait_for(lambda: stands(page), 5.0)
+
+
+@pytest.mark.parametrize("politely", [True, False])
+def test_driving_by_hand_ends_when_the_page_has_gone(page: Page, run: Run, politely: bool) -> None:
+    with run.page() as driver:
+        drive(driver)
+        if not politely:
+            driver.socket.socket.close()
+    page.wait_for(lambda: "pose" in page.newest and stands(page), 5.0)
+
+
+def test_time_is_paused_stepped_and_sped_up(page: Page) -> None:
+    assert page.done(do="simulation", pause=True).startswith("paused at")
+    at_s = page.wait_for(
+        lambda: page.newest.get("stats", {}).get("paused") and page.newest["stats"]["sim_time_s"]
+    )
+    said = page.done(do="simulation", step=24)
+    assert said.startswith("paused at")
+    page.wait_for(lambda: page.newest["stats"]["sim_time_s"] == pytest.approx(at_s + 0.1, abs=0.01))
+    assert page.done(do="simulation", pause=False, speed=2.0).startswith("running at 2x real time")
+    page.wait_for(lambda: page.newest["stats"]["speed"] == 2.0)
+    assert "speed" in page.ask(do="simulation", speed=0.001)["error"]
+
+
+def test_a_page_that_takes_nothing_costs_the_others_nothing(page: Page, run: Run) -> None:
+    page.wait_kind("stats")
+    with contextlib.ExitStack() as stack:
+        for _ in range(3):
+            stack.enter_context(run.page())
+        begin_s = page.wait_kind("pose")["time_s"]
+        page.wait_for(lambda: page.newest["pose"]["time_s"] > begin_s + 2.0, 30.0)
+        assert page.done(do="simulation", pause=False)
+
+
+def test_nothing_is_watched_while_no_page_is_open(run: Run) -> None:
+    wait_until(lambda: not run.beside.transport.is_watched)
+    with run.page() as page:
+        page.wait_kind("pose")
+        assert run.beside.transport.is_watched
+    wait_until(lambda: not run.beside.transport.is_watched)
+
+
+def test_a_page_of_another_site_is_refused(run: Run) -> None:
+    address = run.beside.url.rstrip("/").replace("http:", "ws:") + "/live/feed"
+    for headers in ({"origin": "http://evil.example"}, {}):
+        with (
+            pytest.raises((InvalidStatus, ConnectionClosed)),
+            connect(address, **headers) as socket,  # type: ignore[arg-type]
+        ):
+            socket.recv(5.0)
+
+
+def test_a_reset_tells_the_page_to_begin_anew(page: Page) -> None:
+    page.wait_kind("stats")
+    epoch = page.newest["stats"]["epoch"]
+    page.done(do="simulation", reset="all")
+    page.wait_for(lambda: page.newest["stats"]["epoch"] > epoch and "began_anew" in page.newest)
+    page.wait_for(lambda: page.newest["navigation"]["navigation_active"])
