@@ -154,7 +154,7 @@ class RecorderNode(Node):
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
             is_idle = (lambda: self._run is None) if config.video else None
-            self._repair = Repair(config.recordings_dir, is_idle)
+            self._repair = Repair(config.recordings_dir, may_compress=is_idle)
             self._repair.spared = self._interrupted[0] if self._interrupted else None
             self._repair.start()
         self._delete_old_runs()
