@@ -141,6 +141,8 @@ The names of runs and tags are completed by the shell after `mazebot --install-c
 
 ## In the viewer
 
+There is a layout for each purpose: see [the viewer](viewer.md).
+
 | tab | shows |
 | --- | --- |
 """
@@ -166,6 +168,7 @@ _TABS = (
     ),
     ("Behavior tree", "the tree that runs, each node marked with its newest answer"),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
+    ("Events", "what one may want to jump to: goals, contacts, recoveries, new markers, faults"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
     (
