@@ -150,6 +150,7 @@ class RecorderNode(Node):
         self._offered: tuple[doc.World, float] | None = None
         """A world that may belong to that run, and the wall time of its arrival."""
         self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
+        self._run: Run | None = None
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
             is_idle = (lambda: self._run is None) if config.video else None
@@ -159,7 +160,6 @@ class RecorderNode(Node):
         self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
         self._early: deque[tuple[Topic[Any], Taken]] = deque(maxlen=1000)
-        self._run: Run | None = None
         self._beginnings = Beginnings()
         self._frames = _no_frames()
         self._evaluated_ns: int | None = None
