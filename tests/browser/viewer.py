@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from services.cli.loopback_router import free_port
 from services.recorder.config import LayoutName
-from services.recorder.drawing.layouts.layout_file import layout_file
+from services.recorder.drawing.layouts.layout_file import shown_in_layout
 from services.recorder.keeping.live import WebPage
 
 if TYPE_CHECKING:
@@ -37,12 +38,13 @@ _TIME_SLIDER_PX = 293, 209, 14
 def served(recording: Path, layout: LayoutName | None = None) -> Iterator[str]:
     """Serve a recording with the package's own viewer; the address to open."""
     port = free_port()
-    shown = layout_file(recording, layout) if layout else b""
-    page = WebPage("127.0.0.1", port, recording=[recording], layout=shown)
-    try:
-        yield f"http://127.0.0.1:{port}/"
-    finally:
-        page.close()
+    with tempfile.TemporaryDirectory() as folder:
+        parts = shown_in_layout([recording], layout, Path(folder)) if layout else [recording]
+        page = WebPage("127.0.0.1", port, recording=parts)
+        try:
+            yield f"http://127.0.0.1:{port}/"
+        finally:
+            page.close()
 
 
 def screenshot(

@@ -49,6 +49,7 @@ def strict() -> None:
 
 def recorder(folder: Path, **fields: Any) -> RecorderNode:
     """A recorder whose clocks are ours."""
+    fields = {"video": False, **fields}
     config = RecorderConfig(recordings_dir=folder, compact_timeout_s=0.0, **fields)
     noon = datetime(2026, 11, 21, 12, 0, 0)  # noqa: DTZ001 - local, as folders are named
     return RecorderNode(config, WallClock(), lambda: noon)

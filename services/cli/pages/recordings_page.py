@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from services.cli.pages.mcap_section import MCAP_ROW, MCAP_SECTION
 from services.common.node.documents import Document
 from services.common.recordings.digests import HEAD, ROW, ROW_FIELDS
 from services.common.recordings.labels import KEEP, Labels
@@ -40,6 +41,7 @@ _FILES = (
         "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
         "simulation time; entities are named like the topics",
     ),
+    MCAP_ROW,
     (
         SUMMARY,
         "the run in numbers, compared with the ground truth; its fields are listed below, and in "
@@ -139,6 +141,8 @@ The names of runs and tags are completed by the shell after `mazebot --install-c
 
 ## In the viewer
 
+There is a layout for each purpose: see [the viewer](viewer.md).
+
 | tab | shows |
 | --- | --- |
 """
@@ -164,6 +168,7 @@ _TABS = (
     ),
     ("Behavior tree", "the tree that runs, each node marked with its newest answer"),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
+    ("Events", "what one may want to jump to: goals, contacts, recoveries, new markers, faults"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
     (
@@ -220,7 +225,7 @@ def recordings_page() -> str:
             *(_FIELDS, *_document("The run", RunSummary, told)),
             *(_SERIES, *_document("The run over time", RunSeries, told)),
             *(_LABELS, *_document("Tags and note", Labels, told)),
-            *(_DIGESTS, *rows),
+            *(MCAP_SECTION, _DIGESTS, *rows),
         ]
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import threading
 import webbrowser
 from pathlib import Path
@@ -23,12 +24,14 @@ def view_run(
     """
     recording = _find(directory, name)
     # These load Rerun.
-    from services.recorder.drawing.layouts.layout_file import layout_file  # noqa: PLC0415
+    from services.recorder.drawing.layouts.layout_file import shown_in_layout  # noqa: PLC0415
     from services.recorder.keeping.live import WebPage  # noqa: PLC0415
 
     parts = parts_of(recording.parent)
-    shown = layout_file(parts[0], layout) if layout else b""
-    page = WebPage("127.0.0.1", web_port, recording=parts, layout=shown)
+    scratch = tempfile.TemporaryDirectory(prefix="mazebot-view-")
+    if layout is not None:
+        parts = shown_in_layout(parts, layout, Path(scratch.name))
+    page = WebPage("127.0.0.1", web_port, recording=parts)
     url = f"http://localhost:{web_port}"
     opened = open_browser and _opened(url)
     told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
@@ -38,6 +41,7 @@ def view_run(
         threading.Event().wait()
     finally:
         page.close()
+        scratch.cleanup()
 
 
 def _opened(url: str) -> bool:

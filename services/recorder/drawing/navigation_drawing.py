@@ -17,7 +17,7 @@ from services.recorder.drawing.canvas import LATCH_NS, PATH_NS, Canvas, draw_tra
 from services.recorder.drawing.marker_drawing import note_detections
 from services.recorder.drawing.picture_drawing import IMAGE_FRAME
 
-_MAX_PARTICLES = 500
+_MAX_PARTICLES = 300
 _SAME_PLACE_M = 0.05
 
 _SQUARE: Array = np.array(

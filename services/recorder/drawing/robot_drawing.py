@@ -25,6 +25,7 @@ TRUTH_FRAME = "ground_truth"
 """Frame of the true robot; `base_footprint` is the estimated one."""
 
 _PLOT_NS = 95_000_000
+_SCAN_NS = 195_000_000
 _OUTLINE_POINTS = 0.75
 """In screen units, at any distance: thin, not to hide the true robot inside."""
 
@@ -104,8 +105,9 @@ def draw_imu(canvas: Canvas, imu: msg.Imu) -> None:
 
 
 def draw_scan(canvas: Canvas, scan: msg.LaserScan) -> None:
-    """The scan's hits, in the lidar's frame: drawn relative to the estimated pose."""
-    canvas.at(scan.header.stamp)
+    """The scan's hits five times a second, in the lidar's frame: relative to the estimated pose."""
+    if not canvas.due("scan", canvas.at(scan.header.stamp), _SCAN_NS):
+        return
     ranges_m = scan.ranges
     echo = (ranges_m >= scan.range_min) & (ranges_m <= scan.range_max)
     directions = _directions(len(ranges_m), scan.angle_min, scan.angle_increment)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import shutil
 from collections import Counter
@@ -347,6 +348,7 @@ class Run:
 
     def close(self) -> None:
         """Write the summary, end the recording, and mark the run as complete."""
+        config = self._setting.config
         self._keep_map(self._end[1], all_of_it=True)
         self.messages.wait()
         self._write_summary()
@@ -358,8 +360,9 @@ class Run:
         is_whole = self.messages.end()
         self._pictures.close()
         is_gone = self.folder.is_gone
-        if self._has_pictures and self._setting.config.video and not self.folder.is_gone:
-            (self.folder.path / TO_COMPRESS).touch()
+        if self._has_pictures and config.record and config.video and not is_gone:
+            with contextlib.suppress(OSError):
+                (self.folder.path / TO_COMPRESS).touch()
         if self._join_parts() and is_whole:
             self.folder.release()
         else:

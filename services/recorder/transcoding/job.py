@@ -8,14 +8,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from services.common.node.topics import CAMERA_IMAGE
 from services.common.recordings.mcap_records import McapError
 from services.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, parts_of
 from services.common.root import ROOT
-from services.recorder.transcoding.mcap_video import transcode_mcap
+from services.recorder.transcoding.mcap_video import read_video, transcode_mcap
 from services.recorder.transcoding.vp9 import VideoError
 
 _NICEST = 19
@@ -63,13 +63,18 @@ def compress_run(folder: Path) -> Compression:
 def _compress(folder: Path) -> Compression:
     from services.recorder.transcoding.rrd_video import transcode_rrd  # noqa: PLC0415 - Rerun
 
-    jobs: list[tuple[Path, Callable[[Path], bool]]] = [
-        *((path, transcode_rrd) for path in parts_of(folder)),
-        *((path, transcode_mcap) for path in parts_of(folder, MESSAGES)),
-    ]
-    before = sum(path.stat().st_size for path, _ in jobs)
-    replaced = sum(transcode(path) for path, transcode in jobs)
-    return Compression(before, sum(path.stat().st_size for path, _ in jobs), replaced)
+    parts, message_parts = parts_of(folder), parts_of(folder, MESSAGES)
+    before = _size(folder)
+    replaced = sum([transcode_mcap(path) for path in message_parts])
+    # The video is made once, for both.
+    video_by_ns = dict(read_video(message_parts, CAMERA_IMAGE.name))
+    replaced += sum([transcode_rrd(path, video_by_ns) for path in parts])
+    return Compression(before, _size(folder), replaced)
+
+
+def _size(folder: Path) -> int:
+    paths = (*parts_of(folder), *parts_of(folder, MESSAGES))
+    return sum(path.stat().st_size for path in paths)
 
 
 def waiting(recordings_dir: Path) -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from services.common.node.topics import CAMERA_COMPRESSED, DEPTH_IMAGE
 from services.common.recordings import mcap_records as rec
 from services.common.recordings.mcap_channels import definition_of
 from services.common.recordings.mcap_file import McapFile, Row
-from services.common.recordings.mcap_messages import MADE_FROM
+from services.common.recordings.mcap_messages import MADE_FROM, read_messages
 from services.common.recordings.mcap_scan import content, records
 from services.common.recordings.run_folder import attachments_of
 from services.recorder.transcoding.depth import compressed_depth
@@ -78,15 +78,35 @@ def transcode_mcap(path: Path) -> bool:
     return True
 
 
-def frame_of(cdr: bytes) -> bytes:
-    """The encoded frame in a message of VIDEO_TYPE. Raises VideoError if it is none."""
+def video_topic(made_from: str) -> str:
+    """The topic with the video of another topic's pictures."""
+    return f"{made_from}/video"
+
+
+def read_video(parts: Sequence[Path], made_from: str) -> Iterator[tuple[int, VideoFrame]]:
+    """The stamp in ns and the frame of each picture of a topic in files with video, in order.
+
+    Raises VideoError or McapError for a damaged file, OSError.
+    """
+    for message in read_messages(parts, {video_topic(made_from)}):
+        if message.type_name == VIDEO_TYPE:
+            stamp_ns, _, frame = frame_of(message.data)
+            yield stamp_ns, frame
+
+
+def frame_of(cdr: bytes) -> tuple[int, str, VideoFrame]:
+    """Stamp in ns, frame id and encoded picture of a message of VIDEO_TYPE.
+
+    Raises VideoError if it is none.
+    """
     try:
-        (length,) = struct.unpack_from("<I", cdr, 12)
+        sec, nanosec, length = struct.unpack_from("<iII", cdr, 4)
         at = 4 + _aligned(12 + length)
         (size,) = struct.unpack_from("<I", cdr, at)
     except struct.error as error:
         raise VideoError("a video's message is cut off") from error
-    return cdr[at + 4 : at + 4 + size]
+    frame_id = cdr[16 : 15 + length].decode(errors="replace")
+    return sec * 1_000_000_000 + nanosec, frame_id, VideoFrame(cdr[at + 4 : at + 4 + size])
 
 
 def _conversions(path: Path) -> dict[int, _Conversion]:
@@ -120,7 +140,7 @@ def _video(path: Path, channel: rec.Channel) -> _Conversion:
             raise VideoError("the video has fewer frames than pictures")
         return _video_cdr(wire.decode(CAMERA_COMPRESSED, cdr), frame)
 
-    return _Conversion(f"{channel.metadata[MADE_FROM]}/video", VIDEO_TYPE, _DEFINITION, convert)
+    return _Conversion(video_topic(channel.metadata[MADE_FROM]), VIDEO_TYPE, _DEFINITION, convert)
 
 
 def _rewrite(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,22 +12,24 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from rerun.chunk import Chunk, LazyChunkStream
 
 from services.recorder.drawing.picture_drawing import CAMERA_ENTITY
 from services.recorder.stream.live_feed import TIMELINE
 from services.recorder.stream.rerun_program import rerun_binary
+from services.recorder.stream.rrd_reader import read_rrd
 from services.recorder.transcoding.vp9 import VideoError, VideoFrame, encode
 
 _PATH = f"/{CAMERA_ENTITY}"
 _PICTURE = "EncodedImage:blob"
+Times = dict[str, NDArray[np.generic]]
+"""By timeline, (n,) durations or times."""
 
 
 class _Pictures(NamedTuple):
     """The camera's pictures, by time."""
 
-    times: dict[str, NDArray[np.generic]]
-    """By timeline, (n,) durations, times or numbers."""
+    times: Times
     encoded: list[bytes]
     others: list[Chunk]
     """What else is on that entity."""
@@ -35,9 +37,10 @@ class _Pictures(NamedTuple):
     recording_id: str
 
 
-def transcode_rrd(recording: Path) -> bool:
+def transcode_rrd(recording: Path, video_by_ns: Mapping[int, VideoFrame]) -> bool:
     """Replace a whole recording by one with video, whatever happens either the old or the new one;
-    False if it holds no pictures.
+    False if it holds no pictures. `video_by_ns` is a video of all its pictures by their stamps, in
+    order, where there is one already; otherwise it is made.
 
     Raises VideoError if that is not possible, OSError for a disk that is full or a file that is
     gone.
@@ -47,7 +50,14 @@ def transcode_rrd(recording: Path) -> bool:
         return False
     video, rest, whole = (recording.with_suffix(end) for end in (".video", ".rest", ".whole"))
     try:
-        chunks = [*pictures.others, *_video_chunks(pictures, recording.with_suffix(".rrd.mp4"))]
+        scratch = recording.with_suffix(".rrd.mp4")
+        stamps_ns = pictures.times[TIMELINE].astype(np.int64)
+        if video_by_ns and set(stamps_ns.tolist()) <= video_by_ns.keys():
+            pictures = pictures._replace(times=_times(pictures.times, list(video_by_ns)))
+            frames = iter(video_by_ns.values())
+        else:
+            frames = encode(pictures.encoded, scratch)
+        chunks = [*pictures.others, *_video_chunks(pictures.times, frames)]
         LazyChunkStream.from_iter(chunks).write_rrd(
             video,
             application_id=pictures.application_id,
@@ -69,7 +79,7 @@ def transcode_rrd(recording: Path) -> bool:
 
 def _read(recording: Path) -> _Pictures:
     try:
-        reader = RrdReader(recording)
+        reader = read_rrd(recording)
         entry = reader.recordings()[0]
         found = [chunk for chunk in reader.stream() if chunk.entity_path == _PATH]
     except (RuntimeError, ValueError, IndexError) as error:
@@ -99,19 +109,28 @@ def _blob(row: pa.ListScalar) -> bytes:
     return bytes(row.values[0].values.to_numpy())
 
 
-def _video_chunks(pictures: _Pictures, scratch: Path) -> Iterator[Chunk]:
+def _times(times: Times, stamps_ns: list[int]) -> Times:
+    """The same timelines at other stamps: where they were recorded is that of the next picture."""
+    stamps = np.array(stamps_ns, np.int64)
+    recorded = times[TIMELINE].astype(np.int64)
+    next_one = np.minimum(np.searchsorted(recorded, stamps), len(recorded) - 1)
+    picked = {name: values[next_one] for name, values in times.items()}
+    return {**picked, TIMELINE: stamps.astype("timedelta64[ns]")}
+
+
+def _video_chunks(times: Times, video: Iterator[VideoFrame]) -> Iterator[Chunk]:
     """The codec, and a chunk for each key frame with those that follow it."""
     yield Chunk.from_columns(_PATH, [], rr.VideoStream.columns(codec=[rr.VideoCodec.VP9]))
     begin, frames = 0, list[VideoFrame]()
-    for frame in encode(pictures.encoded, scratch):
+    for frame in video:
         if frame.is_key and frames:
-            yield _chunk(pictures.times, begin, frames)
+            yield _chunk(times, begin, frames)
             begin, frames = begin + len(frames), []
         frames.append(frame)
-    yield _chunk(pictures.times, begin, frames)
+    yield _chunk(times, begin, frames)
 
 
-def _chunk(times: dict[str, NDArray[np.generic]], begin: int, frames: list[VideoFrame]) -> Chunk:
+def _chunk(times: Times, begin: int, frames: list[VideoFrame]) -> Chunk:
     indexes = []
     for name, values in times.items():
         rows = values[begin : begin + len(frames)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ BITS_PER_PIXEL = 0.16
 """What the encoder aims at; a drive through textured rooms needs about a third of it."""
 _MOST_BITS_PER_S = (2**31 - 1) // 2
 """OpenCV asks the encoder for 64 bits a pixel, and for at most this bit rate."""
+_KEY_FRAME = 0x80
 
 
 class VideoError(Exception):
@@ -26,7 +28,11 @@ class VideoFrame:
     """One picture, encoded: a key frame is decoded alone, any other after those before it."""
 
     data: bytes
-    is_key: bool
+
+    @property
+    def is_key(self) -> bool:
+        """Whether it is a key frame (VP9 bitstream, 6.2: marker, profile 0, new, type)."""
+        return bool(self.data) and self.data[0] & 0xFC == _KEY_FRAME
 
 
 def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFrame]:
@@ -53,14 +59,14 @@ def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFr
         scratch.unlink(missing_ok=True)
 
 
-def decode(frames: Iterable[VideoFrame], size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+def decode(frames: Iterable[VideoFrame]) -> Iterator[NDArray[np.uint8]]:
     """The pictures of a stream again, (h, w, 3) BGR, from its first frame, a key frame.
 
-    `size_px` is (width, height). Raises VideoError for a stream that cannot be read.
+    Raises VideoError for a stream that cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="mazebot-video-") as folder:
         path = Path(folder) / "video.ivf"
-        path.write_bytes(_ivf([frame.data for frame in frames], size_px))
+        path.write_bytes(_ivf([frame.data for frame in frames]))
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         count = 0
         try:
@@ -122,18 +128,17 @@ def _frames(path: Path) -> Iterator[VideoFrame]:
             is_read, packet = video.read()
             if not is_read:
                 return
-            is_key = video.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0.0
-            yield VideoFrame(np.asarray(packet, np.uint8).tobytes(), is_key)
+            yield VideoFrame(np.asarray(packet, np.uint8).tobytes())
     finally:
         video.release()
 
 
-def _ivf(packets: list[bytes], size_px: tuple[int, int]) -> bytes:
-    """An IVF file: a header of 32 bytes, then each packet with its size and number (libvpx)."""
-    header = b"DKIF" + np.array([0, 32], "<u2").tobytes() + b"VP90"
-    header += np.array(size_px, "<u2").tobytes()
-    header += np.array([10, 1, len(packets), 0], "<u4").tobytes()
+def _ivf(packets: list[bytes]) -> bytes:
+    """An IVF file (libvpx): a header, then each packet with its size and number. The size of the
+    pictures is in the packets, too.
+    """
+    header = b"DKIF" + struct.pack("<HH4sHHIIII", 0, 32, b"VP90", 0, 0, 10, 1, len(packets), 0)
     pieces = [header]
     for number, packet in enumerate(packets):
-        pieces += [len(packet).to_bytes(4, "little"), number.to_bytes(8, "little"), packet]
+        pieces += [struct.pack("<IQ", len(packet), number), packet]
     return b"".join(pieces)

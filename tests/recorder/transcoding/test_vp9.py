@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from services.recorder.transcoding.vp9 import VideoError, VideoFrame, decode, encode
-from tests.recorder.transcoding.pictures import SIZE_PX, jpeg, textured
+from tests.recorder.transcoding.pictures import jpeg, textured
 
 COUNT = 30
 
@@ -32,7 +32,7 @@ def test_every_picture_is_a_frame_and_the_first_is_a_key_frame(frames: list[Vide
 
 
 def test_the_video_shows_what_the_pictures_showed(frames: list[VideoFrame]) -> None:
-    shown = list(decode(frames, SIZE_PX))
+    shown = list(decode(frames))
     assert len(shown) == COUNT
     psnr_db = [cv2.PSNR(old, new) for old, new in zip(textured(COUNT), shown, strict=True)]
     assert min(psnr_db) > 30.0
@@ -70,4 +70,4 @@ def test_what_cannot_be_a_video_is_said(pictures: list[bytes], said: str, tmp_pa
 
 def test_no_stream_cannot_be_decoded() -> None:
     with pytest.raises(VideoError):
-        list(decode([VideoFrame(b"nothing", True)], SIZE_PX))
+        list(decode([VideoFrame(b"nothing")]))

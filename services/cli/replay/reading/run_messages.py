@@ -28,6 +28,9 @@ from services.common.node.topics import (
 from services.common.recordings.mcap_messages import RecordedMessage, read_messages
 from services.common.recordings.mcap_records import McapError
 from services.common.recordings.mcap_scan import scan
+from services.recorder.transcoding.as_recorded import as_recorded
+from services.recorder.transcoding.mcap_video import video_topic
+from services.recorder.transcoding.vp9 import VideoError
 
 _HEAD_NS = 2_000_000_000
 """So much of a run tells which services send."""
@@ -37,14 +40,14 @@ def open_run(name: str, parts: Sequence[Path]) -> Recording:
     """A run by its files, the first one first. Raises ConfigError where they cannot be read."""
     try:
         return _open(name, parts)
-    except (McapError, OSError) as error:
+    except (McapError, wire.WireError, OSError) as error:
         raise ConfigError(f"replay: {_said(error, parts[0])}") from error
 
 
 def _said(error: Exception, path: Path) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or path}: {error.strerror}"
-    return str(error)
+    return f"{path}: {error}" if isinstance(error, wire.WireError) else str(error)
 
 
 def _open(name: str, parts: Sequence[Path]) -> Recording:
@@ -52,7 +55,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
     parameters: dict[str, dict[str, Any]] = {}
     clock_ns: int | None = None
     start_ns: int | None = None
-    for message in read_messages(parts):
+    for message in as_recorded(read_messages(parts), parts):
         topic = BY_NAME.get(message.topic)
         if topic is None:
             continue
@@ -77,7 +80,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         channel.topic for one in contents for channel in one.channels if one.counts[channel.id]
     }
     pictures = "raw" if CAMERA_IMAGE.name in counts else "none"
-    if pictures == "none" and CAMERA_COMPRESSED.name in counts:
+    if pictures == "none" and {CAMERA_COMPRESSED.name, video_topic(CAMERA_IMAGE.name)} & counts:
         pictures = "jpeg"
     recording = Recording(
         name,
@@ -86,6 +89,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         lambda: iter(()),
         parameters,
         frozenset(owners.values()) - {EDGE},
+        all(source in SERVICES or source == EDGE for source in owners),
         pictures,
     )
     begun_ns = start_ns if clock_ns is None else clock_ns
@@ -94,7 +98,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         recording.unfit.clear()
         try:
             yield from _read(recording, parts, owners, begun_ns)
-        except (McapError, OSError) as error:
+        except (McapError, VideoError, wire.WireError, OSError) as error:
             raise ConfigError(f"replay: {_said(error, parts[0])}") from error
 
     recording.read = read
@@ -105,7 +109,7 @@ def _read(
     recording: Recording, parts: Sequence[Path], owners: dict[str, str], clock_ns: int
 ) -> Iterator[Replayed]:
     begun = False
-    for message in read_messages(parts):
+    for message in as_recorded(read_messages(parts), parts):
         topic: Topic[Any] | None = BY_NAME.get(message.topic)
         if topic is None:
             recording.unfit[message.topic, "no topic of this version"] += 1

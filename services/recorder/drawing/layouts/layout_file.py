@@ -1,42 +1,61 @@
-"""A layout for a recording that exists, as the bytes of an .rbl file."""
+"""A layout for a recording that exists."""
 
 from __future__ import annotations
 
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, LazyChunkStream
 
 from services.recorder.config import LayoutName
 from services.recorder.drawing.layouts.layouts import run_blueprint
 from services.recorder.drawing.layouts.views import Scene
 from services.recorder.stream.live_feed import APPLICATION
+from services.recorder.stream.rrd_reader import read_rrd
 
 _PROPERTIES = "/__properties/run"
 
 
-def layout_file(recording: Path, name: LayoutName) -> bytes:
-    """The layout of that name, with the view of the recording's world.
+def write_layout(recording: Path, name: LayoutName, path: Path) -> None:
+    """Write the layout of that name, with the view of the recording's world, as an .rbl file."""
+    run_blueprint(_scene(_properties(recording)), name).save(APPLICATION, path)
 
-    A viewer that reads it after the recording, also as one stream, shows the recording so.
+
+def shown_in_layout(parts: Sequence[Path], name: LayoutName, folder: Path) -> list[Path]:
+    """Files that a viewer shows in a layout if it reads them one after the other: what the
+    recording is, the layout, and the recording without its own; written to a folder.
+
+    Of a recording that cannot be copied, as its end is missing, the layout comes last.
     """
-    layout = run_blueprint(_scene(recording), name)
-    with tempfile.TemporaryDirectory(prefix="mazebot-layout-") as folder:
-        path = Path(folder) / "layout.rbl"
-        layout.save(APPLICATION, path)
-        return path.read_bytes()
-
-
-def _scene(recording: Path) -> Scene:
+    layout, head = folder / "layout.rbl", folder / "head.rrd"
+    write_layout(parts[0], name, layout)
+    properties = _properties(parts[0])
+    files = [head, layout]
     try:
-        chunks = [
-            chunk for chunk in RrdReader(recording).stream() if chunk.entity_path == _PROPERTIES
-        ]
+        for number, part in enumerate(parts):
+            reader = read_rrd(part)
+            entry = reader.recordings()[0]
+            ids = {"application_id": entry.application_id, "recording_id": entry.recording_id}
+            if not number:
+                LazyChunkStream.from_iter(properties).write_rrd(head, **ids)
+            files.append(folder / f"part_{number}.rrd")
+            reader.stream().write_rrd(files[-1], **ids)
+    except (RuntimeError, ValueError, IndexError):
+        return [*parts, layout]
+    return files
+
+
+def _properties(recording: Path) -> list[Chunk]:
+    try:
+        stream = read_rrd(recording).stream()
+        return [chunk for chunk in stream if chunk.entity_path == _PROPERTIES]
     except (RuntimeError, ValueError):
-        # Its end may be missing: it is shown as far as it goes.
-        return Scene(None)
+        return []
+
+
+def _scene(properties: Sequence[Chunk]) -> Scene:
     found: dict[str, str] = {}
-    for chunk in chunks:
+    for chunk in properties:
         for name, column in chunk.to_record_batch().to_pydict().items():
             found |= {name.rpartition(":")[2]: row[0] for row in column if isinstance(row, list)}
     return Scene.from_properties(found)
