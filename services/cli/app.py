@@ -21,6 +21,7 @@ from services.cli.options import ROUTER as _ROUTER
 from services.cli.options import Connect, Json, model_folders, xacro_arguments
 from services.cli.recordings import group as recordings_group
 from services.cli.recordings.group import RecordingsDir, RunName
+from services.cli.replay import command as replay
 from services.common.config import ConfigError
 from services.common.garbage import collections_held_off
 
@@ -378,6 +379,7 @@ def topic_pub(
 
 entities.register(app)
 app.command()(console.console)
+app.command()(replay.replay)
 app.command()(plan.plan)
 app.command()(localize.localize)
 app.command()(waypoints.waypoints)

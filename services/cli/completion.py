@@ -60,3 +60,10 @@ def tag_names(context: typer.Context, incomplete: str) -> list[str]:
 
 def _recordings(context: typer.Context) -> Path:
     return Path(context.params.get("directory") or "recordings")
+
+
+def service_names(incomplete: str) -> list[str]:
+    """The services, in the order in which they step."""
+    from services.common.node.topics import SERVICES  # noqa: PLC0415
+
+    return [name for name in SERVICES if name.startswith(incomplete)]

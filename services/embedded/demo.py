@@ -26,6 +26,7 @@ from services.common.load import config_flag, load, world_hash_of_run
 from services.common.node import log
 from services.common.node.executive import Executive, MemoryTransport, StalledError
 from services.common.node.node import Node
+from services.common.recordings.run_folder import TO_COMPRESS
 from services.common.world.map_files import read_map
 from services.explorer.config import ExplorerConfig
 from services.explorer.node import ExplorerNode
@@ -41,6 +42,7 @@ from services.physics.config import PhysicsConfig
 from services.physics.node import PhysicsNode
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
+from services.recorder.transcoding.job import start
 from services.spawner.config import SpawnerConfig
 from services.spawner.node import SpawnerNode
 from services.worldgen.config import WorldgenConfig
@@ -339,6 +341,12 @@ def _tell(console: Console, folder: Path) -> None:
             f"recording: {folder / 'run.rrd'}",
             f"look at it: .venv/bin/mazebot recordings view {folder}",
         ]
+    if (folder / TO_COMPRESS).exists():
+        if console.is_terminal:
+            start(folder)
+            lines.append("its pictures become a video now, in the background")
+        else:
+            lines.append(f"make it smaller: .venv/bin/mazebot recordings compress {folder}")
     console.print("\n".join(lines), markup=False, highlight=False)
 
 

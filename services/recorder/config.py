@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
 from services.common.config import ServiceConfig
+
+LayoutName = Literal["overview", "drive", "perception", "performance", "mapping"]
+"""The layouts of the viewer, each for one purpose."""
 
 
 class RecorderConfig(ServiceConfig):
     """Where runs are kept, and whether they are shown live."""
 
     record: bool = Field(
-        True, description="write run.rrd; summary.json and config.yaml are always written"
+        True,
+        description="write run.rrd and run.mcap; summary.json and config.yaml are always written",
+    )
+    messages: bool = Field(True, description="write run.mcap, unless `record` is off")
+    pictures: Literal["jpeg", "raw"] = Field(
+        "jpeg",
+        description="camera images in run.mcap: compressed, a twentieth of the size, or as they "
+        "are, for replaying bit by bit",
+    )
+    segment_mib: int = Field(
+        256, ge=1, le=1024 * 1024, description="size of run.mcap at which run_2.mcap follows it"
     )
     recordings_dir: Path = Field(
         Path("recordings"), description="folder in which each run gets a subfolder"
@@ -39,6 +53,9 @@ class RecorderConfig(ServiceConfig):
         description="wall time at a run's end to compact run.rrd so that it opens quickly; 0: none",
     )
     live: bool = Field(False, description="show the run live in a browser")
+    layout: LayoutName = Field(
+        "overview", description="what the viewer shows first, live and of run.rrd"
+    )
     bind: str = Field("0.0.0.0", description="address on which the live view listens")
     web_port: int = Field(9090, ge=1, le=65535, description="port of the live view's web page")
     grpc_port: int = Field(
@@ -48,6 +65,10 @@ class RecorderConfig(ServiceConfig):
         256, ge=16, description="memory for data sent to late viewers; the oldest is dropped first"
     )
     jpeg_quality: int = Field(75, ge=1, le=100, description="of the recorded camera images")
+    video: bool = Field(
+        True,
+        description="when a run has ended, make a video of its camera images: a fifth of the size",
+    )
     min_free_mib: int = Field(
-        64, ge=0, description="free disk space below which run.rrd is closed until there is more"
+        64, ge=0, description="free disk space below which the recording stops until there is more"
     )

@@ -9,9 +9,10 @@ from collections.abc import Callable
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from services.common.bus import wire
 from services.common.node import documents as doc
 from services.common.node.frame_tree import FrameNames, FrameTree
-from services.common.node.node import Envelope, Inbox, Node, Outbox
+from services.common.node.node import Envelope, Inbox, Node, Outbox, Received
 from services.common.node.topics import (
     ACTION_RESULT,
     ASSETS,
@@ -46,6 +47,7 @@ from services.recorder.keeping.progress import Progress
 from services.recorder.keeping.repair import Repair, interrupted
 from services.recorder.keeping.run import Run, Setting
 from services.recorder.keeping.versions import hardware, versions
+from services.recorder.stream.message_log import Taken
 
 if TYPE_CHECKING:
     from services.recorder.keeping.live import LiveView
@@ -86,9 +88,6 @@ _OF_A_RUN: tuple[Topic[Any], ...] = (MAP, POSE_GRAPH, EXPLORATION_STATUS)
 
 _MOST_ASSETS = 1000
 _MOST_ASSET_BYTES = 256 * 1024 * 1024
-
-_Arrival = tuple[Any, Envelope]
-# From Inbox.arrivals().
 
 
 def _no_frames() -> dict[Topic[Any], FrameNames | FrameTree]:
@@ -153,12 +152,13 @@ class RecorderNode(Node):
         self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
-            self._repair = Repair(config.recordings_dir)
+            is_idle = (lambda: self._run is None) if config.video else None
+            self._repair = Repair(config.recordings_dir, may_compress=is_idle)
             self._repair.spared = self._interrupted[0] if self._interrupted else None
             self._repair.start()
         self._delete_old_runs()
         self._request: doc.WorldRequest | None = None
-        self._early: deque[tuple[Topic[Any], _Arrival]] = deque(maxlen=1000)
+        self._early: deque[tuple[Topic[Any], Taken]] = deque(maxlen=1000)
         self._run: Run | None = None
         self._beginnings = Beginnings()
         self._frames = _no_frames()
@@ -170,35 +170,40 @@ class RecorderNode(Node):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take all queued messages, and publish the evaluation."""
-        stats = inbox.arrivals(SIMULATION_STATS)
-        told_ns = [round(message.sim_time_s * 1e9) for message, _ in stats]
+        stats = inbox.received(SIMULATION_STATS)
+        told_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
         begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
         now_ns = self._beginnings.now_ns
         ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
-        later: list[tuple[Topic[Any], _Arrival]] = []
+        later: list[tuple[Topic[Any], Taken]] = []
         for topic in _READ:
             if topic is not SIMULATION_STATS and not inbox.pending(topic):
                 continue
             frames = self._frames.get(topic)
-            arrivals: list[_Arrival] = stats if topic is SIMULATION_STATS else inbox.arrivals(topic)
+            arrivals: list[Received[Any]] = (
+                stats if topic is SIMULATION_STATS else inbox.received(topic)
+            )
             for arrival in arrivals:
                 # A conflict with earlier messages; empty: none.
-                problem = "" if frames is None else frames.add(arrival[0])
+                problem = "" if frames is None else frames.add(arrival.message)
+                taken = self._taken(topic, arrival, inbox) if not problem else None
                 if problem:
                     inbox.reject(topic, problem)
+                elif taken is None:
+                    continue
                 elif not begins:
-                    self._take(topic, arrival, now_ns)
-                elif self._beginnings.is_before(arrival[1].sent_ns):
-                    self._take(topic, arrival, self._beginnings.ended_ns)
+                    self._take(topic, taken, now_ns)
+                elif self._beginnings.is_before(arrival.envelope.sent_ns):
+                    self._take(topic, taken, self._beginnings.ended_ns)
                 else:
-                    later.append((topic, arrival))
+                    later.append((topic, taken))
         if self._offered is not None:
             self._choose_run(*self._offered, now_ns)
         if begins and self._run is not None:
             _LOG.info("the simulation began anew")
             self._begin(self._run.world, now_ns)
-            for topic, arrival in later:
-                self._take(topic, arrival, now_ns)
+            for topic, taken in later:
+                self._take(topic, taken, now_ns)
         if self._run is None:
             return
         self._run.tick(now_ns, inbox.counts)
@@ -224,10 +229,27 @@ class RecorderNode(Node):
     def _delete_old_runs(self) -> None:
         delete_old_runs(self._config, self._local_time())
 
-    def _take(self, topic: Topic[Any], arrival: _Arrival, now_ns: int) -> None:
-        message = arrival[0]
+    def _taken(self, topic: Topic[Any], arrival: Received[Any], inbox: Inbox) -> Taken | None:
+        """A message with its CDR, if it is to be recorded; None: it cannot be encoded."""
+        message, envelope, data = arrival
+        if not self._config.record:
+            return Taken(message, envelope, ())
+        if data is not None:
+            return Taken(message, envelope, (data,))
+        try:
+            return Taken(message, envelope, wire.encode_in_pieces(topic, message))
+        except wire.WireError as error:
+            inbox.reject(topic, error.reason)
+            return None
+
+    def _take(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
+        message = taken.message
+        self._setting.latched.keep(topic, taken)
         if topic is WORLD:
+            run = self._run
             self._take_world(message, now_ns)
+            if run is not None and run is self._run:
+                run.messages.add(topic, taken, now_ns)
             return
         if topic is ASSETS:
             self._setting.assets[message.header.frame_id] = message.data.tobytes()
@@ -241,14 +263,14 @@ class RecorderNode(Node):
             self._parameters[message.service] = message
             self._write_config()
         elif topic is SIMULATION_STATS:
-            self._simulation = arrival
+            self._simulation = message, taken.envelope
             if message.seed != self._seed:
                 self._seed = message.seed
                 self._write_config()
         if self._run is not None:
-            self._run.take(topic, arrival, now_ns)
+            self._run.take(topic, taken, now_ns)
         elif topic in _EARLY:
-            self._early.append((topic, arrival))
+            self._early.append((topic, taken))
 
     def _take_world(self, world: doc.World, now_ns: int) -> None:
         run = self._run.world if self._run is not None else None
@@ -323,6 +345,7 @@ class RecorderNode(Node):
             if world.slam:
                 for topic in _OF_A_RUN:
                     self._setting.fixed.pop(topic, None)
+                    self._setting.latched.forget(topic)
         folders = [interrupted] if interrupted is not None else []
 
         def make_folder() -> RunFolder:
@@ -351,8 +374,9 @@ class RecorderNode(Node):
             what = "no recording; the run's verdict goes to"
         _LOG.info("%s %s", what, self._run.folder.path)
         while self._early:
-            topic, arrival = self._early.popleft()
-            self._run.take(topic, arrival, now_ns)
+            topic, taken = self._early.popleft()
+            # The latched ones stand at the head of its messages.
+            self._run.take(topic, taken, now_ns, is_recorded=topic.delivery is Delivery.LATCHED)
 
     def _write_config(self) -> None:
         """Write config.yaml: the requested world, the running one, and all services' parameters."""

@@ -6,9 +6,11 @@ import argparse
 import shutil
 import tempfile
 from pathlib import Path
+from typing import get_args
 
 import cv2
 
+from services.recorder.config import LayoutName
 from services.recorder.keeping.repair import Rewriting
 from tests.browser.viewer import many_colors, screenshot, served
 
@@ -20,12 +22,13 @@ def main() -> None:
     parser.add_argument("picture", type=Path, help="the PNG to write")
     parser.add_argument("--at", type=float, help="fraction of the run's time [default: its end]")
     parser.add_argument("--settle", type=float, default=30.0, help="seconds for loading")
+    parser.add_argument("--layout", choices=get_args(LayoutName), help="[default: its own]")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         # A software renderer takes in one chunk a frame: few chunks, or a long wait.
         recording = Path(shutil.copy(options.run / "run.rrd", folder))
         Rewriting([recording]).run(timeout_s=60.0)
-        with served(recording) as url:
+        with served(recording, options.layout) as url:
             picture = screenshot(url, many_colors, settle_s=options.settle, at=options.at)
     cv2.imwrite(str(options.picture), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 

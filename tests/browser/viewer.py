@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.cli.loopback_router import free_port
+from services.recorder.config import LayoutName
+from services.recorder.drawing.layouts.layout_file import layout_file
 from services.recorder.keeping.live import WebPage
 
 if TYPE_CHECKING:
@@ -32,10 +34,11 @@ _TIME_SLIDER_PX = 293, 209, 14
 
 
 @contextlib.contextmanager
-def served(recording: Path) -> Iterator[str]:
+def served(recording: Path, layout: LayoutName | None = None) -> Iterator[str]:
     """Serve a recording with the package's own viewer; the address to open."""
     port = free_port()
-    page = WebPage("127.0.0.1", port, recording=[recording])
+    shown = layout_file(recording, layout) if layout else b""
+    page = WebPage("127.0.0.1", port, recording=[recording], layout=shown)
     try:
         yield f"http://127.0.0.1:{port}/"
     finally:

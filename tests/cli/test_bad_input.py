@@ -328,6 +328,44 @@ entities --timeout nan : --timeout|nan
 recordings list --dir nowhere : --dir|nowhere
 recordings list --dir file.txt : --dir|file.txt
 recordings list --dir '' : --dir|empty
+recordings list --since yesterday : --since|yesterday|7d
+recordings list --since '' : --since|empty
+recordings list --since 1e99d : --since|1e99d
+recordings list --since 99999999999w : --since|99999999999w
+recordings list --sort colour : --sort|colour|'started'
+recordings list --tag : --tag|a value
+recordings list extra : extra
+recordings info : RUN
+recordings info nope : nope|no run
+recordings info ../run : ../run
+recordings info '' : ''|empty
+recordings info run --dir file.txt : --dir|file.txt
+recordings report : RUN
+recordings report nope : nope|no run
+recordings report run nope : nope|no run
+recordings compare : RUN
+recordings compare run : run|two runs
+recordings compare run nope : nope|no run
+recordings compare run broken_run --dir nowhere : --dir|nowhere
+recordings export : --out
+recordings export --out runs.xlsx : --out|runs.xlsx|.parquet
+recordings export --out nowhere/runs.csv : --out|nowhere/runs.csv
+recordings export --out runs.csv --since soon : --since|soon
+recordings prune : --keep-days|--keep-gb|--keep-last
+recordings prune --keep-days -1 : --keep-days|-1
+recordings prune --keep-days soon : --keep-days|soon
+recordings prune --keep-gb nan : --keep-gb|nan
+recordings prune --keep-gb x : --keep-gb|x
+recordings prune --keep-last 1.5 : --keep-last|1.5
+recordings prune --keep-last 0 --dir nowhere : --dir|nowhere
+recordings repair nope : nope|no run
+recordings repair run : run|ended
+recordings repair --dir nowhere : --dir|nowhere
+recordings tag : RUN
+recordings tag nope a : nope|no run
+recordings tag run 'a b' : 'a b'|letters
+recordings tag run ../x : '../x'|letters
+recordings tag run --note : --note|a value
 console --dir nowhere : --dir|nowhere
 console --port 70000 : --port|70000
 console --bind 1.2.3.4 --port 0 --no-live : bind|1.2.3.4|of this machine
@@ -336,6 +374,9 @@ recordings view --dir nowhere : nowhere
 recordings view nope --port 0 : --port|0
 recordings view nope --port 70000 : --port|70000
 recordings view nope --port x : --port|x
+recordings view nope --layout x : --layout|x
+recordings compress nope : nope
+recordings compress --dir nowhere : --dir|nowhere
 world show nope : nope
 world show nowhere.yaml : nowhere.yaml
 world show nowhere.sdf : nowhere.sdf

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from services.cli import app
+from services.common.bus import wire
 from services.common.node import topics as table
 from services.common.node.node import Envelope
 from services.common.recordings.digests import DigestWriter
@@ -33,7 +34,8 @@ def make_run(
     for number, (now_ns, topic, message) in enumerate([*opening(room()), *driving(room(), 2.0)]):
         if differs and topic is table.CMD_VEL and now_ns > 1_000_000_000:
             message.twist.linear.x = 0.3
-        writer.add(topic, message, Envelope("navigation", number, now_ns, ""))
+        pieces = wire.encode_in_pieces(topic, message)
+        writer.add(topic, pieces, Envelope("navigation", number, now_ns, ""))
     writer.close()
     return folder
 

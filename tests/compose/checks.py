@@ -42,6 +42,7 @@ def check_recordings(stack: Stack) -> list[dict[str, Any]]:
             "config.yaml",
             "digests.bin",
             "report.html",
+            "run.mcap",
             "run.rrd",
             "series.json",
             "summary.json",

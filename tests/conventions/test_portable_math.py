@@ -23,6 +23,7 @@ PACKAGES = (
 )
 EXEMPT = {
     "common/portable.py": "it is what the others use",
+    "common/recordings": "reads and draws what has been recorded",
     "physics/camera/gl_camera.py": "draws on a GPU, whose pixels are its own",
     "physics/camera/tiny_camera.py": "draws with PyBullet's own renderer, for comparison",
     "worldgen/preview.py": "draws worlds for people",

@@ -16,6 +16,7 @@ import pytest
 import rerun as rr
 import yaml
 
+from services.common.bus import wire
 from services.common.config import ConfigError
 from services.common.node import documents as doc
 from services.common.node import messages as msg
@@ -26,8 +27,8 @@ from services.common.root import ROOT
 from services.recorder import node as node_module
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping import run as run_module
-from services.recorder.keeping.repair import rerun_binary
 from services.recorder.node import RecorderNode
+from services.recorder.stream.rerun_program import rerun_binary
 from tests.recorder.synthetic import (
     BRICKS,
     ERROR_M,
@@ -84,8 +85,8 @@ def test_a_run_leaves_a_whole_recording_a_summary_and_its_configuration(tmp_path
     (run,) = tmp_path.iterdir()
     assert run.name == "2026-11-21_12-00-00_room"
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "summary.json", "series.json", "config.yaml", "digests.bin", "report.html",
-        "thumbnail.png",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     drawn = entities_of(run / "run.rrd")
@@ -317,8 +318,8 @@ def test_a_disk_that_is_full_loses_nothing_but_what_it_had_no_room_for(
     assert bench.node.waiting_for() is None
     bench.node.close()
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "summary.json", "series.json", "config.yaml", "digests.bin", "report.html",
-        "thumbnail.png",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     assert "/scan: " in entities_of(run / "run.rrd")
@@ -335,7 +336,8 @@ def test_digests_that_the_disk_does_not_take_are_written_when_it_does(
     try:
         for number in range(10):
             clock = msg.Clock(msg.time_from_ns(number))
-            writer.add(table.CLOCK, clock, Envelope("physics", number, number, ""))
+            data = wire.encode(table.CLOCK, clock)
+            writer.add(table.CLOCK, (data,), Envelope("physics", number, number, ""))
         with pytest.raises(OSError, match="File too large"):
             writer.flush()
     finally:
@@ -363,8 +365,8 @@ def test_a_folder_that_is_removed_is_told_of_and_the_run_goes_on_in_a_new_one(
     assert "MiB are free" not in caplog.text
     (run,) = tmp_path.iterdir()
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "summary.json", "series.json", "config.yaml", "digests.bin", "report.html",
-        "thumbnail.png",
+        "run.rrd", "run.mcap", "summary.json", "series.json", "config.yaml", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     assert "/world/walls/bricks: " in entities_of(run / "run.rrd")

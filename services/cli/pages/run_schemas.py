@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from types import MappingProxyType
 
 from services.common.node.documents import Document
@@ -11,15 +12,16 @@ from services.common.recordings.labels import Labels
 from services.common.recordings.series import RunSeries
 from services.common.recordings.summary import RunSummary
 
-SCHEMAS = MappingProxyType({"summary": RunSummary, "series": RunSeries, "labels": Labels})
+SCHEMAS: Mapping[str, type[Document]] = MappingProxyType(
+    {"summary": RunSummary, "series": RunSeries, "labels": Labels}
+)
 """The document of each file of a run, by the file's name without `.json`."""
 
 
 def schema_text(name: str) -> str:
     """The JSON schema of a run's file."""
-    model: type[Document] = SCHEMAS[name]
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return json.dumps(dialect | model.model_json_schema(), indent=2) + "\n"
+    return json.dumps(dialect | SCHEMAS[name].model_json_schema(), indent=2) + "\n"
 
 
 if __name__ == "__main__":

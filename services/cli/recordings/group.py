@@ -11,6 +11,7 @@ from services.cli.command import App
 from services.cli.completion import run_names, tag_names, world_names
 from services.cli.options import Json
 from services.cli.recordings.selection import SortKey, chosen_runs, folder_of
+from services.recorder.config import LayoutName
 
 app = App(help="List, view, compare, export and tidy up the recordings of runs.")
 
@@ -73,11 +74,32 @@ def view(
     open_browser: Annotated[
         bool, typer.Option("--open", help="open it in a browser, if this machine has one")
     ] = False,
+    layout: Annotated[
+        LayoutName | None, typer.Option(help="what to show [default: that of the run]")
+    ] = None,
 ) -> None:
     """Serve a run (by default the newest one) to a browser."""
     from services.cli.recordings.view import view_run  # noqa: PLC0415
 
-    view_run(directory or Path("recordings"), name, port, open_browser)
+    view_run(directory or Path("recordings"), name, port, open_browser, layout)
+
+
+@app.command()
+def compress(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RUN...]", help="only these [default: all that have no videos yet]",
+            autocompletion=run_names,
+        ),
+    ] = None,
+    directory: RecordingsDir = None,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Make videos of the pictures of runs."""
+    from services.cli.recordings.compress import compress_runs  # noqa: PLC0415
+
+    raise typer.Exit(compress_runs(folder_of(directory), names or [], as_json))
 
 
 @app.command()

@@ -11,17 +11,24 @@ from pathlib import Path
 from services.common.config import ConfigError
 from services.common.recordings.catalog import RecordingInfo, list_recordings
 from services.common.recordings.run_folder import RECORDING, parts_of
+from services.recorder.config import LayoutName
 
 
-def view_run(directory: Path, name: str, web_port: int, open_browser: bool) -> None:
+def view_run(
+    directory: Path, name: str, web_port: int, open_browser: bool, layout: LayoutName | None = None
+) -> None:
     """Serve a run to browsers on this machine until Ctrl-C, and optionally open it in one.
 
     Raises ConfigError where there is no such run or the port is taken.
     """
     recording = _find(directory, name)
-    from services.recorder.keeping.live import WebPage  # noqa: PLC0415 - loads Rerun
+    # These load Rerun.
+    from services.recorder.drawing.layouts.layout_file import layout_file  # noqa: PLC0415
+    from services.recorder.keeping.live import WebPage  # noqa: PLC0415
 
-    page = WebPage("127.0.0.1", web_port, recording=parts_of(recording.parent))
+    parts = parts_of(recording.parent)
+    shown = layout_file(parts[0], layout) if layout else b""
+    page = WebPage("127.0.0.1", web_port, recording=parts, layout=shown)
     url = f"http://localhost:{web_port}"
     opened = open_browser and _opened(url)
     told = f"opened {url} in your browser" if opened else f"open {url} in a browser"

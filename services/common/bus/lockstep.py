@@ -348,7 +348,7 @@ class _OwnSeat(LocalSeat):
         self._ledger.add(self.name, sent_so_far(self.node, self.outbox))
 
 
-class _RemoteSeat:
+class RemoteSeat:
     """The seat of a service in another process."""
 
     def __init__(
@@ -440,7 +440,7 @@ class Lockstep:
         self._timeout_s = timeout_s
         self._ledger = Ledger()
         self._own = _OwnSeat(node, inbox, outbox, rosout, self._ledger, timeout_s)
-        self._remote: dict[str, _RemoteSeat] = {}
+        self._remote: dict[str, RemoteSeat] = {}
         self._round = Round(node)
         self._round.join(self._own)
         self._candidates: dict[str, list[str]] = {name: [] for name in SERVICES}
@@ -527,7 +527,7 @@ class Lockstep:
                 sent = sent_so_far(self._own.node, self._own.outbox)
                 self._ledger.join(name, self._executive, sent)
             elif name in newcomers:
-                self._remote[name] = _RemoteSeat(
+                self._remote[name] = RemoteSeat(
                     name, self._candidates[name][0], self._executive, self._ledger, self._ask,
                     self._timeout_s,
                 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -22,6 +23,7 @@ from services.common.node.topics import Query, Topic
 
 M = TypeVar("M")
 D = TypeVar("D", bound=Document)
+Buffer = bytes | memoryview
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 """Size limit of an image, a map, a file, or a document."""
@@ -93,6 +95,23 @@ def encode(topic: Topic[M], message: M) -> bytes:
         SerdeError,
     ) as error:
         raise WireError("not of its type", str(error)) from error
+
+
+def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
+    """As `encode()`, in pieces, so that a picture's pixels are not copied."""
+    if not isinstance(message, msg.Image):
+        return (encode(topic, message),)
+    try:
+        pixels = np.ascontiguousarray(message.data, np.uint8).data
+    except (TypeError, ValueError) as error:
+        raise WireError("not of its type", str(error)) from error
+    # The pixels come last, after their number.
+    head = encode(topic, cast("M", dataclasses.replace(message, data=_NO_PIXELS)))
+    return head[: -_LENGTH.size] + _LENGTH.pack(len(pixels)), pixels
+
+
+_NO_PIXELS = np.zeros(0, np.uint8)
+_LENGTH = struct.Struct("<I")
 
 
 def encode_document(document: Document) -> bytes:

@@ -42,6 +42,14 @@ class Envelope(NamedTuple):
     world_hash: str
 
 
+class Received(NamedTuple, Generic[M]):
+    """A message, its metadata, and its serialized bytes; None if it came as an object."""
+
+    message: M
+    envelope: Envelope
+    data: bytes | None
+
+
 @dataclass(frozen=True, eq=False)
 class Request(Generic[Q, A]):
     """A pending query. It may be answered once, in this step or a later one."""
@@ -295,6 +303,10 @@ class Inbox:
 
     def arrivals(self, topic: Topic[M]) -> list[tuple[M, Envelope]]:
         """As `new()`, each message with its envelope."""
+        return [(message, envelope) for message, envelope, _ in self.received(topic)]
+
+    def received(self, topic: Topic[M]) -> list[Received[M]]:
+        """As `new()`, each message with its envelope and its bytes."""
         queue = self._queues[topic.name]
         if not queue:
             return []
@@ -303,9 +315,11 @@ class Inbox:
             queue.clear()
             if self._waiting_bytes:
                 self._waiting_bytes -= sum(_size(raw) for raw, _ in waiting)
-        arrivals: list[tuple[M, Envelope]] = []
+        arrivals: list[Received[M]] = []
         for raw, envelope in waiting:
+            data: bytes | None = None
             if isinstance(raw, bytes):
+                data = raw
                 try:
                     message = wire.decode(topic, raw)
                     wire.validate(topic, message)
@@ -319,7 +333,7 @@ class Inbox:
             if theirs != ours and theirs and ours and topic.delivery is not Delivery.LATCHED:
                 self.reject(topic, "other world")
                 continue
-            arrivals.append((message, envelope))
+            arrivals.append(Received(message, envelope, data))
         return arrivals
 
     def latest(self, topic: Topic[M]) -> M | None:

@@ -25,18 +25,37 @@ SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 PROGRESS = ".progress.npz"
 """Exists in a run's folder until the run has ended: another recorder can resume the run from it."""
+TO_COMPRESS = ".to_compress"
+"""Exists in an ended run's folder while the video of its pictures is still to be made."""
 LOCK = ".recording"
 """Exists in a run's folder, locked while its recorder lives; if unlocked, it was killed."""
 
 
-def parts_of(folder: Path) -> list[Path]:
-    """The files of a run's recording, oldest first: more than one while it is interrupted."""
-    numbered = [(_number(path.stem), path) for path in folder.glob("run*.rrd")]
+def parts_of(folder: Path, name: str = RECORDING) -> list[Path]:
+    """The files of a run's recording, oldest first: more than one `run.rrd` while it is
+    interrupted, or more than one `run.mcap` (`name`) of a long run.
+    """
+    numbered = [(_number(path.stem), path) for path in folder.glob(f"run*{Path(name).suffix}")]
     return [path for number, path in sorted(numbered) if number > 0]
 
 
+def part_path(folder: Path, name: str, number: int) -> Path:
+    """Path of a part of a recording, counted from 1."""
+    return folder / (name if number == 1 else f"run_{number}{Path(name).suffix}")
+
+
+def attachments_of(folder: Path) -> dict[str, tuple[str, bytes]]:
+    """The files of a run that `run.mcap` carries: by name, media type and content."""
+    kinds = {CONFIG: "application/yaml", SUMMARY: "application/json"}
+    return {
+        name: (kind, (folder / name).read_bytes())
+        for name, kind in kinds.items()
+        if (folder / name).is_file()
+    }
+
+
 def _number(stem: str) -> int:
-    """The number of a part by its name without `.rrd`; 0: not a part."""
+    """The number of a part by its name without suffix; 0: not a part."""
     if stem == "run":
         return 1
     number = stem.removeprefix("run_")
@@ -69,7 +88,7 @@ def check_free(field: str, folder: Path) -> None:
     """Raise ConfigError with one line, which begins with the field or flag, if a folder cannot be
     used for a new run. Leaves nothing behind.
     """
-    for name in (SUMMARY, RECORDING, CONFIG):
+    for name in (SUMMARY, RECORDING, MESSAGES, CONFIG):
         if os.path.exists(folder / name):  # noqa: PTH110 - False for a name that cannot be
             raise ConfigError(f"{field}: {folder} holds a run already ({name}); name another one")
     made: list[Path] = []
@@ -122,7 +141,7 @@ class RunFolder:
     def exactly(cls, path: Path) -> RunFolder:
         """Use a folder of that path, or one with a number if it already contains a run."""
         path.mkdir(parents=True, exist_ok=True)
-        if not any((path / name).exists() for name in (LOCK, SUMMARY, RECORDING)):
+        if not any((path / name).exists() for name in (LOCK, SUMMARY, RECORDING, MESSAGES)):
             with contextlib.suppress(FileExistsError):
                 return cls(path)
         return cls._make(path.parent, path.name)
@@ -164,15 +183,19 @@ class RunFolder:
 
     def part(self, number: int) -> Path:
         """Path of a part of the recording, counted from 1."""
-        return self.path / (RECORDING if number == 1 else f"run_{number}.rrd")
+        return part_path(self.path, RECORDING, number)
+
+    def message_part(self, number: int) -> Path:
+        """Path of a file with the run's messages, counted from 1."""
+        return part_path(self.path, MESSAGES, number)
 
     def parts(self) -> list[Path]:
         """The files of the recording so far, oldest first."""
         return parts_of(self.path)
 
-    def last_part(self) -> int:
+    def last_part(self, name: str = RECORDING) -> int:
         """The number of the newest part; 0: none."""
-        return max((_number(path.stem) for path in self.parts()), default=0)
+        return max((_number(path.stem) for path in parts_of(self.path, name)), default=0)
 
     def release(self) -> None:
         """Mark the run as complete."""

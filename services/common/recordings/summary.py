@@ -38,6 +38,9 @@ class TopicMessages(Document):
     )
     received: int | None = Field(description="of these, by the recorder; null as `sent`")
     lost: int | None = Field(description="not received by the recorder; null as `sent`")
+    recorded: int | None = Field(
+        None, description="of these, in `run.mcap`; null: there is none, or as `sent`"
+    )
     rejected: int = Field(description="by any service")
     rejected_by: dict[str, int] = Field(description="the same by `service: reason`")
 

@@ -117,9 +117,9 @@ from services.recorder.drawing.robot_drawing import (
     draw_tf,
     draw_tf_static,
 )
+from services.recorder.drawing.service_drawing import draw_diagnostics
 from services.recorder.drawing.text_drawing import (
     draw_behavior_tree,
-    draw_diagnostics,
     draw_parameters,
     draw_rosout,
     draw_simulation_stats,
@@ -145,6 +145,8 @@ SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
     "cmd_vel/angular_rad_s": ("commanded", palette.PLAN),
     "odom/angular_rad_s": ("odometry", palette.SECOND),
     "ground_truth/odom/angular_rad_s": ("true", palette.TRUTH),
+    "cmd_vel_teleop/linear_m_s": ("wanted by a person", palette.MARKER),
+    "cmd_vel_teleop/angular_rad_s": ("wanted by a person", palette.MARKER),
     "imu/angular_velocity_z_rad_s": ("yaw rate", palette.PLAN),
     "imu/linear_acceleration_x_m_s2": ("forward", palette.ESTIMATE),
     "imu/linear_acceleration_y_m_s2": ("left", palette.TRUTH),
@@ -174,6 +176,12 @@ def draw_start(canvas: Canvas) -> None:
         paths.append("explore/status/state")
     for path in paths:
         log(path, states, static=True)
+    tree = palette.TREE_STATES
+    log(
+        "behavior_tree/running",
+        rr.StateConfiguration(values=list(tree), colors=list(tree.values())),
+        static=True,
+    )
 
 
 def draw_clock(canvas: Canvas, _: msg.Clock) -> None:

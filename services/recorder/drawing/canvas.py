@@ -16,6 +16,7 @@ from services.common.node.documents import Entities, World
 from services.recorder.drawing.mesh import RobotMesh
 from services.recorder.drawing.scenery import Part
 from services.recorder.judging.errors import TruthComparison
+from services.recorder.stream.pictures import Pictures
 from services.recorder.stream.recording import Recording
 
 _PATH_STEP_M = 0.03
@@ -65,7 +66,7 @@ class Canvas:
     assets: dict[str, bytes]
     """Textures (PNG) and meshes (npz) by their sha256, of every world so far."""
     wall_clock_s: Callable[[], float]
-    jpeg_quality: int = 75
+    pictures: Pictures = field(default_factory=lambda: Pictures(75))
     now_ns: int = 0
     entities: Entities | None = None
     camera: msg.CameraInfo | None = None
@@ -81,6 +82,10 @@ class Canvas:
     contacts_m: deque[tuple[float, float, float]] = field(
         default_factory=lambda: deque(maxlen=_CONTACTS)
     )
+    markers_seen: set[str] = field(default_factory=set)
+    """Ids of the markers that were detected so far,"""
+    markers_in_view: set[str] = field(default_factory=set)
+    """and of those that were in the newest picture."""
     last: dict[str, object] = field(default_factory=dict)
     """Newest logged value of each entity that is logged only on change."""
     real_time: tuple[float, int] | None = None
@@ -125,6 +130,12 @@ class Canvas:
         """Set the frame of an entity's coordinates, and its style, once."""
         if self.changed(f"{path}#frame", frame):
             self.recording.log(path, rr.CoordinateFrame(frame), *looks, static=True)
+
+    def event(self, kind: str, text: str, level: str = "INFO") -> None:
+        """Log what a user may want to jump to: `kind` is `goal`, `contact`, `recovery`, `marker`,
+        `localization` or `fault`. The time must be set.
+        """
+        self.recording.log(f"events/{kind}", rr.TextLog(text, level=level))
 
     def say(self, path: str, text: str, level: str = "INFO") -> None:
         """Log a line of text that is not on /rosout."""

@@ -8,15 +8,17 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from services.common.frames import CAMERA_OPTICAL_FRAME, MAP_FRAME, ODOM_FRAME, Array
+from services.common.frames import CAMERA_OPTICAL_FRAME, MAP_FRAME, ODOM_FRAME, SE2, Array
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import LATCH_NS, PATH_NS, Canvas, draw_trail
+from services.recorder.drawing.marker_drawing import note_detections
 from services.recorder.drawing.picture_drawing import IMAGE_FRAME
 
 _MAX_PARTICLES = 500
+_SAME_PLACE_M = 0.05
 
 _SQUARE: Array = np.array(
     [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
@@ -41,6 +43,7 @@ def draw_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
     """
     canvas.at(detections.header.stamp)
     canvas.recording.scalar("aruco/detections/count", len(detections.detections))
+    note_detections(canvas, detections)
     poses: list[tuple[str, Array, Array]] = []
     others: list[Array] = []
     for detection in detections.detections:
@@ -83,9 +86,8 @@ def draw_map_detections(canvas: Canvas, detections: msg.Detection3DArray) -> Non
             "aruco/detections_map",
             rr.Points3D(
                 [(p.x, p.y, p.z) for p in places],
-                labels=[f"id {detection.id.rpartition(':')[2]}" for detection in seen],
                 colors=palette.NAME,
-                radii=0.05,
+                radii=0.03,
             ),
         )
 
@@ -100,6 +102,19 @@ def draw_goal_pose(canvas: Canvas, goal: msg.PoseStamped) -> None:
     """The goal pose."""
     canvas.at(goal.header.stamp)
     _draw_arrow(canvas, "goal_pose", goal.pose, palette.PLAN)
+    place = msg.se2_from_pose(goal.pose)
+    canvas.event("goal", f"goal: {_place_name(canvas, place)}")
+
+
+def _place_name(canvas: Canvas, at: SE2) -> str:
+    """The name of the location there, if it has one, and its coordinates."""
+    near_m = [
+        (math.hypot(place.x_m - at.x_m, place.y_m - at.y_m), place.name)
+        for place in canvas.world.locations
+    ]
+    distance_m, name = min(near_m, default=(math.inf, ""))
+    coordinates = f"({at.x_m:.2f}, {at.y_m:.2f})"
+    return f"{name} {coordinates}" if distance_m < _SAME_PLACE_M else coordinates
 
 
 def draw_amcl_pose(canvas: Canvas, estimate: msg.PoseWithCovarianceStamped) -> None:
@@ -220,6 +235,9 @@ def draw_localization_status(canvas: Canvas, status: doc.LocalizationStatus) -> 
     """The state over time, and how well the scans match the map."""
     canvas.recording.at(canvas.now_ns)
     if canvas.changed("localization/status/state", status.state):
+        is_bad = status.state == "lost"
+        level = "WARN" if is_bad else "INFO"
+        canvas.event("localization", f"localization: {status.state}", level)
         canvas.recording.log("localization/status/state", rr.StateChange(state=status.state))
     canvas.recording.scalar("localization/status/quality", status.quality)
 
@@ -232,7 +250,12 @@ def draw_navigation_status(canvas: Canvas, status: doc.NavigationStatus) -> None
         canvas.recording.log("navigation/status/state", rr.StateChange(state=state))
     remaining_m = None if status.goal is None else status.distance_remaining_m
     canvas.measured("navigation/status/distance_remaining_m", remaining_m)
-    canvas.recording.scalar("navigation/status/number_of_recoveries", status.number_of_recoveries)
+    recoveries = status.number_of_recoveries
+    before = canvas.last.get("navigation/status/number_of_recoveries")
+    canvas.last["navigation/status/number_of_recoveries"] = recoveries
+    if recoveries > (before if isinstance(before, int) else 0):
+        canvas.event("recovery", f"recovery {recoveries} of this goal", "WARN")
+    canvas.recording.scalar("navigation/status/number_of_recoveries", recoveries)
 
 
 def draw_action_feedback(canvas: Canvas, feedback: act.ActionFeedback) -> None:
@@ -251,6 +274,7 @@ def draw_action_result(canvas: Canvas, result: act.ActionResult) -> None:
     path = "navigation/feedback/action"
     if canvas.changed(path, result.status):
         canvas.recording.log(path, rr.StateChange(state=result.status))
+    _tell_end(canvas, result.action.replace("_", " "), result.status, result)
     if result.goal is not None:
         color = palette.BAD if result.error_code else palette.GOOD
         _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
@@ -273,6 +297,8 @@ def draw_collision_monitor(canvas: Canvas, state: act.CollisionMonitorState) -> 
     path = "collision_monitor_state"
     if canvas.changed(path, state.action):
         canvas.recording.log(path, rr.StateChange(state=state.action))
+        if state.action == "stop":
+            canvas.event("fault", f"collision monitor: stop ({state.polygon_name})", "WARN")
 
 
 def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None:
@@ -280,6 +306,20 @@ def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None
     canvas.recording.at(round(result.end_time_s * 1e9))
     color = palette.BAD if result.error_code else palette.GOOD
     _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
+    _tell_end(canvas, "goal", "reached", result)
+
+
+def _tell_end(
+    canvas: Canvas, what: str, well: str, result: doc.NavigationResult | act.ActionResult
+) -> None:
+    """How a goal ended, as an event. The time must be set."""
+    took_s = result.end_time_s - result.start_time_s
+    if result.error_code:
+        why = f"{result.error_msg} ({result.error_code})" if result.error_msg else ""
+        text = f"{what} failed after {took_s:.1f} s: {why or result.error_code}"
+        canvas.event("goal", text, "WARN")
+    else:
+        canvas.event("goal", f"{what} {well} after {took_s:.1f} s")
 
 
 def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int, int]) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import colorsys
+import zlib
+
 TRUTH = (46, 204, 113)
 ESTIMATE = (255, 140, 0)
 PLAN = (52, 152, 255)
@@ -37,3 +40,23 @@ STATES: dict[str, tuple[int, int, int]] = {
     "failed": BAD,
 }
 """Colours of the states of services and of navigation."""
+
+TREE_STATES: dict[str, tuple[int, int, int]] = {
+    "no action": (70, 70, 70),
+    "ComputePathToPose": PLAN,
+    "ComputePathThroughPoses": PLAN,
+    "FollowPath": GOOD,
+    "ClearEntireCostmap": (241, 196, 15),
+    "Spin": ESTIMATE,
+    "Wait": ESTIMATE,
+    "BackUp": ESTIMATE,
+    "DriveOnHeading": ESTIMATE,
+}
+"""Colours of what a behaviour tree does; others get one from the viewer."""
+
+
+def of_name(name: str) -> tuple[int, int, int]:
+    """A light colour that a name always gets, for what has no colour of its own."""
+    hue = zlib.crc32(name.encode()) % 360 / 360.0
+    red, green, blue = colorsys.hls_to_rgb(hue, 0.62, 0.75)
+    return round(255 * red), round(255 * green), round(255 * blue)

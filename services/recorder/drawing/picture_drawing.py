@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
+
 import cv2
 import numpy as np
 import rerun as rr
@@ -9,7 +11,10 @@ import rerun as rr
 from services.common.node import messages as msg
 from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas
+from services.recorder.stream.pictures import is_drawable
 
+CAMERA_ENTITY = "camera/color/image_raw"
+"""Entity path of the camera's pictures."""
 IMAGE_FRAME = "camera_image"
 """Image plane of the camera, in pixels."""
 DEPTH_FRAME = "camera_depth"
@@ -19,27 +24,20 @@ _DEPTH_NS = 480_000_000
 _DEPTH_RANGE_M = (0.0, 10.0)
 """Range of the depth image's colours."""
 
-_TO_BGR: dict[str, tuple[int, int | None]] = {
-    "rgb8": (3, cv2.COLOR_RGB2BGR),
-    "bgr8": (3, None),
-    "mono8": (1, None),
-}
-
 
 def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
     """The camera image, as JPEG; not drawn if it is also published as JPEG."""
     canvas.at(image.header.stamp)
     if canvas.comes_compressed:
         return
-    channels, _ = _TO_BGR.get(image.encoding, (0, None))
-    if not 0 < channels * image.width <= image.step:
-        if canvas.changed("camera/color/image_raw/encoding", image.encoding):
+    if not is_drawable(image):
+        if canvas.changed(f"{CAMERA_ENTITY}/encoding", image.encoding):
             text = f"cannot draw pictures in {image.encoding}"
-            canvas.say("camera/color/image_raw", text, "WARN")
+            canvas.say(CAMERA_ENTITY, text, "WARN")
         return
-    quality = canvas.jpeg_quality
-    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
-    canvas.recording.log_later("camera/color/image_raw", lambda: _jpeg(image, quality), image.data)
+    canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
+    jpeg = canvas.pictures.jpeg(image)
+    canvas.recording.log_later(CAMERA_ENTITY, lambda: _encoded(jpeg), image.data)
 
 
 def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
@@ -47,9 +45,9 @@ def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
     canvas.at(image.header.stamp)
     canvas.comes_compressed = True
     kind = "image/png" if "png" in image.format else "image/jpeg"
-    canvas.frame("camera/color/image_raw", IMAGE_FRAME)
+    canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
     picture = rr.EncodedImage(contents=image.data.tobytes(), media_type=kind)
-    canvas.recording.log("camera/color/image_raw", picture)
+    canvas.recording.log(CAMERA_ENTITY, picture)
 
 
 def draw_photo(canvas: Canvas, photo: msg.CompressedImage) -> None:
@@ -82,13 +80,8 @@ def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:
     _draw_pinhole(canvas, "camera/depth/camera_info", info, DEPTH_FRAME)
 
 
-def _jpeg(image: msg.Image, quality: int) -> rr.EncodedImage:
-    channels, conversion = _TO_BGR[image.encoding]
-    rows = image.data.reshape(image.height, image.step)[:, : image.width * channels]
-    pixels = rows.reshape(image.height, image.width, channels)
-    bgr = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+def _encoded(jpeg: Future[bytes]) -> rr.EncodedImage:
+    return rr.EncodedImage(contents=jpeg.result(), media_type="image/jpeg")
 
 
 def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:

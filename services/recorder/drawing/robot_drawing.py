@@ -133,6 +133,8 @@ def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
     """The position of a contact of the robot."""
     canvas.recording.at(round(contact.time_s * 1e9))
     canvas.contacts_m.append(contact.position_m)
+    text = f"contact: {contact.robot_link} with {contact.body}, {contact.impulse_n_s:.3g} N s"
+    canvas.event("contact", text, "WARN")
     canvas.recording.log(
         "contacts",
         rr.CoordinateFrame(MAP_FRAME),

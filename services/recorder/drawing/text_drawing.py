@@ -1,4 +1,4 @@
-"""What is drawn as text: the services' logs, states and parameters, and the world request."""
+"""What is drawn as text: the services' logs and parameters, results, the behaviour tree."""
 
 from __future__ import annotations
 
@@ -11,13 +11,6 @@ from services.common.mapping_table import mapping_rows
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
 from services.common.node import messages as msg
-from services.common.node.diagnostics import (
-    FIGURE_KEYS,
-    RATE_KEY,
-    REJECTED_KEY,
-    WAITING_KEY,
-)
-from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas, entity_part
 
 _SECOND_NS = 1_000_000_000
@@ -25,6 +18,7 @@ _MAPPING_NS = 5_000_000_000
 _MOST_GOALS = 50
 """Goals in the table of results, newest: a run may have thousands, and each one logs a table."""
 _MARKS = {"RUNNING": "▶", "SUCCESS": "✔", "FAILURE": "✖", "SKIPPED": "○", "IDLE": "·"}
+_ERROR = 40
 _LEVELS = ((50, "CRITICAL"), (40, "ERROR"), (30, "WARN"), (20, "INFO"), (0, "DEBUG"))
 
 
@@ -69,37 +63,15 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
             ),
         )
         canvas.recording.scalar("simulation/stats/watchdog_stops", stats.watchdog_stops)
+    stops = canvas.last.get("simulation/stats/watchdog_stops")
+    if canvas.changed("simulation/stats/watchdog_stops", stats.watchdog_stops):
+        if isinstance(stops, int) and stats.watchdog_stops > stops:
+            canvas.event("fault", "no command came in time: the watchdog stopped the robot", "WARN")
     if stats.paused:
         # While paused, the real-time factor is not measured.
         canvas.real_time = None
     if canvas.changed("simulation/stats/renderer", stats.renderer):
         canvas.say("simulation/stats", f"renderer: {stats.renderer}")
-
-
-def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
-    """Each service's state over time, and each change as text."""
-    canvas.at(array.header.stamp)
-    for status in array.status:
-        path = f"diagnostics/{entity_part(status.name)}"
-        said = [
-            (v.key, v.value) for v in status.values
-            if v.value and v.key not in FIGURE_KEYS and not v.key.startswith(RATE_KEY)
-        ]  # fmt: skip
-        rejected = any(key.startswith(REJECTED_KEY) for key, _ in said)
-        waiting = status.message.startswith("waiting")
-        state = "waiting" if waiting else "rejecting" if rejected else "active"
-        if canvas.changed(f"{path}#states", True):
-            configuration = rr.StateConfiguration(
-                values=list(palette.STATES), colors=list(palette.STATES.values())
-            )
-            canvas.recording.log(path, configuration, static=True)
-        if canvas.changed(path, state):
-            canvas.recording.log(path, rr.StateChange(state=state))
-        if canvas.changed(f"{path}/text", (status.message, tuple(said))):
-            details = "; ".join(f"{key}: {value}" for key, value in said if key != WAITING_KEY)
-            text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
-            level = status.level if isinstance(status.level, int) else status.level[0]
-            canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
 
 
 def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
@@ -114,11 +86,25 @@ def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
     canvas.recording.at(canvas.now_ns)
     document = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
     canvas.recording.log("behavior_tree", document)
+    running = _running(log)
+    if canvas.changed("behavior_tree/running", running):
+        canvas.recording.log("behavior_tree/running", rr.StateChange(state=running))
+
+
+def _running(log: act.BehaviorTreeLog) -> str:
+    """The kind of the deepest node that runs, the last of them if several do."""
+    running = [node for node in log.nodes if node.status == "RUNNING"]
+    if not running:
+        return "no action" if not log.action else "between ticks"
+    deepest = max(node.depth for node in running)
+    return [node.kind for node in running if node.depth == deepest][-1]
 
 
 def draw_rosout(canvas: Canvas, log: msg.Log) -> None:
     """A line of a service's log."""
     canvas.at(log.stamp)
+    if log.level >= _ERROR:
+        canvas.event("fault", f"{log.name}: {log.msg}", "ERROR")
     canvas.recording.log(
         f"rosout/{entity_part(log.name)}",
         rr.TextLog(f"[{log.name}]: {log.msg}", level=_level(log.level)),

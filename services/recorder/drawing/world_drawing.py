@@ -15,12 +15,13 @@ from services.common.world.assets import assets_of
 from services.common.world.surfaces import PLAIN
 from services.recorder.drawing import palette
 from services.recorder.drawing.canvas import Canvas, entity_part
+from services.recorder.drawing.marker_drawing import draw_marker_states
 from services.recorder.drawing.mesh import mesh_drawing, panel
 from services.recorder.drawing.room_names import name_places_m
 from services.recorder.drawing.scenery import Part, entity_parts, parts, plain_rgba, seen_meshes
 from services.recorder.judging.obstacles import read_meshes
 
-_TEXTURE_SIDE_PX = 512
+_TEXTURE_SIDE_PX = 256
 _MOST_GONE = 1000
 """Removed entities that are remembered, so that they need not be drawn again if they return."""
 
@@ -183,6 +184,8 @@ def draw_entities(canvas: Canvas, entities: doc.Entities) -> None:
             _place(canvas, entity, shown=False)
         canvas.recording.at(canvas.now_ns)
         _place(canvas, entity)
+    canvas.recording.at(canvas.now_ns)
+    draw_marker_states(canvas)
     gone = [name for name in canvas.drawn if name not in after]
     for name in gone[: max(0, len(gone) - _MOST_GONE)]:
         del canvas.drawn[name]
@@ -274,7 +277,7 @@ def _draw_looks(canvas: Canvas, entity: doc.Entity) -> None:
 
 
 def _texture(canvas: Canvas, sha256: str) -> NDArray[np.uint8] | None:
-    """A received texture, as (h, w, 3) RGB of at most 512 pixels per side."""
+    """A received texture, as (h, w, 3) RGB of at most 256 pixels per side."""
     data = canvas.assets.get(sha256)
     if data is None:
         return None

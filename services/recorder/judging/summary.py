@@ -35,6 +35,7 @@ def build_summary(
     evaluation: Evaluation,
     totals: Mapping[str, Any],
     counts: Mapping[str, TopicCounts],
+    recorded: Mapping[str, int],
     rejected_elsewhere: RejectedElsewhere,
     versions: Mapping[str, str],
     hardware: Hardware | None = None,
@@ -61,7 +62,7 @@ def build_summary(
         contacts=Contacts(count=count, list=contacts),
         **judged,
         **totals,
-        messages=_messages(counts, rejected_elsewhere),
+        messages=_messages(counts, recorded, rejected_elsewhere),
         versions=dict(versions),
         hardware=hardware,
         changed_settings=_changed(parameters),
@@ -104,7 +105,7 @@ def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
 
 
 def _messages(
-    counts: Mapping[str, TopicCounts], elsewhere: RejectedElsewhere
+    counts: Mapping[str, TopicCounts], recorded: Mapping[str, int], elsewhere: RejectedElsewhere
 ) -> dict[str, TopicMessages]:
     rejected: dict[str, dict[str, int]] = {}
     for topic, seen in counts.items():
@@ -117,6 +118,7 @@ def _messages(
             sent=counts[topic].sent if topic in counts else None,
             received=counts[topic].received if topic in counts else None,
             lost=counts[topic].lost if topic in counts else None,
+            recorded=recorded.get(topic, 0) if recorded and topic in counts else None,
             rejected=sum(rejected.get(topic, {}).values()),
             rejected_by=dict(sorted(rejected.get(topic, {}).items())),
         )

@@ -21,6 +21,11 @@ from services.common.config import ConfigError
 from services.recorder.stream.live_feed import LiveFeed
 
 _RECORDING = "run.rrd"
+_LAYOUT = "layout.rbl"
+_HEAD_BYTES = 1024 * 1024
+"""Of a recording: its own layout is within them."""
+_HEAD_S = 2.0
+"""How long the head is waited for: the viewer may have it already."""
 _WAITING = "waiting for a run"
 _LOOK_S = 0.05
 """How often the page server checks whether to stop."""
@@ -83,17 +88,26 @@ class LiveView:
 class WebPage:
     """The Rerun web viewer of the installed package, with `/` redirecting to the recording.
 
-    It shows the stream of `grpc_port` on the same machine, or else the parts of a `recording`.
+    It shows the stream of `grpc_port` on the same machine, or else the parts of a `recording`, in a
+    `layout` (the bytes of an .rbl file) or its own.
     """
 
     def __init__(
-        self, bind: str, web_port: int, *, grpc_port: int = 0, recording: Sequence[Path] = ()
+        self,
+        bind: str,
+        web_port: int,
+        *,
+        grpc_port: int = 0,
+        recording: Sequence[Path] = (),
+        layout: bytes = b"",
     ) -> None:
         """Raises ConfigError if the port is in use."""
         values = {
             "web_port": web_port,
             "grpc_port": grpc_port,
             "recording": tuple(recording),
+            "layout": layout,
+            "head_sent": threading.Event(),
             "files_port": _serve_viewer_files(),
         }
         handler = type("Handler", (_Handler,), values)
@@ -174,28 +188,47 @@ class _Handler(BaseHTTPRequestHandler):
     web_port: ClassVar[int]
     grpc_port: ClassVar[int]
     recording: ClassVar[tuple[Path, ...]]
+    layout: ClassVar[bytes]
+    head_sent: ClassVar[threading.Event]
     files_port: ClassVar[int]
 
     def do_GET(self) -> None:
         """Redirect `/` to the recording; pass other requests to the package's own file server."""
         cast("_Server", self.server).asks(self.connection)
         parts = urlsplit(self.path)
+        if parts.path == "/":
+            self.head_sent.clear()
         if parts.path == "/" and "url=" not in parts.query:
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or "localhost"
             host = f"[{host}]" if ":" in host else host
             source = f"rerun+http://{host}:{self.grpc_port}/proxy"
             if self.recording:
                 source = f"http://{host}:{self.web_port}/{_RECORDING}"
+            location = f"/?url={quote(source, safe='')}"
+            if self.layout:
+                layout = f"http://{host}:{self.web_port}/{_LAYOUT}"
+                location += f"&url={quote(layout, safe='')}"
             self.send_response(302)
-            self.send_header("Location", f"/?url={quote(source, safe='')}")
+            self.send_header("Location", location)
             self.send_header("Content-Length", "0")
             self.end_headers()
             return
         with contextlib.suppress(ConnectionError, TimeoutError):
             if self.recording and parts.path == f"/{_RECORDING}":
                 self._send_recording(self.recording)
+            elif self.layout and parts.path == f"/{_LAYOUT}":
+                self._send_layout()
             else:
                 self._pass_on()
+
+    def _send_layout(self) -> None:
+        """After the head of the recording, which holds its own layout: the later one is shown."""
+        self.head_sent.wait(_HEAD_S)
+        self.send_response(200)
+        self.send_header("Content-Type", "application/octet-stream")
+        self.send_header("Content-Length", str(len(self.layout)))
+        self.end_headers()
+        self.wfile.write(self.layout)
 
     def _send_recording(self, parts: Sequence[Path]) -> None:
         """One file after the other: a viewer reads them as one."""
@@ -207,6 +240,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", str(size_bytes))
             self.end_headers()
             for file in files:
+                self.wfile.write(file.read(_HEAD_BYTES))
+                self.head_sent.set()
                 shutil.copyfileobj(file, self.wfile)
 
     def _pass_on(self) -> None:

@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import fcntl
-import importlib.util
 import logging
 import shutil
 import subprocess
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from services.common.recordings.run_folder import LOCK, PROGRESS, parts_of
+from services.common.recordings.mcap_file import repair
+from services.common.recordings.mcap_records import McapError
+from services.common.recordings.run_folder import (
+    LOCK,
+    MESSAGES,
+    PROGRESS,
+    TO_COMPRESS,
+    attachments_of,
+    parts_of,
+)
 from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.progress import Progress, read_progress
+from services.recorder.stream.rerun_program import rerun_binary
+from services.recorder.transcoding.job import end, start, waiting
 
 _LOG = logging.getLogger("recorder")
 TIMEOUT_S = 120.0
 LOOK_PERIOD_S = 20.0
+_COMPRESS_LOOK_S = 0.5
 SPARE_S = 60.0
 """Wall time for the other services to come back, if everything was restarted."""
-
-
-def rerun_binary() -> Path | None:
-    """The Rerun program itself; `bin/rerun` is a wrapper that leaves it running when killed."""
-    spec = importlib.util.find_spec("rerun_cli")
-    folders = list(spec.submodule_search_locations or ()) if spec else []
-    candidates = [Path(folder) / "rerun" for folder in folders]
-    return next((path for path in candidates if path.is_file()), None)
 
 
 def leftovers(recordings_dir: Path) -> list[Path]:
@@ -104,12 +107,21 @@ class Rewriting:
 
 class Repair(threading.Thread):
     """Repairs every leftover of a folder, one at a time, in the background, and repeats the search
-    regularly: for one that had no room, or whose recorder has just died.
+    regularly: for one that had no room, or whose recorder has just died. While there is no run, it
+    has the pictures of ended ones made videos.
     """
 
-    def __init__(self, recordings_dir: Path, only: Path | None = None) -> None:
-        """`only`: the one leftover to repair."""
+    def __init__(
+        self,
+        recordings_dir: Path,
+        only: Path | None = None,
+        may_compress: Callable[[], bool] | None = None,
+    ) -> None:
+        """`only`: the one leftover to repair; `may_compress` returns whether there is no run; None:
+        there are to be no videos.
+        """
         super().__init__(name="repair", daemon=True)
+        self._may_compress = may_compress
         self.spared: Path | None = None
         """A run that may still be resumed, for a minute."""
         self._start_s = time.monotonic()
@@ -120,8 +132,14 @@ class Repair(threading.Thread):
 
     def run(self) -> None:
         """Repair leftovers, repeatedly, until `stop()` is called."""
+        was_idle = False
         while not self._stopped.is_set():
             self.repair_all()
+            # Not while everything starts.
+            is_idle = self._may_compress is not None and self._may_compress()
+            if was_idle and is_idle:
+                self._compress_all()
+            was_idle = is_idle
             self._stopped.wait(LOOK_PERIOD_S)
 
     def repair_all(self) -> None:
@@ -141,6 +159,18 @@ class Repair(threading.Thread):
             except OSError:
                 continue
 
+    def _compress_all(self) -> None:
+        """Compress what waits for it, until there is a run."""
+        for folder in waiting(self._recordings_dir):
+            process = start(folder)
+            try:
+                while process.poll() is None:
+                    self._stopped.wait(_COMPRESS_LOOK_S)
+                    if self._stopped.is_set() or not (self._may_compress and self._may_compress()):
+                        return
+            finally:
+                end(process)
+
     def stop(self) -> None:
         """Stop at once; a half-repaired recording stays unchanged."""
         self._stopped.set()
@@ -153,6 +183,12 @@ class Repair(threading.Thread):
         return folder == self.spared and time.monotonic() - self._start_s < SPARE_S
 
     def _repair(self, folder: Path) -> None:
+        for part in parts_of(folder, MESSAGES):
+            try:
+                if repair(part, attachments_of(folder)):
+                    _LOG.info("repaired %s", part)
+            except McapError as error:
+                _LOG.warning("%s cannot be repaired: %s", part, error)
         parts = parts_of(folder)
         if parts:
             needed_bytes = sum(part.stat().st_size for part in parts)
@@ -166,6 +202,8 @@ class Repair(threading.Thread):
                 _LOG.warning("%s cannot be repaired: %s", parts[0], problem)
             else:
                 _LOG.info("repaired %s", parts[0])
+        if self._may_compress is not None:
+            (folder / TO_COMPRESS).touch()
         (folder / PROGRESS).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
         leave_report(folder)

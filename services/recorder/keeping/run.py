@@ -23,6 +23,7 @@ from services.common.node.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
+    CAMERA_IMAGE,
     CLOCK,
     CONTACTS,
     DETECTIONS,
@@ -49,6 +50,7 @@ from services.common.recordings.run_folder import (
     RECORDING,
     SERIES,
     SUMMARY,
+    TO_COMPRESS,
     RunFolder,
     write_atomically,
 )
@@ -61,10 +63,14 @@ from services.recorder.judging.obstacles import read_meshes
 from services.recorder.judging.summary import build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
 from services.recorder.keeping.closing import leave_report
+from services.recorder.keeping.latched import Latched
 from services.recorder.keeping.map_folder import MapFolder
 from services.recorder.keeping.progress import Progress, write_progress
 from services.recorder.keeping.repair import Rewriting
+from services.recorder.keeping.run_messages import RunMessages
 from services.recorder.stream.file_writer import RecordingError
+from services.recorder.stream.message_log import Taken
+from services.recorder.stream.pictures import Pictures
 
 if TYPE_CHECKING:
     from services.recorder.drawing.canvas import Canvas
@@ -75,8 +81,8 @@ _LOG = logging.getLogger("recorder")
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The C implementation is ten times as fast, if available."""
 
-FLUSH_PERIOD_S = 0.5
-"""Wall time: data of at most this duration is lost if the recorder is killed."""
+FLUSH_PERIOD_S = 0.4
+"""Wall time: together with a step of the recorder, the most that is lost if it is killed."""
 SEND_PERIOD_S = 0.25
 """Wall time by which the live view may lag behind."""
 SUMMARY_PERIOD_S = 5.0
@@ -109,7 +115,9 @@ class Setting:
     parameters: dict[str, doc.Parameters] = field(default_factory=dict)
     """The parameters of each service, by its name."""
     fixed: dict[Topic[Any], Any] = field(default_factory=dict)
-    """The newest message of each latched topic."""
+    """The newest message of each latched topic that is drawn or judged in every run."""
+    latched: Latched = field(default_factory=Latched)
+    """Those of all latched topics, for the head of `run.mcap`."""
 
 
 class Run:
@@ -159,6 +167,9 @@ class Run:
                 SCAN: self._evaluation.add_scan,
             }
         self._digests = self._open_digests()
+        self._pictures = Pictures(setting.config.jpeg_quality)
+        self.messages = RunMessages(setting.config, world, setting.latched, self._pictures)
+        self._has_pictures = False
         self._canvas: Canvas | None = None
         self._parts = 0
         self._are_whole = True
@@ -187,9 +198,9 @@ class Run:
             self._judge_one(topic, message)
         self._open_recording(now_ns)
 
-    def take(self, topic: Topic[Any], arrival: tuple[Any, Envelope], now_ns: int) -> None:
-        """Evaluate, draw and digest one message from Inbox.arrivals()."""
-        message, envelope = arrival
+    def take(self, topic: Topic[Any], taken: Taken, now_ns: int, is_recorded: bool = False) -> None:
+        """Evaluate, draw, record and digest one message; `is_recorded`: `run.mcap` has it."""
+        message, envelope, pieces = taken
         if topic.delivery is Delivery.EVERY and not self._is_new(topic, envelope):
             return
         self._end = self._setting.wall_clock_s(), now_ns
@@ -197,11 +208,14 @@ class Run:
             self._tick_ns = ns_from_time(message.clock)
         if topic is SIMULATION_STATS and message.world_hash == self.world.hash:
             self._known = envelope.source, message.epoch
+        self._has_pictures |= topic is CAMERA_IMAGE
         judge = self._judge.get(topic)
         if judge is not None:
             judge(message)
         if self._digests is not None:
-            self._digests.add(topic, message, envelope)
+            self._digests.add(topic, pieces, envelope)
+        if not is_recorded:
+            self.messages.add(topic, taken, now_ns)
         if self._canvas is not None:
             self._draw(self._canvas, topic, message, now_ns)
 
@@ -220,6 +234,7 @@ class Run:
     def tick(self, now_ns: int, counts: Mapping[str, TopicCounts]) -> None:
         """Write to disk what is due."""
         self._counts = counts
+        self.messages.tick()
         now_s = self._setting.wall_clock_s()
         if self._tick_ns is not None:
             # Only the newest of the queued messages arrived just now.
@@ -333,14 +348,19 @@ class Run:
     def close(self) -> None:
         """Write the summary, end the recording, and mark the run as complete."""
         self._keep_map(self._end[1], all_of_it=True)
+        self.messages.wait()
         self._write_summary()
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
         canvas, self._canvas = self._canvas, None
         if canvas is not None:
             self._end_recording(canvas.recording.close)
+        is_whole = self.messages.end()
+        self._pictures.close()
         is_gone = self.folder.is_gone
-        if self._join_parts():
+        if self._has_pictures and self._setting.config.video and not self.folder.is_gone:
+            (self.folder.path / TO_COMPRESS).touch()
+        if self._join_parts() and is_whole:
             self.folder.release()
         else:
             # A later recorder will repair it.
@@ -422,15 +442,24 @@ class Run:
         elif is_kept:
             try:
                 self._begin_drawing(self.folder.part(self._parts + 1), now_ns)
+                self._parts += 1
+                self.messages.begin(self.folder, self._properties(), now_ns)
             except RecordingError as error:
                 self._stop(str(error))
             else:
-                self._parts += 1
                 if self.trouble is not None:
                     _LOG.info("recording goes on: %s", self.folder.part(self._parts))
                 self.trouble = None
         if self._canvas is None and self._setting.live is not None:
             self._begin_drawing(None, now_ns)
+
+    def _properties(self) -> dict[str, str]:
+        return {
+            "world": self.world.name,
+            "world_hash": self.world.hash,
+            "seed": str(self._setting.config.seed),
+            **self._setting.versions,
+        }
 
     def _begin_drawing(self, path: Path | None, now_ns: int) -> None:
         """Draw the current state, into a file, to the live view, or both.
@@ -440,24 +469,21 @@ class Run:
         setting = self._setting
         # Rerun is imported only if something is drawn.
         from services.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
-        from services.recorder.drawing.blueprint import run_blueprint  # noqa: PLC0415
         from services.recorder.drawing.canvas import Canvas  # noqa: PLC0415
+        from services.recorder.drawing.layouts.layouts import run_blueprint  # noqa: PLC0415
+        from services.recorder.drawing.layouts.views import Scene  # noqa: PLC0415
         from services.recorder.drawing.mesh import robot_from_urdf  # noqa: PLC0415
         from services.recorder.drawing.world_drawing import draw_world  # noqa: PLC0415
         from services.recorder.stream.recording import Recording  # noqa: PLC0415
 
         extent = extent_of(self.world, read_meshes(self.world.bodies, setting.assets))
+        scene = Scene(extent, self.world.slam)
         recording = Recording(
             self.folder.path.name,
             path=path,
             live=setting.live,
-            blueprint=run_blueprint(extent, self.world.slam),
-            properties={
-                "world": self.world.name,
-                "world_hash": self.world.hash,
-                "seed": str(setting.config.seed),
-                **setting.versions,
-            },
+            blueprint=run_blueprint(scene, setting.config.layout),
+            properties={**self._properties(), **scene.properties()},
         )
         before, self._canvas = self._canvas, None
         if before is not None:
@@ -468,7 +494,7 @@ class Run:
             world=self.world,
             assets=setting.assets,
             wall_clock_s=setting.wall_clock_s,
-            jpeg_quality=setting.config.jpeg_quality,
+            pictures=self._pictures,
             now_ns=now_ns,
         )
         draw_start(canvas)
@@ -517,6 +543,11 @@ class Run:
         if self.folder.is_gone:
             return
         self._write_digests()
+        try:
+            self.messages.flush(self._end[1])
+        except RecordingError as error:
+            self._stop(self._no_room() or str(error))
+            return
         canvas = self._canvas
         if canvas is None:
             return
@@ -537,6 +568,7 @@ class Run:
         if trouble != self.trouble:
             _LOG.error("recording stopped: %s: %s", recording, reason)
         self.trouble = trouble
+        self.messages.end()
         canvas = self._canvas
         if canvas is None:
             return
@@ -596,6 +628,7 @@ class Run:
             evaluation=evaluation,
             totals=self._evaluation.totals(),
             counts=self._all_counts(),
+            recorded=self.messages.recorded,
             rejected_elsewhere=self._rejected,
             versions=self._setting.versions,
             hardware=self._setting.hardware,

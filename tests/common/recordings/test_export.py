@@ -67,8 +67,8 @@ def test_all_formats_hold_the_same(runs: Path, tmp_path: Path, kind: str) -> Non
     assert table.column_names == names
     read: list[Row] = json.loads(files[2].read_text())
     assert read == [{name: row.get(name) for name in names} for row in rows]
-    with files[1].open(newline="") as file:
-        said = list(csv.DictReader(file))
+    with files[1].open(newline="") as text:
+        said = list(csv.DictReader(text))
     assert [one.get("note") for one in said] == [
         None if "note" not in names else one["note"] or "" for one in read
     ]

@@ -228,7 +228,7 @@ def test_a_summary_keeps_to_its_document(run: Path) -> None:
 def test_a_thumbnail_shows_walls_path_and_goal(run: Path) -> None:
     report_of(run)
     data = np.frombuffer((run / "thumbnail.png").read_bytes(), np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int)
+    picture = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), int)
     assert picture.shape == (240, 320, 3)
     blue, green, red = picture.transpose(2, 0, 1)
     assert ((blue > red + 60) & (blue > 120)).sum() > 50  # path

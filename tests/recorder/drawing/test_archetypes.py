@@ -22,8 +22,9 @@ from services.common.node.topics import read_by
 from services.common.root import ROOT
 from services.common.world.geometry import mesh_to_bytes, triangles_of
 from services.recorder.drawing.archetypes import DRAW, SERIES, draw_start
-from services.recorder.drawing.blueprint import run_blueprint
 from services.recorder.drawing.canvas import Canvas, Trail
+from services.recorder.drawing.layouts.layouts import run_blueprint
+from services.recorder.drawing.layouts.views import Scene
 from services.recorder.drawing.mesh import robot_from_urdf
 from services.recorder.drawing.scenery import extent_of
 from services.recorder.drawing.text_drawing import draw_evaluation
@@ -120,7 +121,10 @@ def test_one_message_of_each_topic_can_be_drawn(topic: Any) -> None:
 
 def test_every_plotted_entity_gets_numbers_and_a_name() -> None:
     _, paper = driven(3.0)
-    assert set(paper.scalars) == set(SERIES)
+    by_service = {path for path in paper.scalars if path.startswith("performance/")}
+    assert by_service == {"performance/lost/navigation", "performance/rejected/navigation"}
+    by_a_person = {path for path in SERIES if path.startswith("cmd_vel_teleop/")}
+    assert set(paper.scalars) - by_service == set(SERIES) - by_a_person
 
 
 def test_errors_are_those_against_the_truth() -> None:
@@ -515,7 +519,7 @@ def test_the_log_holds_what_services_print_and_says_nothing_of_it_again() -> Non
         if any(isinstance(one, rr.TextLog) for one in logged)
     }
     # What draws the camera's images is printed before anybody listens.
-    assert told == {"rosout", "diagnostics", "simulation"}
+    assert told == {"rosout", "diagnostics", "simulation", "events"}
 
 
 def test_where_no_marker_is_seen_the_line_of_its_error_has_a_gap() -> None:
@@ -633,7 +637,7 @@ def test_the_layout_looks_into_the_maze_from_outside_and_above() -> None:
     rr.set_strict_mode(True)
     for world in (room(), room().model_copy(update={"walls": (), "locations": ()})):
         extent = extent_of(world, {})
-        assert run_blueprint(extent) is not None
+        assert run_blueprint(Scene(extent)) is not None
 
 
 def views_in(part: Any) -> dict[str, Any]:
@@ -644,7 +648,7 @@ def views_in(part: Any) -> dict[str, Any]:
 
 
 def test_x_is_to_the_right_and_y_up_on_the_map() -> None:
-    views = views_in(run_blueprint(extent_of(room(), {})).root_container)
+    views = views_in(run_blueprint(Scene(extent_of(room(), {}))).root_container)
     for name in ("Maze", "Map"):
         eye = views[name].properties["EyeControls3D"]
         position, target, up = (
@@ -661,7 +665,7 @@ def test_x_is_to_the_right_and_y_up_on_the_map() -> None:
 
 
 def test_plots_and_states_show_the_whole_run() -> None:
-    views = views_in(run_blueprint(extent_of(room(), {})).root_container)
+    views = views_in(run_blueprint(Scene(extent_of(room(), {}))).root_container)
     lines = [view for view in views.values() if isinstance(view, rrb.TimeSeriesView)]
     assert len(lines) == 9
     for view in (*lines, views["States"]):

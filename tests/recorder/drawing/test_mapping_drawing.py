@@ -12,7 +12,8 @@ from services.common.node import documents as doc
 from services.common.node import messages as msg
 from services.common.node import topics as table
 from services.recorder.drawing.archetypes import DRAW, draw_start
-from services.recorder.drawing.blueprint import run_blueprint
+from services.recorder.drawing.layouts.layouts import run_blueprint
+from services.recorder.drawing.layouts.views import Scene
 from services.recorder.drawing.mapping_drawing import (
     SLAM_SERIES,
     draw_map_evaluation,
@@ -97,7 +98,7 @@ def test_only_runs_that_make_a_map_have_its_plots_and_its_layout() -> None:
     draw_start(plain)
     assert not set(SLAM_SERIES) & set(plain_paper.logged)
     extent = np.zeros(2), np.ones(2)
-    names = [_names(run_blueprint(extent, slam).root_container) for slam in (False, True)]
+    names = [_names(run_blueprint(Scene(extent, slam)).root_container) for slam in (False, True)]
     assert set(names[1]) - set(names[0]) == {"mapping", "Mapped (%)", "Frontiers", "Pose graph"}
 
 

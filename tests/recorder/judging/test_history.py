@@ -51,13 +51,14 @@ def test_a_run_leaves_its_motion_its_errors_and_its_world(tmp_path: Path) -> Non
     assert series.goals[0].end_s == pytest.approx(3.0, abs=0.05)
     (marker,) = series.markers
     # On the eastern wall, its face to the west.
-    assert (marker.x_m, abs(marker.yaw_rad)) == (1.92, pytest.approx(math.pi))
+    assert marker.x_m == 1.92
+    assert abs(marker.yaw_rad) == pytest.approx(math.pi)
     assert marker.images > 0
     said = {(event.kind, event.level, event.text) for event in series.events}
     assert ("goal", "error", "corner: not reached: no progress") in said
     assert ("marker", "info", "marker 60 first seen") in said
-    inner, outer = sorted(shapely.Polygon(ring).area for ring in series.solid)
-    assert (inner, outer) == (pytest.approx(3.85**2, rel=0.01), pytest.approx(4.15**2, rel=0.01))
+    areas = sorted(shapely.Polygon(ring).area for ring in series.solid)
+    assert areas == pytest.approx([3.85**2, 4.15**2], rel=0.01)
 
 
 def test_its_size_is_bounded_whatever_happens() -> None:

@@ -34,6 +34,7 @@ def summary_of(goals: tuple[GoalReport, ...]) -> RunSummary:
             "contacts": 0, "distance_m": None, "goals_sent": 2, "goals_reached": 2, "spl": 0.5,
         },
         counts={"/scan": TopicCounts(received=3)},
+        recorded={"/scan": 3},
         rejected_elsewhere={("navigation", "/tf", "not finite"): 1},
         versions={"mazebot": "0.1.0"},
     )  # fmt: skip

@@ -73,7 +73,8 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
     assert "/camera/color/image_raw: " in drawn
     assert "/ground_truth/odom: " in drawn
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "config.yaml", "summary.json", "digests.bin", "report.html",
+        "run.rrd", "run.mcap", "config.yaml", "summary.json", "digests.bin",
+        "report.html",
     }  # fmt: skip
 
 
@@ -125,8 +126,8 @@ def test_a_recorder_that_comes_back_goes_on_with_the_run(
     bench.node.close()
     assert [path for path in tmp_path.iterdir() if path.is_dir()] == [run]
     assert {path.name for path in run.iterdir()} == {
-        "run.rrd", "config.yaml", "summary.json", "series.json", "digests.bin", "report.html",
-        "thumbnail.png",
+        "run.rrd", "run.mcap", "config.yaml", "summary.json", "series.json", "digests.bin",
+        "report.html", "thumbnail.png",
     }  # fmt: skip
     verify(run / "run.rrd")
     assert isinstance(verdicts[-1], doc.Evaluation)

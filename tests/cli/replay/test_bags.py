@@ -1,0 +1,120 @@
+"""Bags that other robots' nodes have recorded."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from services.cli.replay.reading.find import open_recording
+from services.cli.replay.reading.replayed import Replayed, in_time
+from services.common.bus import wire
+from services.common.node import messages as msg
+from services.common.node.topics import CLOCK, ODOM, SCAN, TF, WORLD
+from tests.cli.replay import runs
+from tests.cli.test_app import mazebot
+
+_FORMATS = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)
+
+
+@pytest.fixture(scope="module")
+def messages(run_folder: Path) -> list[Replayed]:
+    return runs.messages_of(run_folder)
+
+
+@pytest.mark.parametrize("storage", _FORMATS, ids=lambda one: one.name)
+@pytest.mark.parametrize("clock", [False, True])
+def test_what_fits_is_replayed_with_stamps_from_zero_and_the_rest_is_named(
+    messages: list[Replayed], tmp_path: Path, storage: StoragePlugin, clock: bool
+) -> None:
+    bag = runs.write_bag(tmp_path / "bag", messages, storage, clock)
+    recording = open_recording(tmp_path, "bag")
+    replayed = list(in_time(recording.read()))
+    counts = Counter(one.topic.name for one in replayed)
+    written = Counter(one.topic.name for one in messages)
+    for name in ("/scan", "/odom", "/tf", "/tf_static", "/map"):
+        assert counts[name] == written[name], name
+    assert counts["/world"] == 1
+    assert recording.left_out == {
+        "/battery_state": "no topic of Mazebot",
+        "/cmd_vel": "is geometry_msgs/msg/Twist: must be geometry_msgs/msg/TwistStamped",
+    }
+    assert not recording.unfit
+    # No measurement is of later than now, and none is old.
+    for one in replayed:
+        if one.topic in (SCAN, ODOM):
+            message = wire.decode(one.topic, one.data)
+            age_ns = one.time_ns - msg.ns_from_time(message.header.stamp)
+            assert 0 <= age_ns <= (100_000_000 if clock else 5_000_000)
+    ticks = [one.time_ns for one in replayed if one.topic is CLOCK]
+    assert ticks == sorted(ticks)
+    assert len(ticks) >= counts["/odom"]
+    assert recording.end_ns >= replayed[-1].time_ns
+    (world,) = [one for one in replayed if one.topic.name == "/world"]
+    assert wire.decode(WORLD, world.data).walls == ()
+    corrections = [one for one in replayed if one.topic is TF and one.service == "localization"]
+    assert 0 < len(corrections) < counts["/tf"]
+    done = mazebot("replay", str(bag), "--service", "localization", "--json")
+    told = {row["topic"]: row["replayed"] for row in json.loads(done.stdout)["topics"]}
+    assert done.returncode == 1
+    assert told["/amcl_pose"] >= 18
+
+
+def test_a_single_file_of_a_bag_makes_a_map(messages: list[Replayed], tmp_path: Path) -> None:
+    bag = runs.write_bag(tmp_path / "bag", messages, StoragePlugin.SQLITE3)
+    done = mazebot("replay", str(bag / "bag.db3"), "--service", "mapping", "--json")
+    told = {row["topic"]: row["replayed"] for row in json.loads(done.stdout)["topics"]}
+    assert told["/map"] >= 1
+    assert told["/amcl_pose"] >= 18
+
+
+def test_definitions_of_another_distribution_fit_or_are_named(
+    messages: list[Replayed], tmp_path: Path
+) -> None:
+    header = "std_msgs/Header header\n"
+    stamps = (
+        "\n" + "=" * 80 + "\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        + "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )  # fmt: skip
+    numbers = "".join(
+        f"float32 {name}\n"
+        for name in ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time",
+                     "range_min", "range_max")
+    )  # fmt: skip
+    lists = "float32[] ranges\nfloat32[] intensities\n"
+    texts = {
+        "same": header + numbers + lists + stamps,
+        "more": header + numbers + lists + "uint8 quality\n" + stamps,
+        "less": header + numbers + "float32[] ranges\n" + stamps,
+        "other": header + numbers + lists.replace("32[] r", "64[] r") + stamps,
+    }
+    told = {}
+    for name, text in texts.items():
+        definitions = {"sensor_msgs/msg/LaserScan": text}
+        runs.write_bag(tmp_path / name, messages[:400], StoragePlugin.MCAP, definitions=definitions)
+        recording = open_recording(tmp_path, name)
+        scans = sum(one.topic is SCAN for one in recording.read())
+        told[name] = (scans, recording.left_out.get("/scan", ""), dict(recording.unfit))
+    written = sum(one.topic is SCAN for one in messages[:400])
+    assert told["same"] == (written, "", {})
+    # Written here without the field that its definition has.
+    assert told["more"][1] == ""
+    assert sum(told["more"][2].values()) + told["more"][0] == written
+    assert "no field 'intensities'" in told["less"][1]
+    assert "another type of 'ranges'" in told["other"][1]
+
+
+def test_damaged_messages_are_counted_and_skipped(messages: list[Replayed], tmp_path: Path) -> None:
+    def spoilt(message: Replayed) -> Replayed:
+        if message.topic is not ODOM or message.envelope.sequence % 10:
+            return message
+        odom = wire.decode(ODOM, message.data)
+        odom.pose.pose.orientation.w = 7.0
+        return message._replace(data=wire.encode(ODOM, odom))
+
+    runs.write_bag(tmp_path / "bag", map(spoilt, messages), StoragePlugin.MCAP)
+    done = mazebot("replay", str(tmp_path / "bag"), "--service", "localization")
+    assert "left out: /odom: 7 messages: quaternion not of unit length" in done.stdout

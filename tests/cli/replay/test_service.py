@@ -1,0 +1,205 @@
+"""One service against a recording: the same to the last bit, or the first difference."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from services.common.bus import wire
+from services.common.node import messages as msg
+from services.common.node.topics import BY_NAME, CAMERA_COMPRESSED, CAMERA_IMAGE
+from services.common.recordings.mcap_channels import definition_of
+from services.common.recordings.mcap_file import McapFile
+from services.common.recordings.mcap_messages import (
+    MADE_FROM,
+    SOURCE,
+    WORLD_HASH,
+    read_messages,
+)
+from tests.cli.replay import runs
+from tests.cli.test_app import mazebot
+
+_PAIRS = {
+    "navigation": "/cmd_vel", "localization": "/tf", "spawner": "/entities/desired",
+    "worldgen": "/map", "bringup": "/goal_pose", "physics": "/odom",
+}  # fmt: skip
+
+
+def replayed(folder: Path, service: str, *options: str, code: int = 0) -> dict[str, Any]:
+    """What the command prints as JSON."""
+    done = mazebot("replay", str(folder), "--service", service, "--json", *options)
+    assert (done.returncode, done.stderr) == (code, "")
+    told: dict[str, Any] = json.loads(done.stdout)
+    return told
+
+
+def rewritten(source: Path, folder: Path, change: Any) -> Path:
+    """A run with its messages as `change` gives them back, or without those it gives None for."""
+    folder.mkdir()
+    shutil.copy(source / "config.yaml", folder)
+    file = McapFile(folder / "run.mcap")
+    file.add_metadata("mazebot", {})
+    ids: dict[tuple[str, ...], int] = {}
+    rows = []
+    for message in read_messages([source / "run.mcap"]):
+        changed = change(message)
+        if changed is None:
+            continue
+        envelope = changed.envelope
+        key = (changed.topic, changed.type_name, envelope.source, envelope.world_hash)
+        if key not in ids:
+            ids[key] = len(ids)
+            texts = {SOURCE: key[2], WORLD_HASH: key[3], MADE_FROM: changed.made_from}
+            file.add_channel(key[0], key[1], definition_of(key[1]), texts)
+        times_ns = (changed.time_ns, envelope.sent_ns)
+        rows.append((ids[key], envelope.sequence, *times_ns, (changed.data,)))
+    file.add_messages(rows)
+    file.close()
+    return folder
+
+
+@pytest.mark.parametrize("service", _PAIRS)
+def test_a_service_repeats_what_was_recorded_to_the_last_bit(
+    run_folder: Path, service: str
+) -> None:
+    told = replayed(run_folder, service)
+    topics = {row["topic"]: row for row in told["topics"]}
+    row = topics[_PAIRS[service]]
+    assert told["same"]
+    assert row["recorded"] == row["replayed"] == row["same"] > 0
+    summary = json.loads((run_folder / "summary.json").read_text())
+    assert told["end_s"] == pytest.approx(summary["sim_time_s"])
+
+
+def test_a_changed_setting_shows_its_effect_and_where_it_begins(run_folder: Path) -> None:
+    setting = ("--set", "desired_linear_vel=0.2")
+    told = replayed(run_folder, "navigation", *setting, code=1)
+    assert told["settings"] == {"desired_linear_vel": [0.46, 0.2]}
+    (row,) = [row for row in told["topics"] if row["topic"] == "/cmd_vel"]
+    first = row["first_difference"]
+    assert row["same"] < row["recorded"]
+    assert first["field"].startswith("twist.")
+    assert row["largest_differences"]["twist.linear.x"] > 0.05
+    done = mazebot("replay", str(run_folder), "--service", "navigation", *setting)
+    assert done.returncode == 1
+    assert "navigation.desired_linear_vel: 0.46 recorded, 0.2 here" in done.stdout
+    assert f"first difference: {first['time_s']:.3f} s" in done.stdout
+
+
+def test_a_settings_file_wins_over_the_recording_and_the_option_over_both(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text("navigation: {desired_linear_vel: 0.2, xy_goal_tolerance: 0.3}\n")
+    options = ("--config", str(path), "--set", "desired_linear_vel=0.3")
+    told = replayed(run_folder, "navigation", *options, code=1)
+    assert told["settings"]["desired_linear_vel"][1] == 0.3
+    assert told["settings"]["xy_goal_tolerance"][1] == 0.3
+
+
+def test_the_environment_does_not_change_a_replay(
+    run_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_NAVIGATION_DESIRED_LINEAR_VEL", "0.2")
+    assert replayed(run_folder, "navigation")["settings"] == {}
+
+
+def test_a_part_from_the_beginning_is_the_same_too(run_folder: Path) -> None:
+    told = replayed(run_folder, "localization", "--duration", "1.03")
+    assert told["end_s"] == 1.03
+    assert told["same"]
+    assert {row["topic"]: row["recorded"] for row in told["topics"]}["/amcl_pose"] == 11
+
+
+def test_a_message_that_is_missing_or_another_is_found(run_folder: Path, tmp_path: Path) -> None:
+    def change(message: Any) -> Any:
+        if message.topic == "/cmd_vel" and message.envelope.sequence == 7:
+            return None
+        if message.topic == "/plan":
+            return message._replace(data=message.data[:-8] + b"\0\0\0\0\0\0\xe0?")
+        return message
+
+    told = replayed(rewritten(run_folder, tmp_path / "other", change), "navigation", code=1)
+    firsts = {row["topic"]: row["first_difference"] for row in told["topics"]}
+    assert firsts["/cmd_vel"]["message"] == 7
+    assert firsts["/cmd_vel"]["only_in"] == "replay"
+    assert firsts["/plan"]["field"].endswith("pose.orientation.w")
+    assert firsts["/plan"]["recorded"] == "0.5"
+    assert firsts["/navigation/status"] is None
+
+
+def test_services_are_known_by_their_parameters_where_sources_are_random(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    def change(message: Any) -> Any:
+        source = message.envelope.source.encode().hex().ljust(32, "0")[:32]
+        return message._replace(envelope=message.envelope._replace(source=source))
+
+    folder = rewritten(run_folder, tmp_path / "bus", change)
+    assert replayed(folder, "localization")["same"]
+    assert replayed(folder, "navigation")["same"]
+
+
+def test_what_has_been_cut_off_is_replayed_to_its_end(run_folder: Path, tmp_path: Path) -> None:
+    data = (run_folder / "run.mcap").read_bytes()
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    (folder / "run.mcap").write_bytes(data[:-1000])
+    assert replayed(folder, "navigation")["end_s"] > 1.0
+
+
+def test_jpeg_pictures_are_unpacked_and_said_to_have_a_loss(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    grey = np.full((8, 8, 3), 90, np.uint8)
+    jpeg = cv2.imencode(".jpg", grey)[1].reshape(-1)
+
+    def change(message: Any) -> Any:
+        if message.topic != "/scan":
+            return message
+        header = wire.decode(BY_NAME["/scan"], message.data).header  # type: ignore[attr-defined]
+        picture = msg.CompressedImage(header=header, format="rgb8; jpeg compressed bgr8", data=jpeg)
+        return message._replace(
+            topic=CAMERA_COMPRESSED.name,
+            type_name=wire.type_name(CAMERA_COMPRESSED),
+            data=wire.encode(CAMERA_COMPRESSED, picture),
+            made_from=CAMERA_IMAGE.name,
+        )
+
+    folder = rewritten(run_folder, tmp_path / "jpeg", change)
+    done = mazebot("replay", str(folder), "--service", "perception")
+    assert "recorded with pictures: jpeg; perception can only be compared exactly" in done.stdout
+    assert "still waits for the camera's intrinsics" in done.stdout
+    told = mazebot("replay", str(run_folder), "--service", "perception").stdout
+    assert "recorded without pictures" in told
+
+
+@pytest.mark.slow
+def test_a_tour_and_an_exploration_are_repeated_exactly_by_each_service(tmp_path: Path) -> None:
+    tour = runs.make(tmp_path / "tour", goal=None)
+    for service in ("navigation", "localization", "spawner", "bringup", "physics"):
+        assert replayed(tour, service)["same"], service
+    commands = {row["topic"]: row["same"] for row in replayed(tour, "navigation")["topics"]}
+    summary = json.loads((tour / "summary.json").read_text())
+    assert commands["/cmd_vel"] == summary["messages"]["/cmd_vel"] > 1000
+    slam = runs.make(tmp_path / "slam", goal=None, slam=True)
+    for service in ("mapping", "explorer", "navigation"):
+        assert replayed(slam, service)["same"], service
+
+
+@pytest.mark.slow
+def test_perception_sees_the_same_in_raw_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAZEBOT_RECORDER_PICTURES", "raw")
+    folder = runs.make(tmp_path / "raw", goal=(1.0, 0.0, 1.5), camera=True, renderer="cpu")
+    for service in ("perception", "physics"):
+        told = replayed(folder, service)
+        assert told["same"]
+        assert told["pictures"] == "raw"
