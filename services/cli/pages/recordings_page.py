@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from services.cli.pages.mcap_section import MCAP_ROW, MCAP_SECTION
 from services.common.recordings.digests import HEAD, ROW, ROW_FIELDS
 from services.common.recordings.run_folder import CONFIG, DIGESTS, LOCK, RECORDING, SUMMARY
 from services.recorder.judging.summary import RunSummary
@@ -27,6 +28,7 @@ _FILES = (
         "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
         "simulation time; entities are named like the topics",
     ),
+    MCAP_ROW,
     (SUMMARY, "the run in numbers, compared with the ground truth; its fields are listed below"),
     (
         CONFIG,
@@ -122,7 +124,7 @@ def recordings_page() -> str:
     for name in _in_use(schema, definitions):
         parts += _section(_title(name), definitions[name])
     rows = (f"| `{name}` | `{kind}` | {about} |\n" for name, kind, about in ROW_FIELDS)
-    return "".join([*parts, _DIGESTS, *rows])
+    return "".join([*parts, MCAP_SECTION, _DIGESTS, *rows])
 
 
 def _section(title: str, schema: dict[str, Any]) -> Iterator[str]:

@@ -120,7 +120,7 @@ class McapFile:
             entries += (log_ns, offset)
             offset += rec.RECORD_HEAD.size + length
         times_ns = [row[2] for row in rows]
-        chunk = rec.compressed(b"".join(pieces), min(times_ns), max(times_ns), COMPRESSION_LEVEL)
+        chunk = rec.compressed(pieces, min(times_ns), max(times_ns), COMPRESSION_LEVEL)
         written = rec.chunk_record(chunk)
         indexes = {
             channel: rec.message_index(channel, entries) for channel, entries in index.items()

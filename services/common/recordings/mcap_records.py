@@ -9,6 +9,8 @@ from typing import NamedTuple, TypeVar
 
 import zstandard
 
+from services.common.bus.wire import Buffer
+
 T = TypeVar("T")
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -23,12 +25,13 @@ RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 """Channel, sequence number, log time in ns, publish time in ns; then the message."""
 CHUNK_HEAD = struct.Struct("<QQQI")
-"""First and last log time in ns, size and CRC-32 of the uncompressed records."""
+"""First and last log time in ns, size and CRC-32 (0: none) of the uncompressed records."""
 INDEX_ENTRY = struct.Struct("<QQ")
 """Log time in ns, offset in the uncompressed records."""
 
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
 _MOST_CHUNK_BYTES = 1 << 30
+_LARGE_BYTES = 1 << 16
 
 
 class McapError(ValueError):
@@ -276,10 +279,23 @@ def _read(data: bytes, read: Callable[[_Cursor], T]) -> T:
         raise McapError("a record is cut off") from error
 
 
-def compressed(records: bytes, start_ns: int, end_ns: int, level: int) -> Chunk:
-    """A chunk of some records."""
-    data = zstandard.ZstdCompressor(level=level).compress(records)
-    return Chunk(start_ns, end_ns, len(records), zlib.crc32(records), "zstd", data)
+def compressed(pieces: Sequence[Buffer], start_ns: int, end_ns: int, level: int) -> Chunk:
+    """A chunk of the records in these pieces. Its checksum is that of zstd, at a third of the cost
+    of MCAP's.
+    """
+    size = sum(map(len, pieces))
+    compressor = zstandard.ZstdCompressor(level=level, write_checksum=True).compressobj(size)
+    data: list[bytes] = []
+    small: list[Buffer] = []
+    for piece in pieces:
+        small.append(piece)
+        if len(piece) > _LARGE_BYTES:
+            # A picture is not copied.
+            small.pop()
+            data += (compressor.compress(b"".join(small)), compressor.compress(piece))
+            small.clear()
+    data += (compressor.compress(b"".join(small)), compressor.flush())
+    return Chunk(start_ns, end_ns, size, 0, "zstd", b"".join(data))
 
 
 def records_of(chunk: Chunk) -> bytes:

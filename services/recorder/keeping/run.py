@@ -74,8 +74,8 @@ _LOG = logging.getLogger("recorder")
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The C implementation is ten times as fast, if available."""
 
-FLUSH_PERIOD_S = 0.5
-"""Wall time: data of at most this duration is lost if the recorder is killed."""
+FLUSH_PERIOD_S = 0.4
+"""Wall time: together with a step of the recorder, the most that is lost if it is killed."""
 SEND_PERIOD_S = 0.25
 """Wall time by which the live view may lag behind."""
 SUMMARY_PERIOD_S = 5.0
