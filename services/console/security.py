@@ -75,6 +75,12 @@ def host_of(authority: str) -> str:
     return (parts.hostname or "").rstrip(".")
 
 
+def address_of(authority: str, port: int) -> str:
+    """`host:port` on the host of a Host header."""
+    host = host_of(authority)
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 def is_known_host(authority: str, hosts: Collection[str], any_address: bool) -> bool:
     """Whether a Host header names this server; `any_address`: every IP address does.
 

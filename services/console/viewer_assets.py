@@ -14,6 +14,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from services.console.file_answer import FileAnswer
+from services.console.security import address_of, content_policy
 
 SCRIPT = "widget.js"
 MODULE = "re_viewer_bg.wasm"
@@ -44,6 +45,25 @@ def viewer_version() -> str:
 def viewer_routes() -> list[Route]:
     """The viewer's two files, at addresses with its version, so that browsers keep them."""
     return [Route("/viewer/{version}/{name}", _asset)]
+
+
+def live_data_of(request: Request) -> str:
+    """Host and port from which the recorder shows its run live; empty: not at all."""
+    port: int = request.app.state.config.live_data_port
+    return address_of(request.headers["host"], port) if port else ""
+
+
+def viewer_policy(live_data: str) -> str:
+    """The content security policy of a page with the viewer: WebAssembly, elements with a `style`,
+    and the recorder's data at `live_data`, a host with a port, or empty.
+    """
+    live = f" http://{live_data}" if live_data else ""
+    return content_policy(
+        script_src="'self' 'wasm-unsafe-eval'",
+        style_src_attr="'unsafe-inline'",
+        connect_src=f"'self' data: blob:{live}",
+        worker_src="'self' blob:",
+    )
 
 
 async def _asset(request: Request) -> Response:

@@ -58,6 +58,10 @@ demo --world_name ../x : ../x
 demo --renderer vulkan : --renderer|vulkan|'auto'
 demo --renderer GL : --renderer|GL
 demo --camera=no : --camera
+demo --console-port 8080 : --console-port|--console
+demo --no-tour : --no-tour|--console
+demo --console --no-tour --goal 1 0 0 : --no-tour|--goal
+demo --console --console-port 65536 : --console-port|65536
 demo --use_aruco maybe : --use_aruco|maybe|True
 demo --use_aruco 2 : --use_aruco|2
 demo --texture_base nowhere --world enhanced : nowhere
@@ -193,6 +197,34 @@ demo --config run_top.yaml : run_top.yaml|sed|seed
 demo --config led.yaml : led.yaml|only_ask|Session
 demo --config hash.yaml : hash.yaml|world_hash|0123456789abcdef
 demo --config out_dir.yaml : out_dir|file.txt
+replay : RUN
+replay '' : empty
+replay nowhere : nowhere|rosbag2
+replay nowhere --dir gone : nowhere|gone
+replay file.txt : file.txt|MCAP
+replay . : .|run.mcap|rosbag2
+replay run --service navigation : run|run.mcap
+replay run --service nope : --service|nope|navigation
+replay run --service recorder : recorder|verdict
+replay run --service '' : --service|empty
+replay run --speed -1 : --speed|-1
+replay run --speed x : --speed|x
+replay run --speed nan : --speed|nan
+replay run --speed 2 --service navigation : --speed|--service
+replay run --loop --service navigation : --loop|--service
+replay run --only /nope : /nope
+replay run --only /scna : /scna|/scan
+replay run --without nope : --without|nope|navigation
+replay run --without physics : --without|physics|clock
+replay run --set a=1 : --set|--service
+replay run --config nowhere.yaml : --config|--service
+replay run --start -1 : --start|-1
+replay run --start nan : --start|nan
+replay run --duration 0 : --duration|0
+replay run --json : --json|--compare
+replay run --compare : --compare|--without
+replay run --lockstep : --lockstep|--without
+replay run --spede 2 : --spede|--speed
 diff : RUN
 diff run : RUN
 diff run nowhere : nowhere
@@ -324,6 +356,44 @@ entities --timeout nan : --timeout|nan
 recordings list --dir nowhere : --dir|nowhere
 recordings list --dir file.txt : --dir|file.txt
 recordings list --dir '' : --dir|empty
+recordings list --since yesterday : --since|yesterday|7d
+recordings list --since '' : --since|empty
+recordings list --since 1e99d : --since|1e99d
+recordings list --since 99999999999w : --since|99999999999w
+recordings list --sort colour : --sort|colour|'started'
+recordings list --tag : --tag|a value
+recordings list extra : extra
+recordings info : RUN
+recordings info nope : nope|no run
+recordings info ../run : ../run
+recordings info '' : ''|empty
+recordings info run --dir file.txt : --dir|file.txt
+recordings report : RUN
+recordings report nope : nope|no run
+recordings report run nope : nope|no run
+recordings compare : RUN
+recordings compare run : run|two runs
+recordings compare run nope : nope|no run
+recordings compare run broken_run --dir nowhere : --dir|nowhere
+recordings export : --out
+recordings export --out runs.xlsx : --out|runs.xlsx|.parquet
+recordings export --out nowhere/runs.csv : --out|nowhere/runs.csv
+recordings export --out runs.csv --since soon : --since|soon
+recordings prune : --keep-days|--keep-gb|--keep-last
+recordings prune --keep-days -1 : --keep-days|-1
+recordings prune --keep-days soon : --keep-days|soon
+recordings prune --keep-gb nan : --keep-gb|nan
+recordings prune --keep-gb x : --keep-gb|x
+recordings prune --keep-last 1.5 : --keep-last|1.5
+recordings prune --keep-last 0 --dir nowhere : --dir|nowhere
+recordings repair nope : nope|no run
+recordings repair run : run|ended
+recordings repair --dir nowhere : --dir|nowhere
+recordings tag : RUN
+recordings tag nope a : nope|no run
+recordings tag run 'a b' : 'a b'|letters
+recordings tag run ../x : '../x'|letters
+recordings tag run --note : --note|a value
 console --dir nowhere : --dir|nowhere
 console --port 70000 : --port|70000
 console --bind 1.2.3.4 --port 0 --no-live : bind|1.2.3.4|of this machine

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
+from services.cli.loopback_router import running_router
 from services.cli.session import ask
 from services.common.bus.bus import BusConfig, open_session
 from services.common.frames import SE2
@@ -60,6 +61,8 @@ def program(example: Example) -> list[str]:
 def kind(example: Example) -> str:
     words = program(example)
     if words[0] == "mazebot":
+        if words[1] == "replay" and "--service" not in words:
+            return "router"
         running = words[1] in ON_A_STACK or words[1:] == ["localize", "--global"]
         return "stack" if running else "alone"
     return words[0]
@@ -71,7 +74,7 @@ def some(wanted: str) -> list[Example]:
 
 def test_there_is_a_test_for_each_kind_of_command() -> None:
     assert {kind(example) for example in COMMANDS} <= {
-        "alone", "stack", "docker", "make", "python", "source"
+        "alone", "stack", "router", "docker", "make", "python", "source"
     }  # fmt: skip
     assert len(some("alone")) > 10
     assert len(some("stack")) > 10
@@ -165,7 +168,9 @@ def _ended(command: str, endless: bool, folder: Path, terminal: int | None, **mo
         assert said.strip(), f"{command}: says nothing"
         assert "Traceback" not in said
         return said
-    assert process.returncode == 0, f"{command}: {said}"
+    # A replay that finds a difference says so by its exit code.
+    differs = "replay" in command and ("--set" in command or "--compare" in command)
+    assert process.returncode in ((0, 1) if differs else (0,)), f"{command}: {said}"
     assert "Traceback" not in said
     return said
 
@@ -208,6 +213,34 @@ def test_a_running_stack_does_what_each_command_says(
             # Where a command has stopped time, the next one needs it.
             if "sim" in example.text:
                 control(endpoint, pause=False, speed=4.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_a_run_is_replayed_on_a_router_as_each_command_says(
+    folder: Path, subtests: pytest.Subtests
+) -> None:
+    with running_router() as endpoint:
+        for example in some("router"):
+            words = program(example)
+            more = {"MAZEBOT_BUS_CONNECT": endpoint}
+            more |= {"MAZEBOT_BUS_PACE": "lockstep"} if "--lockstep" in words else {}
+            named = words[words.index("--without") + 1] if "--without" in words else ""
+            taking_part = a_service(named, **more) if named else nullcontext()
+            with subtests.test(str(example)), taking_part:
+                run(filled(example), folder, **more)
+
+
+@contextmanager
+def a_service(name: str, **more: str) -> Iterator[None]:
+    """A service in a process of its own."""
+    command = [sys.executable, "-m", f"services.{name}"]
+    process = subprocess.Popen(command, env=environment(**more), stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(20.0)
 
 
 @contextmanager

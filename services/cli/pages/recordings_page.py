@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from services.cli.pages.mcap_section import MCAP_ROW, MCAP_SECTION
 from services.common.node.documents import Document
 from services.common.recordings.digests import HEAD, ROW, ROW_FIELDS
 from services.common.recordings.labels import KEEP, Labels
@@ -40,6 +41,7 @@ _FILES = (
         "all messages, drawn: a [Rerun](https://rerun.io) recording on the timeline `sim_time`, "
         "simulation time; entities are named like the topics",
     ),
+    MCAP_ROW,
     (
         SUMMARY,
         "the run in numbers, compared with the ground truth; its fields are listed below, and in "
@@ -223,7 +225,7 @@ def recordings_page() -> str:
             *(_FIELDS, *_document("The run", RunSummary, told)),
             *(_SERIES, *_document("The run over time", RunSeries, told)),
             *(_LABELS, *_document("Tags and note", Labels, told)),
-            *(_DIGESTS, *rows),
+            *(MCAP_SECTION, _DIGESTS, *rows),
         ]
     )
 

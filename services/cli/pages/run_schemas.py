@@ -20,9 +20,8 @@ SCHEMAS: Mapping[str, type[Document]] = MappingProxyType(
 
 def schema_text(name: str) -> str:
     """The JSON schema of a run's file."""
-    model = SCHEMAS[name]
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return json.dumps(dialect | model.model_json_schema(), indent=2) + "\n"
+    return json.dumps(dialect | SCHEMAS[name].model_json_schema(), indent=2) + "\n"
 
 
 if __name__ == "__main__":

@@ -26,7 +26,17 @@ def tell_runs(directory: Path, runs: Sequence[RecordingInfo], as_json: bool) -> 
     if not runs:
         sys.stdout.write(f"no recordings in {directory}; `make demo` makes one\n")
         return
-    headings = ("name", "world", "started", "goals", "simulated s", "error m", "size MB", "", "")
+    headings = (
+        "name",
+        "world",
+        "started",
+        "goals",
+        "simulated s",
+        "error m",
+        "size MB",
+        "tags",
+        "state",
+    )
     rows = [
         (
             run.name,

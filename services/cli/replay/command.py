@@ -105,6 +105,7 @@ def replay(
     from services.cli.replay.on_bus import Choice, publish_recording  # noqa: PLC0415
 
     choice = Choice.of(only or (), without or ())
+    choice.check(compare, lockstep)
     recording = open_recording(directory, run)
     span_ns = recording.span_ns(start_s, duration_s)
     raise typer.Exit(

@@ -57,6 +57,17 @@ class Choice:
                 raise ConfigError(f"--without: {service!r:.60}: must be one of {known}")
         return cls(frozenset(topics), services)
 
+    @property
+    def real(self) -> list[str]:
+        """The services whose place running ones take."""
+        return [service for service in self.without if service != EDGE]
+
+    def check(self, compare: bool, lockstep: bool) -> None:
+        """Raises ConfigError where an option needs a service that takes part."""
+        for option, given in (("--compare", compare), ("--lockstep", lockstep)):
+            if given and not self.real:
+                raise ConfigError(f"{option}: must be given with --without")
+
     def wants(self, message: Replayed) -> bool:
         """Whether a message is published."""
         if message.service in self.without:
@@ -82,10 +93,7 @@ def publish_recording(
     Raises ConfigError where no router responds, a simulation runs there already, or a service that
     is replayed.
     """
-    real = [service for service in choice.without if service != EDGE]
-    for option, given in (("--compare", compare), ("--lockstep", lockstep)):
-        if given and not real:
-            raise ConfigError(f"{option}: must be given with --without")
+    real = choice.real
     try:
         pace = "lockstep" if lockstep else "real_time"
         session = open_session(BusConfig(connect=endpoint, pace=pace))
@@ -194,6 +202,7 @@ class _Player:
         sender = Sender(self._session, self._replayed, lockstep)
         self._listener.own.update(sender.sources.values())
         self._listener.newest_ns.clear()
+        self._listener.counts.clear()
         messages = between(in_time(self._recording.read()), *span_ns)
         wanted = (one for one in messages if self._choice.wants(one) or self._keeps(one))
         feed = Feed(wanted, span_ns[0])
@@ -205,12 +214,12 @@ class _Player:
                     self._listener.hand_to(self._comparison)
 
                 if self._turns is not None:
-                    self._turns.play(
-                        feed, sender, speed, self._keep, watch, self._comparison.missing_at
-                    )
+                    self._turns.play(feed, sender, speed, self._keep, watch, self._is_missing)
                 else:
                     self._play_by_the_clock(feed, sender, speed, watch)
-            self._hear_the_last()
+            if self._real:
+                self._hear_the_last()
+                self._comparison.end()
         finally:
             self.sent += sender.sent
             sender.close()
@@ -243,7 +252,7 @@ class _Player:
 
     def _have_stepped(self, start_ns: int) -> bool:
         """Whether each service has sent something in a step after the first instant."""
-        stepped = [time_ns > start_ns for time_ns in self._listener.newest_ns.values()]
+        stepped = [time_ns > start_ns for time_ns in list(self._listener.newest_ns.values())]
         return stepped.count(True) >= len(self._real)
 
     def _publish(self, messages: list[Replayed], sender: Sender) -> None:
@@ -254,9 +263,7 @@ class _Player:
                 sender.send(message)
 
     def _hear_the_last(self) -> None:
-        """Take in what the services send at the end."""
-        if not self._real:
-            return
+        """Take in what the services have sent so far."""
         sent = self._turns.sent() if self._turns is not None else {}
 
         def is_heard() -> bool:
@@ -269,7 +276,11 @@ class _Player:
             )
 
         wait_until(is_heard, MATCH_S if sent else _LAST_S)
-        self._comparison.end()
+
+    def _is_missing(self, time_ns: int) -> bool:
+        """Whether the services lack a message of a time."""
+        self._hear_the_last()
+        return self._comparison.missing_at(time_ns)
 
     def close(self) -> None:
         """Hear no more."""

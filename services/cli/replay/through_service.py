@@ -134,6 +134,8 @@ def _tell(
         lines.append(f"at the end {service} still waits for {waits_for}")
     sys.stdout.write("\n".join(lines) + "\n")
     tell_comparison(comparison)
+    if not (comparison.is_same or recording.in_one_process):
+        sys.stdout.write("recorded on a bus: exact only if all services ran in lockstep there\n")
 
 
 def picture_lines(recording: Recording, service: str) -> list[str]:

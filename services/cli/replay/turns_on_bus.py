@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import uuid
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import zenoh
@@ -30,6 +31,8 @@ class TurnsOnBus:
         self._present: dict[str, str] = {}
         self._seats: dict[str, RemoteSeat] = {}
         self._executive = uuid.uuid4().hex
+        self._before: dict[str, dict[str, int]] = {}
+        self._sent: dict[str, dict[str, int]] = {}
         self._watch = watch_seats(session, self._on_seat, self._on_wake)
 
     def _on_seat(self, service: str, source: str, is_there: bool) -> None:
@@ -48,12 +51,12 @@ class TurnsOnBus:
         return [service for service in self._services if service not in self._present]
 
     def sent(self) -> dict[str, int]:
-        """Messages sent by the services so far, by topic."""
-        return {
-            topic: count
-            for service in self._services
-            for topic, count in self._sent.get(service, {}).items()
-        }
+        """Messages sent by the services in this replay so far, by topic."""
+        counts: Counter[str] = Counter()
+        for service, sent in self._sent.items():
+            counts.update(sent)
+            counts.subtract(self._before.get(service, {}))
+        return dict(counts)
 
     def play(
         self,
@@ -80,7 +83,8 @@ class TurnsOnBus:
         missing_at: Callable[[int], bool],
     ) -> None:
         ledger = Ledger()
-        self._sent: dict[str, dict[str, int]] = {}
+        self._sent.clear()
+        self._before.clear()
         ledger.sources.update(sender.sources)
         self._seats = {
             name: RemoteSeat(
@@ -125,5 +129,6 @@ class TurnsOnBus:
         except ValueError:
             return None
         if end is not None:
+            self._before.setdefault(service, end.sent)
             self._sent[service] = end.sent
         return end

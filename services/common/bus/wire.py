@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 
+from services.common.bus import cdr
 from services.common.node import messages as msg
 from services.common.node.documents import Document
 from services.common.node.topics import Query, Topic
@@ -85,15 +86,8 @@ def encode(topic: Topic[M], message: M) -> bytes:
     try:
         if isinstance(message, Document):
             return encode_document(message)
-        return bytes(msg.TYPESTORE.serialize_cdr(message, type_name(topic)))
-    except (
-        AttributeError,
-        TypeError,
-        ValueError,
-        OverflowError,
-        struct.error,
-        SerdeError,
-    ) as error:
+        return cdr.encode(type_name(topic), message)
+    except (AttributeError, TypeError, ValueError, OverflowError, struct.error) as error:
         raise WireError("not of its type", str(error)) from error
 
 
@@ -116,8 +110,7 @@ _LENGTH = struct.Struct("<I")
 
 def encode_document(document: Document) -> bytes:
     """CDR bytes of the std_msgs/String that carries a document as JSON."""
-    text = msg.String(data=document.model_dump_json())
-    return bytes(msg.TYPESTORE.serialize_cdr(text, msg.String.__msgtype__))
+    return cdr.encode(msg.String.__msgtype__, msg.String(data=document.model_dump_json()))
 
 
 def decode(topic: Topic[M], data: bytes) -> M:

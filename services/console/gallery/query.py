@@ -30,7 +30,7 @@ SORTS: dict[str, tuple[str, Key | None, bool]] = {
 """By the value in the address: the name for people, the figure, and whether large comes first. A
 run without the figure comes last.
 """
-RESULTS = {"reached": "all goals reached", "failed": "a goal missed", "none": "no goal"}
+RESULTS = {"reached": "all reached", "failed": "not all reached", "none": "no goal"}
 STATES = {"running": "running", "ended": "ended", "interrupted": "interrupted"}
 
 
@@ -112,6 +112,8 @@ def select(cards: Sequence[RecordingInfo], query: RunQuery, searched: Searched) 
 
 def result_of(card: RecordingInfo) -> str:
     """The key in `RESULTS`."""
+    if card.exploration:
+        return "reached" if card.exploration == "complete" else "failed"
     if card.goals_total == 0:
         return "none"
     return "failed" if card.goals_reached < card.goals_total else "reached"

@@ -42,18 +42,10 @@ from services.console.safe_files import (
     is_real_folder,
     open_inside,
 )
-from services.console.security import content_policy
-from services.console.viewer_assets import viewer_version
+from services.console.viewer_assets import live_data_of, viewer_policy, viewer_version
 
 T = TypeVar("T")
 
-VIEWER_POLICY = content_policy(
-    script_src="'self' 'wasm-unsafe-eval'",
-    style_src_attr="'unsafe-inline'",
-    connect_src="'self' data: blob:",
-    worker_src="'self' blob:",
-)
-"""Of pages with Rerun's viewer: WebAssembly, and elements with a `style`."""
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "frame-ancestors 'self'; base-uri 'none'; form-action 'none'; sandbox allow-popups"
@@ -169,17 +161,19 @@ async def _run_page(request: Request) -> Response:
     run = await run_of(request)
     runs = await current_runs(request)
     content = await asyncio.to_thread(_read, run.path)
+    live_data = live_data_of(request) if run.state == "running" else ""
     newer, older = _neighbours(runs, run.name)
     answer = page(
         request,
         "run.html",
-        headers={"content-security-policy": VIEWER_POLICY},
+        headers={"content-security-policy": viewer_policy(live_data)},
         section="runs",
         run=run,
         newer=newer,
         older=older,
         others=[one for one in runs.all[:_MOST_OTHERS] if one.name != run.name],
         viewer=viewer_version(),
+        live=f"rerun+http://{live_data}/proxy" if live_data else "",
         downloads=[name for name in (RECORDING, MESSAGES) if name in content.files],
         has_report=REPORT in content.files,
         content=content,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import threading
 from collections import OrderedDict, deque
 from collections.abc import AsyncIterator, Callable
@@ -18,6 +19,8 @@ from services.common.node.topics import CAMERA_IMAGE, Delivery, Topic
 from services.console.live.frame import Frame, text_frame
 from services.console.live.stack import Stack
 from services.console.live.view import CAMERA, WATCHED, View
+
+_LOG = logging.getLogger("console")
 
 PERIOD_S = 0.07
 """Between two pictures: about 14 a second."""
@@ -79,6 +82,7 @@ class Feed:
         self._ends: list[Callable[[], None]] = []
         self._camera_ends: Callable[[], None] | None = None
         self._pictures = 0
+        self._was_there = False
 
     @property
     def pages(self) -> int:
@@ -109,7 +113,13 @@ class Feed:
             while True:
                 await asyncio.sleep(PERIOD_S)
                 await self._watch_camera()
-                for frame in await asyncio.to_thread(self._drawn):
+                try:
+                    frames = await asyncio.to_thread(self._drawn)
+                except Exception as error:
+                    # What cannot be drawn must not end the feed of all pages.
+                    _LOG.error("live page: %s: %s", type(error).__name__, error)
+                    continue
+                for frame in frames:
                     for page in self._pages:
                         if frame.kind != "camera" or page.wants_camera:
                             page.offer(frame)
@@ -158,10 +168,15 @@ class Feed:
             self._states = dict(kept)
             self._events.clear()
         frames = self._view.frames(arrived)
-        frames.append(self._stack_frame())
-        if self._view.began_anew:
+        services = sorted(self._stack.services())
+        frames.append(_stack_frame(services, self._stack.how_to_start))
+        has_gone, self._was_there = self._was_there and not services, bool(services)
+        if has_gone:
+            # Another stack may come, of another world.
+            self._view, self._newest = View(), {}
+        if has_gone or self._view.began_anew:
             # What was latched has come again, or comes soon.
-            self._newest = {kind: frame for kind, frame in self._newest.items() if kind in _LASTING}
+            self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
             frames.insert(0, text_frame("began_anew", {}, is_event=True))
         changed = []
         for frame in frames:
@@ -175,9 +190,8 @@ class Feed:
             changed.append(frame)
         return changed
 
-    def _stack_frame(self) -> Frame:
-        services = sorted(self._stack.services())
-        return text_frame(
-            "stack",
-            {"services": services, "how_to_start": "" if services else self._stack.how_to_start},
-        )
+
+def _stack_frame(services: list[str], how_to_start: str) -> Frame:
+    return text_frame(
+        "stack", {"services": services, "how_to_start": "" if services else how_to_start}
+    )

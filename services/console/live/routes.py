@@ -25,6 +25,7 @@ from services.console.live.frame import text_frame
 from services.console.live.stack import Stack, StackError
 from services.console.live.teleoperation import Teleoperation
 from services.console.pages import page
+from services.console.viewer_assets import live_data_of, viewer_policy, viewer_version
 
 SEND_TIMEOUT_S = 15.0
 """A page that takes nothing for so long is given up."""
@@ -40,7 +41,15 @@ def live_routes(stack: Stack) -> list[BaseRoute]:
     feed = Feed(stack)
 
     async def show(request: Request) -> Response:
-        return page(request, "live.html", section="live")
+        live_data = live_data_of(request)
+        return page(
+            request,
+            "live.html",
+            headers={"content-security-policy": viewer_policy(live_data)},
+            section="live",
+            viewer=viewer_version(),
+            live_data=live_data,
+        )
 
     async def connect(websocket: WebSocket) -> None:
         await websocket.accept()

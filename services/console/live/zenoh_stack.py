@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from services.common.bus import bus, wire
 from services.common.node.messages import ns_from_time
 from services.common.node.node import Envelope
-from services.common.node.topics import CLOCK, EDGE, Query, Topic
+from services.common.node.topics import CLOCK, EDGE, SERVICES, Query, Topic
 from services.console.live.stack import Receive, StackError
 
 if TYPE_CHECKING:
@@ -147,7 +147,10 @@ class ZenohStack:
             session = self._connect()
             if session is None:
                 return
-        found = frozenset(bus.alive(session, self._config.prefix, _CONNECT_S))
+        # The router has a token, too.
+        found = frozenset(bus.alive(session, self._config.prefix, _CONNECT_S)).intersection(
+            SERVICES
+        )
         gone = bool(self._services) and not found
         self._services = found
         if gone:

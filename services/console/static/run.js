@@ -4,6 +4,7 @@ import { plan, timePlots } from "/static/plots.js";
 import { Viewer } from "/static/viewer.js";
 
 const PERIOD_MS = 3000;
+const LIVE_MS = 5000;
 const REMEMBERED = "viewer";
 
 document.documentElement.classList.add("scripted");
@@ -39,6 +40,7 @@ async function openViewer() {
     }
     sessionStorage.setItem(REMEMBERED, "open");
     viewer.onOpen = (recording) => {
+      if (recording !== head().dataset.run && viewer.isOpen(head().dataset.live)) return;
       section.dataset.recording = recording;
       start.hidden = true;
       const time_s = Number(new URLSearchParams(location.search).get("t"));
@@ -46,7 +48,25 @@ async function openViewer() {
     };
     viewer.onTime = showTime;
   }
-  await viewer.open(urls());
+  await openRecording();
+}
+
+/** The files of the run; or, while it is recorded, what its recorder shows live. */
+async function openRecording() {
+  const { run, live } = head().dataset;
+  if (!live) {
+    await viewer.open(urls());
+    return;
+  }
+  if (viewer.isOpen(live) || viewer.isOpen(urls()[0])) return;
+  await viewer.open([live]);
+  setTimeout(() => {
+    // The recorder is no live one, or it shows another run.
+    const { dataset } = head();
+    if (dataset.run === run && dataset.live && section.dataset.recording !== run) {
+      viewer.open(urls());
+    }
+  }, LIVE_MS);
 }
 
 /** Mark the moment that the viewer shows in the plots and the table of events. */
@@ -104,7 +124,7 @@ async function show(address, push) {
   if (push) history.pushState(null, "", address);
   delete section.dataset.recording;
   await draw();
-  if (viewer) await viewer.open(urls());
+  if (viewer) await openRecording();
 }
 
 /** A run that is recorded changes: its page does, too. */
@@ -119,7 +139,7 @@ async function refresh() {
     etag = answer.headers.get("etag") ?? "";
     takeOver(await answer.text());
     await draw();
-    if (viewer) await viewer.open(urls());
+    if (viewer) await openRecording();
   } catch {
     // The next time.
   }

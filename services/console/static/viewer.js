@@ -47,6 +47,11 @@ export class Viewer {
     this.#observer.observe(box);
   }
 
+  /** Whether the viewer has been told to open an address. */
+  isOpen(url) {
+    return Boolean(url) && this.#open.includes(new URL(url, location.href).href);
+  }
+
   /** Show the recording in some files, which are parts of one; what was shown is closed. */
   async open(urls) {
     await this.#ready;

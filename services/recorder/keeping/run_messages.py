@@ -34,6 +34,8 @@ class RunMessages:
         self._pictures = pictures
         self._missed = Latched()
         self._log: MessageLog | None = None
+        self._is_told = False
+        """Whether it is known already why the file cannot be written."""
         self._recorded: Mapping[str, int] = {}
 
     @property
@@ -61,7 +63,7 @@ class RunMessages:
             raise RecordingError(f"{folder.message_part(part)}: {error}") from error
         self._log = log
         for topic, taken in list(self._head() if log.is_new else self._missed):
-            log.add(topic, taken, now_ns)
+            log.add_latched(topic, taken, now_ns)
         self._missed.clear()
 
     def add(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
@@ -93,6 +95,7 @@ class RunMessages:
         try:
             log.flush(self._head, now_ns)
         except RecordingError as error:
+            self._is_told = True
             raise RecordingError(f"{log.path}: {error}") from error
 
     def wait(self) -> None:
@@ -106,10 +109,12 @@ class RunMessages:
         log, self._log = self._log, None
         if log is None:
             return True
+        was_told, self._is_told = self._is_told, False
         try:
             log.close()
         except RecordingError as error:
-            _LOG.error("%s: %s", log.path, error)
+            if not was_told:
+                _LOG.error("%s: %s", log.path, error)
             return False
         finally:
             self._recorded = log.recorded()

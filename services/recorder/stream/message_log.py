@@ -92,6 +92,7 @@ class MessageLog:
         self._queued_bytes = 0
         self._repeated: Counter[str] = Counter()
         self._earlier: Counter[str] = Counter()
+        self._begins_next = False
         self._problem: str | None = None
         try:
             for number in range(1, part):
@@ -121,7 +122,14 @@ class MessageLog:
         self, topic: Topic[Any], taken: Taken, now_ns: int, compressed: Compressed | None = None
     ) -> None:
         """Add a message, or what is recorded in its place."""
-        row, size = self._row(topic, taken, now_ns, compressed)
+        # Hand-written publishers do not tell when they send.
+        row, size = self._row(topic, taken, taken.envelope.sent_ns or now_ns, compressed)
+        self._waiting.append(row)
+        self._waiting_bytes += size
+
+    def add_latched(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
+        """Add a message that was sent before this run began, maybe in another run."""
+        row, size = self._row(topic, taken, min(taken.envelope.sent_ns, now_ns))
         self._waiting.append(row)
         self._waiting_bytes += size
 
@@ -137,12 +145,13 @@ class MessageLog:
         Raises RecordingError if something could not be written.
         """
         self.hand_over()
-        if self._file.size >= self._segment_bytes and self._tasks.empty():
+        if self._file.size >= self._segment_bytes and not self._begins_next:
             rows, repeated = [], Counter[str]()
             for topic, taken in latched():
-                rows.append(self._row(topic, taken, now_ns, None)[0])
+                rows.append(self._row(topic, taken, now_ns)[0])
                 repeated[topic.name] += 1
             routes = list(self._routes)
+            self._begins_next = True
             self._put(lambda: self._begin_next(routes, rows, repeated))
         if self._problem is not None:
             raise RecordingError(self._problem)
@@ -172,7 +181,7 @@ class MessageLog:
             raise RecordingError(f"the disk takes longer than {CLOSE_TIMEOUT_S:g} s")
 
     def _row(
-        self, topic: Topic[Any], taken: Taken, now_ns: int, compressed: Compressed | None
+        self, topic: Topic[Any], taken: Taken, time_ns: int, compressed: Compressed | None = None
     ) -> tuple[_Unmade, int]:
         """A message with its channel, and its size as far as it is known."""
         envelope = taken.envelope
@@ -187,10 +196,8 @@ class MessageLog:
         if channel is None:
             channel = self._routes[route] = len(self._routes)
             self._put(lambda: _add_channel(self._file, route))
-        # Hand-written publishers do not tell when they send.
-        time_ns = max(0, envelope.sent_ns or now_ns)
-        sequence = envelope.sequence & 0xFFFFFFFF
-        return (channel, sequence, time_ns, max(0, envelope.sent_ns), unmade), size
+        sequence, sent_ns = envelope.sequence & 0xFFFFFFFF, max(0, envelope.sent_ns)
+        return (channel, sequence, max(0, time_ns), sent_ns, unmade), size
 
     def hand_over(self) -> None:
         """Queue the waiting messages to be written as one chunk."""
@@ -236,6 +243,7 @@ class MessageLog:
         for route in routes:
             _add_channel(self._file, route)
         self._file.add_messages(_made(rows))
+        self._begins_next = False
 
     def _introduce(self, repeated: Mapping[str, int]) -> None:
         for name, texts in self._about.items():

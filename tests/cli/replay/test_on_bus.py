@@ -22,12 +22,21 @@ from services.cli.replay.reading.replayed import Replayed
 from services.cli.replay.sender import Sender
 from services.common.bus.bus import BusConfig, alive, open_session, subscribe
 from services.common.node.node import Envelope
-from services.common.node.topics import AMCL_POSE, CLOCK, CMD_VEL, ODOM, SCAN, TF_STATIC, WORLD
+from services.common.node.topics import (
+    AMCL_POSE,
+    CLOCK,
+    CMD_VEL,
+    ODOM,
+    SCAN,
+    TF_STATIC,
+    WORLD,
+    Topic,
+)
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
 
 DEADLINE_S = 60.0
-_HEARD = (CLOCK, SCAN, ODOM, CMD_VEL, AMCL_POSE, WORLD, TF_STATIC)
+_HEARD: tuple[Topic[Any], ...] = (CLOCK, SCAN, ODOM, CMD_VEL, AMCL_POSE, WORLD, TF_STATIC)
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ from services.common.recordings.mcap_messages import (
 )
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
+from tests.worldgen import folder as worlds
 
 _PAIRS = {
     "navigation": "/cmd_vel", "localization": "/tf", "spawner": "/entities/desired",
@@ -187,8 +188,9 @@ def test_a_tour_and_an_exploration_are_repeated_exactly_by_each_service(tmp_path
         assert replayed(tour, service)["same"], service
     commands = {row["topic"]: row["same"] for row in replayed(tour, "navigation")["topics"]}
     summary = json.loads((tour / "summary.json").read_text())
-    assert commands["/cmd_vel"] == summary["messages"]["/cmd_vel"] > 1000
-    slam = runs.make(tmp_path / "slam", goal=None, slam=True)
+    assert commands["/cmd_vel"] == summary["messages"]["/cmd_vel"]["recorded"] > 1000
+    room = {"world_name": "room", "worlds_dir": worlds.make(tmp_path / "worlds")}
+    slam = runs.make(tmp_path / "slam", goal=None, slam=True, **room)
     for service in ("mapping", "explorer", "navigation"):
         assert replayed(slam, service)["same"], service
 

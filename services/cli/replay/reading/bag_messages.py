@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag2 import Reader
 
 from services.cli.replay.reading.bag_definitions import Decode, UnfitError, decoder_of
 from services.cli.replay.reading.bag_time import BagTime, stamp_of
@@ -37,7 +37,6 @@ from services.common.node.topics import (
 _HEAD_MESSAGES = 5000
 """So many tell how the bag's time is related to the stamps."""
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
-_FAILURES = (ReaderError, OSError, AssertionError, ValueError, KeyError, RuntimeError, EOFError)
 _OF_PEOPLE = (GOAL_POSE.name, INITIAL_POSE.name)
 _STEP_S = 1.0 / 240.0
 
@@ -54,7 +53,7 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
     Raises ConfigError where it cannot be read, or nothing in it fits.
     """
-    recording = Recording(path.stem, 0, 0, lambda: iter(()), is_run=False)
+    recording = Recording(path.stem, 0, 0, lambda: iter(()), is_run=False, in_one_process=False)
     try:
         reader = Reader(path)
         reader.open()
@@ -65,7 +64,8 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
             reader.close()
     except ConfigError:
         raise
-    except _FAILURES as error:
+    except Exception as error:
+        # Each storage has errors of its own.
         raise _unreadable(path, error) from error
     if not channels:
         others = "; ".join(recording.lines_of_unfit()) or "it has no messages"
@@ -174,7 +174,7 @@ def _read(
                 yield Replayed(topic, wire.encode(topic, message), service, envelope, time_ns)
         finally:
             reader.close()
-    except _FAILURES as error:
+    except Exception as error:
         raise _unreadable(path, error) from error
 
 

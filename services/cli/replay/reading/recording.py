@@ -26,6 +26,8 @@ class Recording:
     """The settings with which each service ran, by name, as far as they were recorded."""
     services: frozenset[str] = frozenset()
     """Those that have sent something."""
+    in_one_process: bool = True
+    """Whether the services ran in one process, so that nothing came late."""
     pictures: str = "raw"
     """`raw`: as physics has sent them; `jpeg`: compressed, with a loss; `none`."""
     is_run: bool = True

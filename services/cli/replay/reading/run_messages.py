@@ -40,14 +40,14 @@ def open_run(name: str, parts: Sequence[Path]) -> Recording:
     """A run by its files, the first one first. Raises ConfigError where they cannot be read."""
     try:
         return _open(name, parts)
-    except (McapError, OSError) as error:
+    except (McapError, wire.WireError, OSError) as error:
         raise ConfigError(f"replay: {_said(error, parts[0])}") from error
 
 
 def _said(error: Exception, path: Path) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or path}: {error.strerror}"
-    return str(error)
+    return f"{path}: {error}" if isinstance(error, wire.WireError) else str(error)
 
 
 def _open(name: str, parts: Sequence[Path]) -> Recording:
@@ -89,6 +89,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         lambda: iter(()),
         parameters,
         frozenset(owners.values()) - {EDGE},
+        all(source in SERVICES or source == EDGE for source in owners),
         pictures,
     )
     begun_ns = start_ns if clock_ns is None else clock_ns
@@ -97,7 +98,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         recording.unfit.clear()
         try:
             yield from _read(recording, parts, owners, begun_ns)
-        except (McapError, VideoError, OSError) as error:
+        except (McapError, VideoError, wire.WireError, OSError) as error:
             raise ConfigError(f"replay: {_said(error, parts[0])}") from error
 
     recording.read = read

@@ -104,7 +104,7 @@ def ticks(low: float, high: float, about: int) -> list[float]:
     """Round values from `low` to `high`, about so many."""
     rough = (high - low) / about
     unit = 10.0 ** math.floor(math.log10(rough))
-    step = next(unit * times for times in (1, 2, 5, 10) if unit * times >= rough * 0.999)
+    step = next(unit * times for times in (1, 2, 5, 10) if unit * times >= 0.75 * rough)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [round(number * step, 9) for number in range(first, last + 1)]
 

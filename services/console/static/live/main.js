@@ -4,6 +4,7 @@ import { LAYERS } from "./layers.js";
 import { Link } from "./link.js";
 import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
+import { RerunPane } from "./rerun_pane.js";
 import { Scene } from "./scene.js";
 import { Teleop } from "./teleop.js";
 
@@ -32,6 +33,7 @@ const link = new Link(take, (isOpen) => {
   }
 });
 const teleop = new Teleop(link, $("joystick"));
+const rerun = new RerunPane($("rerun"), () => panels.run);
 let tool = "move";
 
 function take(kind, content, data) {
@@ -245,6 +247,18 @@ for (const [id, act] of Object.entries(CLICKS)) {
 }
 for (const button of document.querySelectorAll("[data-tool]")) {
   button.addEventListener("click", () => choose(button.dataset.tool === tool ? "move" : button.dataset.tool));
+}
+$("view-3d")?.addEventListener("click", () => {
+  rerun.toggle();
+  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+});
+for (const list of ["results", "log"]) {
+  $(list).addEventListener("click", (event) => {
+    const time = event.target.closest("[data-time]");
+    if (time) {
+      rerun.seek(Number(time.dataset.time));
+    }
+  });
 }
 plan.onFollow = () => follow(plan.follows);
 $("speed").addEventListener("change", () => ask({ do: "simulation", speed: Number($("speed").value) }));

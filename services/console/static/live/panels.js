@@ -14,7 +14,11 @@ function element(tag, text = "", className = "") {
 function line(list, timeS, text, className) {
   const item = element("li", "", className);
   if (timeS !== null) {
-    item.append(element("time", timeS.toFixed(1)));
+    const time = element("button", timeS.toFixed(1), "seek");
+    time.type = "button";
+    time.title = "show this time in the 3D view";
+    time.dataset.time = timeS;
+    item.append(time);
   }
   item.append(text);
   const atEnd = list.scrollHeight - list.scrollTop - list.clientHeight < 30;
@@ -33,7 +37,8 @@ export class Panels {
   #running = new Set();
   #figures = new Map();
   #camera = "";
-  #exploration = null;
+  /** Name of the newest run's folder; empty: nothing is recorded. */
+  run = "";
 
   /** Take one frame in. */
   take(kind, content, data) {
@@ -172,13 +177,13 @@ export class Panels {
   }
 
   #showExploration(status) {
-    this.#exploration = status;
     $("explore-stop").hidden = $("explore-resume").hidden = false;
     this.#figure("exploration", `${status.state}, ${Math.round(100 * status.seen_share)} % seen`, status.reason);
     this.#figure("frontiers", `${status.reachable} of ${status.frontiers}`);
   }
 
   #showEvaluation(evaluation) {
+    this.run = evaluation.recording.split("/").pop();
     const goals = evaluation.goals;
     this.#figure("goals reached", `${goals.filter((goal) => goal.reached).length} of ${goals.length}`);
     const error = evaluation.localisation_error_m;

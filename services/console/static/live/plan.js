@@ -37,6 +37,12 @@ export class Plan {
     canvas.addEventListener("pointerup", (event) => this.#up(event));
     canvas.addEventListener("pointercancel", (event) => this.#forget(event));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    // A script of the person's own may ask where a place is on the screen.
+    canvas.pixelOf = (x, y) => {
+      const box = canvas.getBoundingClientRect();
+      const [px, py] = this.at(x, y);
+      return [box.left + px, box.top + py];
+    };
     this.#resize();
   }
 

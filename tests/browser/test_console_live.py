@@ -1,0 +1,266 @@
+"""The live page in a real browser, beside a run: what a person does there happens to the robot."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from services.common.bus.bus import BusConfig
+from services.console.config import ConsoleConfig
+from services.console.live.routes import live_routes
+from services.console.live.zenoh_stack import ZenohStack
+from services.console.server import build_app
+from services.console.serving import ConsoleServer
+from tests.browser.viewer import CHROMIUM
+from tests.console.live.running import Page as Bystander
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
+    pytest.mark.timeout(300),
+]
+
+DEADLINE_S = 60.0
+
+
+@dataclass
+class Opened:
+    """The live page in a browser, and what went wrong in it."""
+
+    page: Page
+    wrong: list[str] = field(default_factory=list)
+
+    def figure(self, name: str) -> list[float]:
+        """The numbers of a figure beside the plan; none before it is shown."""
+        term = self.page.locator("#figures dt", has_text=re.compile(f"^{name}$"))
+        if term.count() == 0:
+            return []
+        shown = term.locator("xpath=following-sibling::dd[1]").inner_text()
+        return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", shown)]
+
+    def pose(self) -> list[float]:
+        """The true x and y, m, and heading, degrees."""
+        self.wait(lambda: self.figure("true pose"))
+        return self.figure("true pose")
+
+    def wait(self, holds: Callable[[], Any], timeout_s: float = DEADLINE_S) -> None:
+        """Return as soon as a condition holds."""
+        end_s = time.monotonic() + timeout_s
+        while not holds():
+            assert time.monotonic() < end_s, self.page.locator("body").inner_text()
+            self.page.wait_for_timeout(50)
+
+    def said(self) -> str:
+        """The last answer of the services."""
+        self.wait(lambda: self.page.locator("#said").inner_text() not in ("", "…"))
+        return self.page.locator("#said").inner_text()
+
+    def pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where a place of the map is on the screen, from the place of two clicks."""
+        found: list[float] = self.page.locator("#plan").evaluate(
+            "(canvas, place) => canvas.pixelOf(...place)", [x_m, y_m]
+        )
+        return found[0], found[1]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(
+            executable_path=CHROMIUM, headless=True, args=["--no-sandbox"]
+        )
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The console of `mazebot demo --console`."""
+    folder = tmp_path_factory.mktemp("console")
+    output = folder / "output.txt"
+    with output.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "services.cli", "demo", "--console", "--console-port", "0",
+             "--no-tour", "--no-record", "--no-camera", "--out", str(folder / "run")],
+            stdout=file, stderr=subprocess.STDOUT,
+            env=os.environ | {"MAZEBOT_CONSOLE_RECORDINGS_DIR": str(folder)},
+        )  # fmt: skip
+    try:
+        yield address_in(output, process)
+    finally:
+        process.send_signal(signal.SIGINT)
+        code = process.wait(30.0)
+    said = output.read_text()
+    assert code == 0, said
+    assert "Traceback" not in said
+
+
+def address_in(output: Path, process: subprocess.Popen[bytes]) -> str:
+    end_s = time.monotonic() + DEADLINE_S
+    while True:
+        found = re.search(r"console: (http://\S+)", output.read_text())
+        if found:
+            return found[1].rstrip("/")
+        assert process.poll() is None, output.read_text()
+        assert time.monotonic() < end_s, output.read_text()
+        time.sleep(0.1)
+
+
+def opened_in(context: BrowserContext, url: str) -> Opened:
+    opened = Opened(context.new_page())
+    page, wrong = opened.page, opened.wrong
+    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on(
+        "request",
+        lambda asked: None if asked.url.startswith((url, "blob:")) else wrong.append(asked.url),
+    )
+    page.goto(f"{url}/live")
+    return opened
+
+
+@pytest.fixture
+def live(browser: Browser, url: str) -> Iterator[Opened]:
+    context = browser.new_context(viewport={"width": 1300, "height": 900})
+    opened = opened_in(context, url)
+    opened.page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    yield opened
+    context.close()
+    assert opened.wrong == []
+
+
+def test_a_goal_clicked_on_the_plan_is_reached(live: Opened) -> None:
+    x, y, _ = live.pose()
+    page = live.page
+    page.get_by_label("Speed").select_option("4")
+    page.get_by_role("button", name="Goal").click()
+    from_px = live.pixel(x + 0.55, y - 0.45)
+    page.mouse.move(*from_px)
+    page.mouse.down()
+    page.mouse.move(from_px[0] + 60, from_px[1], steps=3)
+    page.mouse.up()
+    assert live.said().startswith("driving to")
+    page.locator("#results .good").first.wait_for(timeout=1000 * DEADLINE_S)
+    assert "done" in page.locator("#results").inner_text()
+    reached = live.pose()
+    assert math.dist(reached[:2], (x + 0.55, y - 0.45)) < 0.3
+    assert abs(reached[2]) < 20.0
+    page.get_by_label("Speed").select_option("1")
+    live.wait(lambda: page.locator("#said").inner_text().startswith("running at 1x"))
+
+
+def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened, url: str) -> None:
+    x, y, _ = live.pose()
+    page = live.page
+    place = live.pixel(x - 0.8, y + 0.4)
+    page.get_by_role("button", name="Box").click()
+    page.mouse.click(*place)
+    name = live.said().split()[0]
+    assert re.fullmatch(r"box(_\d+)?", name)
+    with Bystander(url) as bystander:
+        # What physics says that there is.
+        bodies = bystander.wait_for(lambda: bystander.newest.get("entities", {}).get("bodies"))
+        assert math.dist(bodies[0]["pose"][:2], (x - 0.8, y + 0.4)) < 0.02
+        # Into a wall physics lets none, and the page says why.
+        corners = bystander.wait_kind("world")["walls"][0]
+    middle = [sum(corner[axis] for corner in corners) / 4 for axis in (0, 1)]
+    page.get_by_role("button", name="Box").click()
+    page.locator("#said").evaluate("one => { one.textContent = ''; }")
+    page.mouse.click(*live.pixel(*middle))
+    assert "reaches" in live.said()
+    assert page.locator("#said.bad").count() == 1
+    page.get_by_role("button", name="Remove").click()
+    page.locator("#said").evaluate("one => { one.textContent = ''; }")
+    page.mouse.click(*place)
+    assert live.said() == f"{name} removed"
+
+
+def turned(live: Opened, since_deg: float) -> float:
+    return abs((live.pose()[2] - since_deg + 180.0) % 360.0 - 180.0)
+
+
+def stands(live: Opened) -> bool:
+    speed = live.figure("speed")
+    return len(speed) == 2 and max(map(abs, speed)) < 0.02
+
+
+def test_a_held_key_drives_and_the_robot_stops_when_it_is_released(live: Opened) -> None:
+    before_deg = live.pose()[2]
+    live.page.keyboard.down("a")
+    live.wait(lambda: turned(live, before_deg) > 15.0)
+    live.page.keyboard.up("a")
+    live.wait(lambda: stands(live), 5.0)
+    at_deg = live.pose()[2]
+    live.page.wait_for_timeout(500)
+    assert turned(live, at_deg) <= 2.0
+
+
+def test_the_joystick_drives_while_it_is_held(live: Opened) -> None:
+    before_deg = live.pose()[2]
+    box = live.page.locator("#joystick").bounding_box()
+    assert box is not None
+    live.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    live.page.mouse.down()
+    live.page.mouse.move(box["x"] + box["width"] - 4, box["y"] + box["height"] / 2, steps=4)
+    live.wait(lambda: turned(live, before_deg) > 15.0)
+    live.page.mouse.up()
+    live.wait(lambda: stands(live), 5.0)
+
+
+def test_the_robot_stops_when_the_page_is_closed(live: Opened, browser: Browser, url: str) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    driver = opened_in(context, url)
+    driver.page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    before_deg = live.pose()[2]
+    driver.page.keyboard.down("ArrowLeft")
+    live.wait(lambda: turned(live, before_deg) > 15.0)
+    context.close()
+    live.wait(lambda: stands(live), 5.0)
+    assert driver.wrong == []
+
+
+def test_time_is_paused_and_stepped(live: Opened) -> None:
+    page = live.page
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.get_by_role("button", name="Resume", exact=True).wait_for()
+    page.get_by_role("button", name="Step").click()
+    live.wait(lambda: page.locator("#said").inner_text().startswith("paused at"))
+    page.get_by_role("button", name="Resume", exact=True).click()
+    page.get_by_role("button", name="Pause", exact=True).wait_for()
+
+
+def test_a_page_without_a_stack_says_so_and_how_to_start_one(
+    browser: Browser, tmp_path: Path
+) -> None:
+    # Nothing listens on port 1.
+    stack = ZenohStack(BusConfig(connect="tcp/127.0.0.1:1"))
+    config = ConsoleConfig(port=0, recordings_dir=tmp_path)
+    server = ConsoleServer(build_app(config, live_routes(stack)), config)
+    server.start()
+    context = browser.new_context()
+    try:
+        opened = opened_in(context, server.url.rstrip("/"))
+        opened.page.get_by_role("heading", name="No stack is running").wait_for()
+        assert "docker compose up" in opened.page.locator("#how-to-start").inner_text()
+        assert opened.page.locator("#live").is_hidden()
+        assert opened.wrong == []
+    finally:
+        context.close()
+        server.stop()
+        stack.close()

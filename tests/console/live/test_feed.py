@@ -1,0 +1,137 @@
+"""What waits for a page, and what is drawn of messages, wrong ones too."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+
+from services.common.bus import wire
+from services.common.frames import SE2
+from services.common.node import messages as msg
+from services.common.node import topics as tp
+from services.common.node.documents import Entities, MarkerEntity, SimulationStats
+from services.console.live.feed import MAX_EVENTS, Outgoing
+from services.console.live.frame import Frame, binary_frame, text_frame
+from services.console.live.view import WATCHED, View
+
+
+def taken(outgoing: Outgoing) -> list[Frame]:
+    return asyncio.run(outgoing.taken())
+
+
+def content(frames: list[Frame], kind: str) -> dict[str, Any]:
+    """The newest content of a kind."""
+    (*_, found) = [frame.content for frame in frames if frame.kind == kind]
+    if isinstance(found, bytes):
+        (length,) = struct.unpack_from("<I", found)
+        return dict(json.loads(found[4 : 4 + length])) | {"data": found[4 + length :]}
+    return dict(json.loads(found)["content"])
+
+
+def test_a_page_that_takes_nothing_gets_the_newest_of_each_kind_and_the_last_events() -> None:
+    outgoing = Outgoing()
+    for number in range(1000):
+        outgoing.offer(text_frame("pose", {"number": number}))
+        outgoing.offer(binary_frame("scan", {"number": number}, bytes(1000)))
+        outgoing.offer(text_frame("log", {"number": number}, is_event=True))
+    frames = taken(outgoing)
+    assert len(frames) == 2 + MAX_EVENTS
+    assert content(frames, "pose") == {"number": 999}
+    assert content(frames, "scan")["number"] == 999
+    assert content(frames[2:3], "log") == {"number": 1000 - MAX_EVENTS}
+    assert outgoing.dropped == 999 + 999 + 1000 - MAX_EVENTS
+
+
+def test_what_cannot_be_read_or_drawn_is_left_out() -> None:
+    stats = SimulationStats(
+        world_hash="0" * 16, sim_time_s=1.0, iterations=240, step_size_s=1 / 240, renderer="none",
+        state_hash="",
+    )  # fmt: skip
+    wrong: list[tuple[tp.Topic[Any], object]] = [
+        (topic, data) for topic in WATCHED for data in (b"", b"\x00\x01\x00\x00", bytes(64))
+    ]
+    grid = msg.occupancy_grid(0, 0.05, SE2(0, 0, 0), np.zeros((2, 3), np.int8))
+    grid.info.width = 100
+    wrong.append((tp.MAP, wire.encode(tp.MAP, grid)))
+    frames = View().frames([*wrong, (tp.SIMULATION_STATS, wire.encode(tp.SIMULATION_STATS, stats))])
+    assert content(frames, "stats")["iterations"] == 240
+    assert "map" not in {frame.kind for frame in frames}
+
+
+def odom(stamp_ns: int, map_from_base: SE2) -> msg.Odometry:
+    still = msg.Twist(linear=msg.Vector3(0.0, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, 0.0))
+    return msg.Odometry(
+        header=msg.header(stamp_ns, "map"), child_frame_id="base_footprint",
+        pose=msg.PoseWithCovariance(pose=msg.pose_from_se2(map_from_base), covariance=np.zeros(36)),
+        twist=msg.TwistWithCovariance(twist=still, covariance=np.zeros(36)),
+    )  # fmt: skip
+
+
+def scan(stamp_ns: int) -> msg.LaserScan:
+    ranges = np.array([1.0, 2.0, np.inf, 0.05], np.float32)
+    return msg.LaserScan(
+        header=msg.header(stamp_ns, "base_scan"), angle_min=0.0, angle_max=4.71,
+        angle_increment=msg.float32(np.pi / 2), time_increment=0.0, scan_time=0.1,
+        range_min=msg.float32(0.12), range_max=3.5, ranges=ranges,
+        intensities=np.zeros(4, np.float32),
+    )  # fmt: skip
+
+
+def frame(parent: str, child: str, pose: SE2) -> msg.TFMessage:
+    return msg.TFMessage(transforms=[msg.planar_transform_stamped(0, parent, child, pose)])
+
+
+def test_the_scan_lies_where_the_robot_believes_to_be_and_else_where_it_is() -> None:
+    view = View()
+    truth = SE2(2.0, 1.0, 0.0)
+    frames = view.frames(
+        [
+            (tp.TF_STATIC, frame("base_footprint", "base_scan", SE2(-0.1, 0.0, 0.0))),
+            (tp.GROUND_TRUTH_ODOM, odom(0, truth)),
+            (tp.SCAN, scan(0)),
+        ]
+    )
+    drawn = content(frames, "scan")
+    assert drawn["pose"] == pytest.approx([1.9, 1.0, 0.0])
+    assert np.frombuffer(drawn["data"], "<u2").tolist() == [1000, 2000, 65535, 65535]
+    frames = view.frames(
+        [
+            (tp.TF, frame("map", "odom", SE2(1.0, 0.0, np.pi / 2))),
+            (tp.TF, frame("odom", "base_footprint", SE2(0.5, 0.0, 0.0))),
+            (tp.SCAN, scan(100_000_000)),
+        ]
+    )
+    assert content(frames, "scan")["pose"] == pytest.approx([1.0, 0.4, np.pi / 2], abs=1e-3)
+    pose = content(frames, "pose")
+    assert pose["truth"] == pytest.approx(truth)
+
+
+def test_a_costmap_in_odom_lies_in_the_map() -> None:
+    view = View()
+    grid = msg.occupancy_grid(
+        0, 0.05, SE2(0.2, 0.0, 0.0), np.array([[0, 99], [100, -1]], np.int8), "odom"
+    )
+    assert view.frames([(tp.LOCAL_COSTMAP, grid)]) == []
+    placed = (tp.TF, frame("map", "odom", SE2(1.0, 1.0, np.pi / 2)))
+    drawn = content(view.frames([placed, (tp.LOCAL_COSTMAP, grid)]), "local_costmap")
+    assert drawn["origin"] == pytest.approx([1.0, 1.2, np.pi / 2], abs=1e-3)
+    assert np.frombuffer(drawn["data"], np.int8).tolist() == [0, 99, 100, -1]
+    assert (drawn["rows"], drawn["columns"]) == (2, 2)
+
+
+def test_a_marker_faces_where_its_panel_does() -> None:
+    # Its face, +z, along the map's +x.
+    marker = MarkerEntity(
+        name="aruco_5", position_m=(1.0, 2.0, 0.4), orientation_xyzw=(0.5, 0.5, 0.5, 0.5),
+        panel_side_m=0.4, texture_sha256="", marker_id=5, marker_size_m=0.3,
+        dictionary="DICT_4X4_100",
+    )  # fmt: skip
+    entities = Entities(world_hash="0" * 16, entities=(marker,))
+    (drawn,) = content(View().frames([(tp.ENTITIES, entities)]), "entities")["markers"]
+    assert (drawn["id"], drawn["x_m"], drawn["y_m"]) == (5, 1.0, 2.0)
+    assert drawn["heading_rad"] == pytest.approx(0.0)
