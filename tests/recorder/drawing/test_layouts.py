@@ -12,7 +12,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from services.common.node.topics import read_by
+from services.common.node import messages as msg
+from services.common.node.topics import DIAGNOSTICS, read_by
 from services.recorder.config import LayoutName, RecorderConfig
 from services.recorder.drawing.archetypes import DRAW, draw_start
 from services.recorder.drawing.layouts.layout_file import shown_in_layout
@@ -21,7 +22,7 @@ from services.recorder.drawing.layouts.views import Scene
 from services.recorder.stream.recording import Recording
 from services.recorder.stream.rerun_program import rerun_binary
 from tests.common.samples import SAMPLES
-from tests.recorder.drawing.test_archetypes import canvas_of, driven
+from tests.recorder.drawing.test_archetypes import canvas_of, column, driven
 from tests.recorder.synthetic import room
 
 SCENE = Scene((np.array([-1.0, -2.0]), np.array([3.0, 4.0])), slam=True)
@@ -113,12 +114,44 @@ def test_all_that_is_drawn_can_be_seen_in_some_layout() -> None:
 def test_events_tell_of_goals_contacts_markers_and_faults_once() -> None:
     _, paper = driven(3.0)
     told = {
-        path: [text for one in logged for text in one.text.as_arrow_array().to_pylist()]
+        path: [text for one in logged for text in column(one, "text").to_pylist()]
         for path, logged in paper.logged.items()
         if path.startswith("events/")
     }
     assert told["events/marker"] == ["marker 60 seen for the first time"]
     assert any(text.startswith("goal: ") for text in told["events/goal"])
+
+
+def test_a_service_s_faults_are_events_and_its_start_is_none() -> None:
+    canvas, paper = canvas_of(room())
+
+    def report(stamp_s: int, message: str, **counts: int) -> None:
+        values = [msg.KeyValue(key, str(count)) for key, count in counts.items()]
+        status = msg.DiagnosticStatus(0, "mapping", message, "", values)
+        array = msg.DiagnosticArray(msg.header(stamp_s * 1_000_000_000, ""), [status])
+        DRAW[DIAGNOSTICS](canvas, array)
+
+    rejected = "rejected /scan: not finite"
+    report(1, "waiting for the world")
+    report(2, "active")
+    report(3, "active", **{rejected: 1})
+    report(4, "active", **{rejected: 1})
+    report(5, "active", **{rejected: 2})
+    report(6, "waiting for /odom", **{rejected: 2})
+    report(7, "active", **{rejected: 2})
+    events = [column(one, "text")[0].as_py() for one in paper.logged["events/fault"]]
+    assert events == [
+        f"mapping: {rejected}",
+        "mapping: waiting for /odom",
+        "mapping: active again",
+    ]
+    states = [
+        column(one, "state")[0].as_py()
+        for one in paper.logged["diagnostics/mapping"]
+        if isinstance(one, rr.StateChange)
+    ]
+    assert states == ["waiting", "active", "rejecting", "active", "rejecting", "waiting", "active"]
+    assert [value for _, value in paper.scalars["performance/rejected/mapping"]][-1] == 2.0
 
 
 def test_markers_are_drawn_by_their_state() -> None:
