@@ -28,20 +28,19 @@ def view_run(
     from services.recorder.keeping.live import WebPage  # noqa: PLC0415
 
     parts = parts_of(recording.parent)
-    scratch = tempfile.TemporaryDirectory(prefix="mazebot-view-")
-    if layout is not None:
-        parts = shown_in_layout(parts, layout, Path(scratch.name))
-    page = WebPage("127.0.0.1", web_port, recording=parts)
-    url = f"http://localhost:{web_port}"
-    opened = open_browser and _opened(url)
-    told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
-    sys.stdout.write(f"{recording}: {told} (Ctrl-C ends)\n")
-    sys.stdout.flush()
-    try:
-        threading.Event().wait()
-    finally:
-        page.close()
-        scratch.cleanup()
+    with tempfile.TemporaryDirectory(prefix="mazebot-view-") as scratch:
+        if layout is not None:
+            parts = shown_in_layout(parts, layout, Path(scratch))
+        page = WebPage("127.0.0.1", web_port, recording=parts)
+        url = f"http://localhost:{web_port}"
+        opened = open_browser and _opened(url)
+        told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
+        sys.stdout.write(f"{recording}: {told} (Ctrl-C ends)\n")
+        sys.stdout.flush()
+        try:
+            threading.Event().wait()
+        finally:
+            page.close()
 
 
 def _opened(url: str) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from services.common.error_codes import ErrorCode
 from services.common.frames import CAMERA_OPTICAL_FRAME, MAP_FRAME, ODOM_FRAME, SE2, Array
 from services.common.node import action_documents as act
 from services.common.node import documents as doc
@@ -19,6 +20,8 @@ from services.recorder.drawing.picture_drawing import IMAGE_FRAME
 
 _MAX_PARTICLES = 300
 _SAME_PLACE_M = 0.05
+_REPLACED = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
+"""The goal was not wanted any more."""
 
 _SQUARE: Array = np.array(
     [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0], [-0.5, -0.5, 0.0]]
@@ -314,7 +317,9 @@ def _tell_end(
 ) -> None:
     """How a goal ended, as an event. The time must be set."""
     took_s = result.end_time_s - result.start_time_s
-    if result.error_code:
+    if result.error_code in _REPLACED:
+        canvas.event("goal", f"{what} given up after {took_s:.1f} s: {result.error_msg}")
+    elif result.error_code:
         why = f"{result.error_msg} ({result.error_code})" if result.error_msg else ""
         text = f"{what} failed after {took_s:.1f} s: {why or result.error_code}"
         canvas.event("goal", text, "WARN")

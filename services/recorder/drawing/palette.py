@@ -5,6 +5,8 @@ from __future__ import annotations
 import colorsys
 import zlib
 
+from services.common.node.topics import SERVICES
+
 TRUTH = (46, 204, 113)
 ESTIMATE = (255, 140, 0)
 PLAN = (52, 152, 255)
@@ -56,7 +58,10 @@ TREE_STATES: dict[str, tuple[int, int, int]] = {
 
 
 def of_name(name: str) -> tuple[int, int, int]:
-    """A light colour that a name always gets, for what has no colour of its own."""
-    hue = zlib.crc32(name.encode()) % 360 / 360.0
+    """A light colour that a name always gets, for what has no colour of its own: those of the
+    services differ as much as possible.
+    """
+    known = name in SERVICES
+    hue = SERVICES.index(name) / len(SERVICES) if known else zlib.crc32(name.encode()) % 360 / 360.0
     red, green, blue = colorsys.hls_to_rgb(hue, 0.62, 0.75)
     return round(255 * red), round(255 * green), round(255 * blue)

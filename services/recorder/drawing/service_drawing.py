@@ -42,7 +42,9 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
 def _draw_state(
     canvas: Canvas, path: str, status: msg.DiagnosticStatus, said: list[tuple[str, str]]
 ) -> None:
-    rejected = any(key.startswith(REJECTED_KEY) for key, _ in said)
+    # The counts are of the whole run: only new ones say how it is now.
+    counts = [entry for entry in said if entry[0].startswith(REJECTED_KEY)]
+    rejected = canvas.changed(f"{path}#rejected", counts) and bool(counts)
     waiting = status.message.startswith("waiting")
     state = "waiting" if waiting else "rejecting" if rejected else "active"
     if canvas.changed(f"{path}#states", True):
@@ -50,18 +52,20 @@ def _draw_state(
             values=list(palette.STATES), colors=list(palette.STATES.values())
         )
         canvas.recording.log(path, configuration, static=True)
+    reasons = tuple(key for key, _ in counts)
+    if reasons and canvas.changed(f"{path}#reasons", reasons):
+        canvas.event("fault", f"{status.name}: {'; '.join(reasons)}", "WARN")
+    before = canvas.last.get(path)
     if not canvas.changed(path, state):
         return
     canvas.recording.log(path, rr.StateChange(state=state))
     # That services wait for each other is usual until each was active once.
     was_active = canvas.last.get(f"{path}#active") is not None
-    if state == "active":
-        canvas.last[f"{path}#active"] = True
-        if was_active:
-            canvas.event("fault", f"{status.name}: active again")
-    elif was_active or state == "rejecting":
-        details = status.message if waiting else "; ".join(key for key, _ in said)
-        canvas.event("fault", f"{status.name}: {details}", "WARN")
+    canvas.last[f"{path}#active"] = was_active or not waiting or None
+    if was_active and waiting:
+        canvas.event("fault", f"{status.name}: {status.message}", "WARN")
+    elif was_active and before == "waiting":
+        canvas.event("fault", f"{status.name}: active again")
 
 
 def _draw_figures(canvas: Canvas, status: msg.DiagnosticStatus) -> None:

@@ -27,10 +27,9 @@ Times = dict[str, NDArray[np.generic]]
 
 
 class _Pictures(NamedTuple):
-    """The camera's pictures, by time."""
+    """What there is of the camera's pictures."""
 
     times: Times
-    encoded: list[bytes]
     others: list[Chunk]
     """What else is on that entity."""
     application_id: str
@@ -46,18 +45,20 @@ def transcode_rrd(recording: Path, video_by_ns: Mapping[int, VideoFrame]) -> boo
     gone.
     """
     pictures = _read(recording)
-    if not pictures.encoded:
+    if not pictures.times:
         return False
     video, rest, whole = (recording.with_suffix(end) for end in (".video", ".rest", ".whole"))
     try:
         scratch = recording.with_suffix(".rrd.mp4")
         stamps_ns = pictures.times[TIMELINE].astype(np.int64)
         if video_by_ns and set(stamps_ns.tolist()) <= video_by_ns.keys():
-            pictures = pictures._replace(times=_times(pictures.times, list(video_by_ns)))
+            times = _times(pictures.times, list(video_by_ns))
             frames = iter(video_by_ns.values())
         else:
-            frames = encode(pictures.encoded, scratch)
-        chunks = [*pictures.others, *_video_chunks(pictures.times, frames)]
+            order = np.argsort(stamps_ns, kind="stable")
+            times = {name: values[order] for name, values in pictures.times.items()}
+            frames = encode(_encoded(recording, pictures.times), scratch)
+        chunks = [*pictures.others, *_video_chunks(times, frames)]
         LazyChunkStream.from_iter(chunks).write_rrd(
             video,
             application_id=pictures.application_id,
@@ -78,43 +79,59 @@ def transcode_rrd(recording: Path, video_by_ns: Mapping[int, VideoFrame]) -> boo
 
 
 def _read(recording: Path) -> _Pictures:
+    """What there is, without the pictures themselves: they may be many."""
     try:
-        reader = read_rrd(recording)
-        entry = reader.recordings()[0]
-        found = [chunk for chunk in reader.stream() if chunk.entity_path == _PATH]
+        entry = read_rrd(recording).recordings()[0]
+        kept: dict[str, list[NDArray[np.generic]]] = {}
+        others: list[Chunk] = []
+        for chunk, batch in _chunks(recording):
+            if batch is None:
+                others.append(chunk)
+                continue
+            for name in batch.schema.names:
+                if name in ("log_time", TIMELINE):
+                    kept.setdefault(name, []).append(batch.column(name).to_numpy(False))
     except (RuntimeError, ValueError, IndexError) as error:
         raise VideoError(f"{recording}: {' '.join(str(error).split())}") from error
-    batches, others = [], []
-    for chunk in found:
-        batch = chunk.to_record_batch()
-        if _PICTURE in batch.schema.names and TIMELINE in chunk.timeline_names:
-            batches.append(batch)
-        else:
-            others.append(chunk)
-    if not batches:
-        return _Pictures({}, [], others, entry.application_id, entry.recording_id)
-    names = [name for name in batches[0].schema.names if name in ("log_time", TIMELINE)]
-    table = pa.Table.from_batches([batch.select([*names, _PICTURE]) for batch in batches])
-    table = table.drop_null().sort_by(TIMELINE)
-    return _Pictures(
-        {name: table[name].to_numpy() for name in names},
-        [_blob(row) for row in table[_PICTURE]],
-        others,
-        entry.application_id,
-        entry.recording_id,
+    times = {name: np.concatenate(values) for name, values in kept.items()}
+    return _Pictures(times, others, entry.application_id, entry.recording_id)
+
+
+def _encoded(recording: Path, times: Times) -> Iterator[bytes]:
+    """The pictures in the order of their times."""
+    order = np.argsort(times[TIMELINE], kind="stable")
+    pictures = (
+        bytes(row.values[0].values.to_numpy())
+        for _, batch in _chunks(recording)
+        if batch is not None
+        for row in batch.column(_PICTURE)
     )
+    if np.all(order[1:] > order[:-1]):
+        yield from pictures
+    else:
+        known = list(pictures)
+        yield from (known[number] for number in order)
 
 
-def _blob(row: pa.ListScalar) -> bytes:
-    return bytes(row.values[0].values.to_numpy())
+def _chunks(recording: Path) -> Iterator[tuple[Chunk, pa.RecordBatch | None]]:
+    """The chunks of the camera's entity, those with pictures as a table of them."""
+    for chunk in read_rrd(recording).stream():
+        if chunk.entity_path != _PATH:
+            continue
+        batch = chunk.to_record_batch()
+        has_pictures = _PICTURE in batch.schema.names and TIMELINE in chunk.timeline_names
+        # Rows without one are none of ours: the recorder logs them alone.
+        whole = has_pictures and not batch.column(_PICTURE).null_count
+        yield chunk, batch if whole else None
 
 
 def _times(times: Times, stamps_ns: list[int]) -> Times:
     """The same timelines at other stamps: where they were recorded is that of the next picture."""
     stamps = np.array(stamps_ns, np.int64)
     recorded = times[TIMELINE].astype(np.int64)
-    next_one = np.minimum(np.searchsorted(recorded, stamps), len(recorded) - 1)
-    picked = {name: values[next_one] for name, values in times.items()}
+    order = np.argsort(recorded, kind="stable")
+    next_one = np.minimum(np.searchsorted(recorded[order], stamps), len(recorded) - 1)
+    picked = {name: values[order][next_one] for name, values in times.items()}
     return {**picked, TIMELINE: stamps.astype("timedelta64[ns]")}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,12 +16,14 @@ from services.common.node import documents as doc
 from services.common.node import topics as table
 from services.common.node.topics import Delivery
 from services.common.recordings.digests import read_digests
-from services.common.recordings.run_folder import LOCK, RunFolder
+from services.common.recordings.run_folder import LOCK, TO_COMPRESS, RunFolder
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
+from services.recorder.keeping import repair as repair_module
 from services.recorder.keeping.progress import read_progress
 from services.recorder.keeping.repair import Repair, leftovers
 from services.recorder.node import RecorderNode
+from services.recorder.transcoding import job
 from tests.recorder.synthetic import Bench, Said, driving, opening, room
 from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
 
@@ -235,3 +238,39 @@ def test_repair_can_be_told_to_leave_the_folder_alone(tmp_path: Path) -> None:
     node = RecorderNode(RecorderConfig(recordings_dir=tmp_path, repair=False))
     node.close()
     assert leftovers(tmp_path) == [folder]
+
+
+def test_while_there_is_no_run_those_that_wait_get_their_video(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repair_module, "LOOK_PERIOD_S", 0.05)
+    monkeypatch.setattr(repair_module, "_COMPRESS_LOOK_S", 0.05)
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / TO_COMPRESS).touch()
+    started: list[Path] = []
+    ended = threading.Event()
+    looks: list[bool] = []
+
+    def start(folder: Path) -> subprocess.Popen[bytes]:
+        started.append(folder)
+        return subprocess.Popen(["sleep", "60"], start_new_session=True)
+
+    def end(process: subprocess.Popen[bytes]) -> None:
+        job.end(process)
+        ended.set()
+
+    def may_compress() -> bool:
+        looks.append(bool(started))
+        # A run begins while a video is made.
+        return not started
+
+    monkeypatch.setattr(repair_module, "start", start)
+    monkeypatch.setattr(repair_module, "end", end)
+    repair = Repair(tmp_path, may_compress=may_compress)
+    repair.start()
+    assert ended.wait(20.0)
+    repair.stop()
+    assert started == [run]
+    # Not at the first look: everything may be about to start.
+    assert looks[:2] == [False, False]
