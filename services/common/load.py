@@ -13,7 +13,6 @@ from pydantic import ValidationError
 
 from services.common.config import ConfigError, ServiceConfig, one_line
 from services.common.known_settings import PREFIX, unknown_name, unknown_variable, variable
-from services.common.node.topics import SERVICES
 from services.common.yaml_words import line_and_words
 
 if TYPE_CHECKING:
@@ -70,6 +69,9 @@ def load(
 
 def sections() -> tuple[str, ...]:
     """The sections that a settings file, and the environment variables, may have."""
+    # Loads all messages, which takes a command 0.2 s.
+    from services.common.node.topics import SERVICES  # noqa: PLC0415
+
     return ("bus", "console", "router", *SERVICES)
 
 

@@ -14,6 +14,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from services.common.recordings.retention import delete_rest
 from services.console.config import ConsoleConfig
 from services.console.gallery.changes import change_routes
 from services.console.gallery.compare import compare_routes
@@ -55,8 +56,13 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
 @contextlib.asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
     """Read the runs before the first page is asked for."""
-    threading.Thread(target=app.state.index.runs, name="runs", daemon=True).start()
+    threading.Thread(target=_begin, args=(app.state.index,), name="runs", daemon=True).start()
     yield
+
+
+def _begin(index: RunIndex) -> None:
+    delete_rest(index.folder)
+    index.runs()
 
 
 async def _first_page(request: Request) -> Response:

@@ -235,6 +235,20 @@ def test_the_robot_stops_when_the_page_is_closed(live: Opened, browser: Browser,
     assert driver.wrong == []
 
 
+def test_on_a_phone_a_goal_is_tapped_and_canceled(live: Opened, browser: Browser, url: str) -> None:
+    x, y, _ = live.pose()
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    phone = opened_in(context, url)
+    phone.page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    phone.page.get_by_role("button", name="Goal").tap()
+    phone.page.touchscreen.tap(*phone.pixel(x, y))
+    assert phone.said().startswith("driving to")
+    wide = phone.page.evaluate("document.documentElement.scrollWidth")
+    assert wide <= 390
+    context.close()
+    assert phone.wrong == []
+
+
 def test_time_is_paused_and_stepped(live: Opened) -> None:
     page = live.page
     page.get_by_role("button", name="Pause", exact=True).click()

@@ -107,6 +107,9 @@ def test_a_mistake_is_one_line(arguments: list[str], words: list[str]) -> None:
         (["world", "show", "maze"], {"maze", "maze_rooms"}),
         (["recordings", "view", "2026"], {"2026-01-02_03-04-05_sim_house"}),
         (["demo", "--renderer", "g"], {"gl"}),
+        (["replay", "2026"], {"2026-01-02_03-04-05_sim_house"}),
+        (["replay", "--service", "nav"], {"navigation"}),
+        (["replay", "--only", "/od"], {"/odom"}),
     ],
 )
 def test_the_shell_completes_commands_and_names(

@@ -644,6 +644,9 @@ perception --threshold-window-px 4 : threshold_window_px|4|must be odd
 perception --second-window-px 22 : second_window_px|22|must be odd
 perception --min-clarity -1 : min_clarity|-1
 recorder --grpc-port 99999 : grpc_port|99999
+recorder --pictures png : pictures|png|'jpeg' or 'raw'
+recorder --segment-mib 0 : segment_mib|0|--segment-mib
+recorder --messages perhaps : messages|perhaps
 spawner --module-px 1 : module_px|1
 worldgen --worlds-dri x : --worlds-dri|x|--worlds-dir
 router --listen x : listen|x|--listen

@@ -191,13 +191,21 @@ def test_a_run_is_deleted_only_by_its_name(served: Served) -> None:
     assert served.ask(f"/runs/{FIRST}").status == 404
 
 
+def test_what_a_killed_console_left_of_a_deleted_run_is_removed(tmp_path: Path) -> None:
+    rest = make_run(tmp_path, f".deleted-{FIRST}")
+    with console(tmp_path) as served:
+        wait_until(lambda: not rest.exists(), "the rest")
+        assert served.ask("/healthz").status == 200
+
+
 def test_runs_are_compared_with_the_first(served: Served) -> None:
     assert "Choose two or more" in served.ask("/compare").text
     assert served.ask("/compare?run=none&run=" + FIRST).status == 404
     assert served.ask("/compare?" + "&".join(f"run=r{i}" for i in range(11))).status == 400
     address = f"/compare?run={FIRST}&run={SECOND}"
     page = served.ask(address).text
-    assert "has no digests.bin" in page
+    assert f"{FIRST} has no digests.bin" in page
+    assert str(served.folder) not in page
     assert "-0.0020" in page
     assert "better" in page
     assert "contacts" not in page

@@ -24,11 +24,13 @@ def replay_through(
     node: Node,
     messages: Iterator[Replayed],
     start_ns: int,
+    from_ns: int = 0,
     with_pictures: bool = True,
     watch: Callable[[int], object] = lambda _: None,
 ) -> Comparison:
     """Give a node the messages of all other services, in the order of a run in lockstep, and
-    compare what it sends with its own messages, pictures only if they are as it has sent them.
+    compare what it sends with its own messages: those from `from_ns` on, pictures only if they are
+    as it has sent them.
     `watch` gets the time after each turn.
 
     Raises ConfigError where a simulation that is replayed does not begin.
@@ -40,7 +42,7 @@ def replay_through(
         return topic.name not in NOT_COMPARED and (with_pictures or topic.type is not msg.Image)
 
     def capture(topic: Topic[object], message: object, envelope: Envelope) -> None:
-        if is_compared(topic):
+        if is_compared(topic) and envelope.sent_ns >= from_ns:
             data = wire.encode(topic, message)
             comparison.take_replayed(topic, envelope.sent_ns, data)
 
@@ -52,7 +54,8 @@ def replay_through(
             inbox.deliver(message.topic, message.data, message.envelope)
 
     def keep(message: Replayed) -> None:
-        if is_compared(message.topic):
+        begun = message.time_ns >= from_ns and not message.is_repeated
+        if begun and is_compared(message.topic):
             comparison.take_recorded(message.topic, message.time_ns, message.data)
 
     if isinstance(node, ClockNode):

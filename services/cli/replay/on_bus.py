@@ -228,7 +228,7 @@ class _Player:
         return message.service in self._real and message.topic.name not in NOT_COMPARED
 
     def _keep(self, message: Replayed) -> None:
-        if self._keeps(message):
+        if self._keeps(message) and not message.is_repeated:
             self._comparison.take_recorded(message.topic, message.time_ns, message.data)
 
     def _play_by_the_clock(

@@ -20,7 +20,7 @@ from services.common.bus.bus import (
     subscribe,
 )
 from services.common.node.node import Envelope
-from services.common.node.topics import BY_NAME, EDGE, Topic, owned_by
+from services.common.node.topics import BY_NAME, EDGE, ROSOUT, Topic, owned_by
 
 MATCH_S = 5.0
 """Wall time within which readers that are alive are found."""
@@ -98,7 +98,9 @@ class Listener:
             source, sent_ns = envelope.source, envelope.sent_ns
             if source in self.own:
                 return
-            self.newest_ns[source] = max(sent_ns, self.newest_ns.get(source, 0))
+            if topic is not ROSOUT:
+                # A log message may come in the middle of a step.
+                self.newest_ns[source] = max(sent_ns, self.newest_ns.get(source, 0))
             if topic.name not in NOT_COMPARED:
                 self._heard.put((topic, data, sent_ns))
 

@@ -47,11 +47,13 @@ def compare_service(
     # What the service logs has been read once.
     logging.getLogger().handlers = [logging.NullHandler()]
     node = make_node(service, settings.config)
-    messages = between(in_time(recording.read()), *span_ns)
+    # It needs what came before the part that is compared.
+    start_ns = recording.start_ns
+    messages = between(in_time(recording.read()), start_ns, span_ns[1])
     try:
-        with shown(*span_ns) as watch:
+        with shown(start_ns, span_ns[1]) as watch:
             comparison = replay_through(
-                node, messages, span_ns[0], recording.pictures == "raw", watch
+                node, messages, start_ns, span_ns[0], recording.pictures == "raw", watch
             )
         waits_for = node.waiting_for()
     finally:

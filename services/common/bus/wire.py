@@ -92,14 +92,14 @@ def encode(topic: Topic[M], message: M) -> bytes:
 
 
 def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
-    """As `encode()`, in pieces, so that a picture's pixels are not copied."""
-    if not isinstance(message, msg.Image):
+    """As `encode()`, in pieces, so that a picture's bytes are not copied."""
+    if not isinstance(message, msg.Image | msg.CompressedImage):
         return (encode(topic, message),)
     try:
         pixels = np.ascontiguousarray(message.data, np.uint8).data
     except (TypeError, ValueError) as error:
         raise WireError("not of its type", str(error)) from error
-    # The pixels come last, after their number.
+    # They come last, after their number.
     head = encode(topic, cast("M", dataclasses.replace(message, data=_NO_PIXELS)))
     return head[: -_LENGTH.size] + _LENGTH.pack(len(pixels)), pixels
 

@@ -4,6 +4,7 @@ order.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeVar
 
@@ -81,7 +82,9 @@ class Seat(Protocol):
 
 
 class LocalSeat:
-    """The seat of a node in this process. Its diagnostics are published by simulation time."""
+    """The seat of a node in this process. Its diagnostics are published by simulation time; only
+    the step times in them are wall time.
+    """
 
     def __init__(
         self, node: Node, inbox: Inbox, outbox: Outbox, rosout: RosoutHandler | None = None
@@ -113,7 +116,9 @@ class LocalSeat:
         self.outbox.now_ns = now_ns
         if self._rosout is not None:
             self._rosout.outbox = self.outbox
+        begun_s = time.perf_counter()
         self.node.step(now_ns, self.inbox, self.outbox)
+        self._report.stepped(now_ns, time.perf_counter() - begun_s)
         if self._report_beat.due(now_ns):
             self.outbox.put(DIAGNOSTICS, self._report.report(now_ns))
         if self._rosout is not None:

@@ -83,7 +83,7 @@ class RecordingInfo:
     tags: tuple[str, ...] = ()
     note: str = ""
     files: tuple[str, ...] = ()
-    """Names of the files of the folder itself, sorted."""
+    """Names of the files of the folder itself, sorted; without hidden ones."""
     problem: str | None = None
     """Why its summary or its labels cannot be read, in one line."""
     labels_unreadable: bool = False
@@ -302,7 +302,7 @@ def _info(path: Path, files: Mapping[str, _File], values: Mapping[str, Any]) -> 
         recording=path / RECORDING if RECORDING in files else None,
         closed=closed,
         state="ended" if closed else "running" if is_recording(path) else "interrupted",
-        files=tuple(sorted(name for name in files if "/" not in name)),
+        files=tuple(sorted(name for name in files if "/" not in name and name[0] != ".")),
         **fields,
     )
 

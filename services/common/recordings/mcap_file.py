@@ -70,11 +70,6 @@ class McapFile:
         """Messages by channel."""
         return self._contents.counts
 
-    def type_name(self, channel: rec.Channel) -> str:
-        """The type of a channel's messages."""
-        by_id = {schema.id: schema.name for schema in self._contents.schemas}
-        return by_id.get(channel.schema_id, "")
-
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         """Write named texts. Raises OSError."""
         data = rec.metadata(name, texts)

@@ -72,6 +72,7 @@ async def _compare(request: Request) -> Response:
         others=others,
         series=[run.name for run in runs if run is not None and SERIES in run.files],
         number=_number,
+        said=lambda line: line.replace(f"{folder}/", ""),
     )
 
 

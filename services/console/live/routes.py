@@ -12,16 +12,16 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from services.console.live.commands import (
+from services.console.live.commands import carry_out
+from services.console.live.feed import MAX_PAGES, Feed, Outgoing
+from services.console.live.frame import text_frame
+from services.console.live.page_messages import (
     Drive,
     RefusedError,
     Show,
     Stop,
-    carry_out,
     read_message,
 )
-from services.console.live.feed import MAX_PAGES, Feed, Outgoing
-from services.console.live.frame import text_frame
 from services.console.live.stack import Stack, StackError
 from services.console.live.teleoperation import Teleoperation
 from services.console.pages import page

@@ -98,15 +98,19 @@ class ZenohStack:
         with self._lock:
             if self._session is None or not self._services:
                 raise StackError(_NO_STACK)
-            if topic.name not in self._publishers:
-                self._publishers[topic.name] = bus.publish(
-                    self._session, topic, self._config.prefix
-                )
             envelope = Envelope(self._source, self._sequence, now_ns, "")
             self._sequence += 1
-            self._publishers[topic.name].put(
-                wire.encode(topic, message), attachment=bus.pack_attachment(topic, envelope)
-            )
+            try:
+                if topic.name not in self._publishers:
+                    self._publishers[topic.name] = bus.publish(
+                        self._session, topic, self._config.prefix
+                    )
+                self._publishers[topic.name].put(
+                    wire.encode(topic, message), attachment=bus.pack_attachment(topic, envelope)
+                )
+            except Exception as error:
+                # Zenoh's own error where the session has just ended.
+                raise StackError(_NO_STACK) from error
 
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
         """See Stack."""

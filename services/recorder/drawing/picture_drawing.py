@@ -88,8 +88,11 @@ def _depth_png(image: msg.Image) -> rr.EncodedDepthImage:
     """Millimetres in 16 bits; depths beyond 65 m are clipped to that."""
     rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
     depth_m = np.ascontiguousarray(rows).view(np.float32)
-    in_range_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)
-    millimetres = np.clip(np.round(1000.0 * in_range_m), 0, 65_535).astype(np.uint16)
+    scaled = 1000.0 * depth_m
+    if not np.isfinite(depth_m.sum()):
+        scaled = np.nan_to_num(scaled, nan=0.0, posinf=0.0, neginf=0.0)
+    np.rint(scaled, out=scaled)
+    millimetres = np.clip(scaled, 0, 65_535, out=scaled).astype(np.uint16)
     _, png = cv2.imencode(".png", millimetres, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return rr.EncodedDepthImage(
         blob=png.tobytes(),

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from services.common.bus import wire
 from services.common.node.documents import World
 from services.common.node.topics import CAMERA_COMPRESSED, CAMERA_IMAGE, TF_STATIC, Topic
 from services.common.recordings.run_folder import MESSAGES, RunFolder
@@ -73,11 +72,8 @@ class RunMessages:
             return
         compressed = None
         if topic is CAMERA_IMAGE and self._config.pictures == "jpeg" and is_drawable(taken.message):
-            compressed = Compressed(
-                CAMERA_COMPRESSED.name,
-                wire.type_name(CAMERA_COMPRESSED),
-                self._pictures.jpeg_message(taken.message),
-            )
+            make = self._pictures.jpeg_message(taken.message)
+            compressed = Compressed(CAMERA_COMPRESSED.name, make)
         self._log.add(topic, taken, now_ns, compressed)
 
     def tick(self) -> None:

@@ -8,13 +8,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from services.common.bus import wire
 from services.common.node.node import Envelope
-from services.common.node.topics import Topic
+from services.common.node.topics import BY_NAME, Topic
 from services.common.recordings.mcap_channels import definition_of, qos_profiles_of, type_hash_of
 from services.common.recordings.mcap_file import McapFile, Row
 from services.common.recordings.mcap_messages import MADE_FROM, REPEATED, SOURCE, WORLD_HASH
@@ -48,23 +47,17 @@ class Compressed(NamedTuple):
     """What is recorded in place of a picture."""
 
     topic_name: str
-    type_name: str
-    pieces: Future[Pieces]
+    make: Callable[[], Pieces]
+    """Waits for its CDR."""
 
 
-class _Route(NamedTuple):
-    """What all messages of a channel have in common."""
-
-    topic_name: str
-    type_name: str
-    source: str
-    world_hash: str
-    made_from: str
-
-
+_Route = tuple[str, str, str, str]
+"""What all messages of a channel have in common: its topic, their source and world, and of a
+compressed picture the topic with the whole one.
+"""
 _Task = tuple[Callable[[], None], bool]
 """What the thread shall do, and whether even after it could not write."""
-_Unmade = tuple[int, int, int, int, Pieces | Future[Pieces]]
+_Unmade = tuple[int, int, int, int, Pieces | Callable[[], Pieces]]
 """As a `Row`, of a message that may not be compressed yet."""
 
 
@@ -186,16 +179,16 @@ class MessageLog:
         """A message with its channel, and its size as far as it is known."""
         envelope = taken.envelope
         name, made_from, pieces, size = topic.name, "", taken.pieces, 0
-        unmade: Pieces | Future[Pieces]
+        unmade: Pieces | Callable[[], Pieces] = pieces
         if compressed is None:
-            type_name, unmade, size = wire.type_name(topic), pieces, sum(map(len, pieces))
+            size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
         else:
-            made_from, (name, type_name, unmade) = name, compressed
-        route = _Route(name, type_name, envelope.source, envelope.world_hash, made_from)
-        channel = self._routes.get(route)
+            made_from, (name, unmade) = name, compressed
+        key = name, envelope.source, envelope.world_hash, made_from
+        channel = self._routes.get(key)
         if channel is None:
-            channel = self._routes[route] = len(self._routes)
-            self._put(lambda: _add_channel(self._file, route))
+            channel = self._routes[key] = len(self._routes)
+            self._put(lambda: _add_channel(self._file, key))
         sequence, sent_ns = envelope.sequence & 0xFFFFFFFF, max(0, envelope.sent_ns)
         return (channel, sequence, max(0, time_ns), sent_ns, unmade), size
 
@@ -257,14 +250,8 @@ class MessageLog:
         self._repeated = Counter({name: int(count) for name, count in repeated.items()})
         for channel in self._file.channels:
             texts = channel.metadata
-            route = _Route(
-                channel.topic,
-                self._file.type_name(channel),
-                texts.get(SOURCE, ""),
-                texts.get(WORLD_HASH, ""),
-                texts.get(MADE_FROM, ""),
-            )
-            self._routes[route] = channel.id
+            about = (texts.get(SOURCE, ""), texts.get(WORLD_HASH, ""), texts.get(MADE_FROM, ""))
+            self._routes[channel.topic, *about] = channel.id
 
     def _counts(self) -> Counter[str]:
         return _by_origin(list(self._file.channels), self._file.counts)
@@ -290,21 +277,21 @@ def _counted(path: Path) -> Counter[str]:
 
 
 def _add_channel(file: McapFile, route: _Route) -> None:
+    topic_name, source, world_hash, made_from = route
+    type_name = wire.type_name(BY_NAME[topic_name])
     texts = {
-        SOURCE: route.source,
-        WORLD_HASH: route.world_hash,
-        "offered_qos_profiles": qos_profiles_of(route.topic_name),
-        "topic_type_hash": type_hash_of(route.type_name),
+        SOURCE: source,
+        WORLD_HASH: world_hash,
+        "offered_qos_profiles": qos_profiles_of(topic_name),
+        "topic_type_hash": type_hash_of(type_name),
     }
-    if route.made_from:
-        texts[MADE_FROM] = route.made_from
-    file.add_channel(route.topic_name, route.type_name, definition_of(route.type_name), texts)
+    if made_from:
+        texts[MADE_FROM] = made_from
+    file.add_channel(topic_name, type_name, definition_of(type_name), texts)
 
 
 def _made(rows: Iterable[_Unmade]) -> list[Row]:
     """The messages, compressed, in the order in which they were sent."""
-    made: list[Row] = [
-        (*row[:4], row[4].result() if isinstance(row[4], Future) else row[4]) for row in rows
-    ]
+    made: list[Row] = [(*row[:4], row[4]() if callable(row[4]) else row[4]) for row in rows]
     made.sort(key=operator.itemgetter(2))
     return made

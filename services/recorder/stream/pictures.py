@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import cv2
@@ -45,8 +46,8 @@ class Pictures:
         self._newest = image.data, future
         return future
 
-    def jpeg_message(self, image: msg.Image) -> Future[tuple[wire.Buffer, ...]]:
-        """The same as the CDR of a sensor_msgs/CompressedImage."""
+    def jpeg_message(self, image: msg.Image) -> Callable[[], tuple[wire.Buffer, ...]]:
+        """What waits for the same as the CDR of a sensor_msgs/CompressedImage."""
         jpeg = self.jpeg(image)
 
         def make() -> tuple[wire.Buffer, ...]:
@@ -55,9 +56,9 @@ class Pictures:
                 format=JPEG_FORMAT.format(encoding=image.encoding),
                 data=np.frombuffer(jpeg.result(), np.uint8),
             )
-            return (wire.encode(CAMERA_COMPRESSED, message),)
+            return wire.encode_in_pieces(CAMERA_COMPRESSED, message)
 
-        return self._maker.submit(make)
+        return make
 
     def close(self) -> None:
         """End, when all are made."""

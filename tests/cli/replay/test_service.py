@@ -118,6 +118,15 @@ def test_a_part_from_the_beginning_is_the_same_too(run_folder: Path) -> None:
     assert {row["topic"]: row["recorded"] for row in told["topics"]}["/amcl_pose"] == 11
 
 
+def test_a_later_part_is_the_same_as_the_service_gets_all_before(run_folder: Path) -> None:
+    whole, part = (
+        {row["topic"]: row for row in replayed(run_folder, "navigation", *options)["topics"]}
+        for options in ((), ("--start", "1.2"))
+    )
+    assert 0 < part["/cmd_vel"]["same"] < whole["/cmd_vel"]["same"]
+    assert part["/cmd_vel"]["same"] == part["/cmd_vel"]["recorded"]
+
+
 def test_a_message_that_is_missing_or_another_is_found(run_folder: Path, tmp_path: Path) -> None:
     def change(message: Any) -> Any:
         if message.topic == "/cmd_vel" and message.envelope.sequence == 7:

@@ -123,6 +123,7 @@ def test_each_node_tells_of_itself_once_a_second() -> None:
         def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
             for array in inbox.new(DIAGNOSTICS):
                 self.told += [f"{status.name} {status.message}" for status in array.status]
+                self.told += [value.key for status in array.status for value in status.values]
 
     log: list[str] = []
     recorder = Recorder()
@@ -130,3 +131,5 @@ def test_each_node_tells_of_itself_once_a_second() -> None:
     executive.run(lambda: executive.now_ns >= 2_500 * STEP_NS)
     assert recorder.told.count("navigation waiting for a scan on /scan") == 3
     assert recorder.told.count("physics active") == 3
+    # The recorder's own first report comes after the last that it reads.
+    assert recorder.told.count("step_time_p99_ms") >= 6

@@ -146,7 +146,7 @@ def test_costs_and_contacts_are_drawn(run: Path) -> None:
     costs = CostRows(time_s=(1.0, 2.0), step_time_p99_ms=(3.0, 4.5), missed_periods=(0.0, 7.0))
     contact = SeriesEvent(time_s=1.0, kind="contact", text="base_link touches Wall", x_m=1, y_m=1)
     text = report_of(run)
-    assert "do not report their step times" in text
+    assert "no service has reported its step times" in text
     change_series(run, costs={"navigation": costs}, events=(contact,))
     text = report_of(run)
     assert "Step time, 99th percentile" in text

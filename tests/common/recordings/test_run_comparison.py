@@ -93,6 +93,17 @@ def test_a_message_s_digest_is_that_of_all_it_holds(topic: Topic[Any]) -> None:
     assert message_digest(topic, wire.decode(topic, data)) == digest
 
 
+def test_a_large_message_has_the_same_digest_in_one_piece_and_in_several() -> None:
+    pixels = np.random.default_rng(7).integers(0, 255, 640 * 480 * 3).astype(np.uint8)
+    image = msg.Image(msg.header(0, "camera"), 480, 640, "rgb8", 0, 1920, pixels)
+    pieces = wire.encode_in_pieces(table.CAMERA_IMAGE, image)
+    assert len(pieces) > 1
+    digest = digest_of(pieces)
+    assert digest == digest_of([wire.encode(table.CAMERA_IMAGE, image)])
+    pixels[-1] ^= 1
+    assert digest_of(pieces) != digest
+
+
 def test_one_bit_of_a_picture_one_number_one_letter_make_another_digest() -> None:
     def changed(topic: Topic[Any], change: Callable[[Any], None]) -> bool:
         other = copy.deepcopy(SAMPLES[topic])

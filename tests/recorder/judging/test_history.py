@@ -92,7 +92,7 @@ def test_costs_and_states_are_those_that_the_services_say() -> None:
 
 def test_the_pace_is_measured_without_pauses() -> None:
     history = RunHistory()
-    for wall_s, now_s, is_paused in ((0, 0, False), (2, 4, False), (9, 4, True), (11, 8, False)):
+    for wall_s, now_s, is_paused in ((0, 0, False), (2, 4, False), (9, 5, True), (11, 9, False)):
         history.tick(float(wall_s), now_s * SECOND_NS, is_paused)
     assert series_of(history).pace.real_time_factor == (2.0, 2.0)
 

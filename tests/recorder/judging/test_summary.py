@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 from pydantic_core import to_json
 
-from services.common.node.documents import Evaluation, GoalReport
+from services.common.config import changed_defaults
+from services.common.node.documents import Evaluation, GoalReport, Parameters
 from services.common.node.node import TopicCounts
 from services.common.recordings.summary import RunSummary
-from services.recorder.judging.summary import build_summary, summary_text
+from services.recorder.config import RecorderConfig
+from services.recorder.judging.summary import _changed, build_summary, summary_text
 from services.recorder.judging.wall_time import WallTime
 from tests.recorder.synthetic import room
 
@@ -57,3 +60,24 @@ def test_what_is_not_finite_is_null() -> None:
 
 def test_no_piece_is_longer_than_a_goal() -> None:
     assert max(map(len, summary_text(summary_of((GOAL,) * 1000)))) < 1000
+
+
+def test_settings_that_are_not_the_defaults_are_listed_by_service() -> None:
+    said = [
+        Parameters(service="physics", values={"seed": 8, "b": 2, "a": 1}, defaults={"b": 1}),
+        Parameters(service="navigation", values={"seed": 8, "x": None}, defaults={"x": 3}),
+        Parameters(service="recorder", values={"live": True}, defaults={"live": False}),
+        # The seed is the run's own, and is said once.
+        Parameters(service="spawner", values={"seed": 8}, defaults={"seed": 7}),
+    ]
+    changed = _changed(said)
+    assert {name: (one.value, one.default) for name, one in changed.items()} == {
+        "navigation.x": (None, 3),
+        "physics.b": (2, 1),
+    }
+
+
+def test_a_service_says_which_of_its_settings_are_not_the_defaults(tmp_path: Path) -> None:
+    assert changed_defaults(RecorderConfig()) == {}
+    config = RecorderConfig(recordings_dir=tmp_path, keep_days=3.0, live=False)
+    assert changed_defaults(config) == {"recordings_dir": "recordings", "keep_days": None}

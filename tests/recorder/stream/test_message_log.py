@@ -95,8 +95,9 @@ def test_messages_stand_in_the_order_in_which_they_were_sent(tmp_path: Path) -> 
     """The recorder takes them topic by topic, and some are compressed meanwhile."""
     log = log_of(tmp_path)
     late: Future[tuple[wire.Buffer, ...]] = Future()
-    name, kind = table.CAMERA_COMPRESSED.name, wire.type_name(table.CAMERA_COMPRESSED)
-    log.add(table.CAMERA_IMAGE, taken(table.CAMERA_IMAGE, 2), 0, Compressed(name, kind, late))
+    name = table.CAMERA_COMPRESSED.name
+    compressed = Compressed(name, lambda: late.result(10.0))
+    log.add(table.CAMERA_IMAGE, taken(table.CAMERA_IMAGE, 2), 0, compressed)
     for number in (1, 2, 3):
         log.add(table.SCAN, taken(table.SCAN, number), 0)
     log.flush(tuple, 0)
@@ -120,10 +121,10 @@ def test_a_picture_is_compressed_once_for_everybody() -> None:
     image = msg.Image(header, 240, 320, "rgb8", 0, 960, pixels.reshape(-1))
     pictures = Pictures(75)
     first = pictures.jpeg(image)
-    (data,) = pictures.jpeg_message(image).result(10.0)
+    data = b"".join(pictures.jpeg_message(image)())
     assert pictures.jpeg(image) is first
     pictures.close()
-    message = wire.decode(table.CAMERA_COMPRESSED, bytes(data))
+    message = wire.decode(table.CAMERA_COMPRESSED, data)
     assert message.format == "rgb8; jpeg compressed bgr8"
     assert message.header == header
     assert message.data.tobytes() == first.result()

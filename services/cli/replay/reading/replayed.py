@@ -29,6 +29,11 @@ class Replayed(NamedTuple):
     time_ns: int
     """When it is sent in the replay: simulation time."""
 
+    @property
+    def is_repeated(self) -> bool:
+        """Whether it was sent before the replay's beginning, and held then."""
+        return self.time_ns != self.envelope.sent_ns
+
 
 def in_time(messages: Iterable[Replayed], window_ns: int = WINDOW_NS) -> Iterator[Replayed]:
     """The messages by time; those of one time in the order in which they come."""

@@ -1,0 +1,59 @@
+"""The console as a process, as `mazebot console` and a container start it."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from services.common.root import ROOT
+from services.console.health import is_healthy
+from tests.console.conftest import FIRST
+from tests.console.runs import make_run
+from tests.console.served import Served
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(
+            ("services.cli", "console", "--dir", "runs", "--port", "0", "--no-live"),
+            marks=pytest.mark.slow,
+        ),
+        ("services.console", "--recordings-dir", "runs", "--port", "0", "--live", "false"),
+    ],
+)
+def test_the_console_says_its_address_and_ends_by_a_signal(
+    tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    make_run(tmp_path / "runs", FIRST)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        [sys.executable, "-m", *command],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline()
+            match = re.fullmatch(
+                r"\[INFO\] \[console\]: http://localhost:(\d+)/ shows runs\n", line
+            )
+            assert match, line
+            served = Served(int(match[1]), tmp_path)
+            assert FIRST in served.ask("/runs").text
+            assert is_healthy(served.port)
+            process.send_signal(signal.SIGTERM)
+            assert process.stdout.read() == ""
+            assert process.wait(10.0) in (0, -signal.SIGTERM)
+        finally:
+            process.kill()
+    assert not is_healthy(served.port)
