@@ -61,6 +61,11 @@ function showStack({ services, how_to_start: hint }) {
   $("no-stack").hidden = runs;
   $("live").hidden = !runs;
   $("how-to-start").textContent = hint;
+  $("link").textContent = runs ? "connected" : "no stack";
+  $("link").className = `badge ${runs ? "good" : "warn"}`;
+  for (const control of document.querySelectorAll(".clock :is(button, select)")) {
+    control.disabled = !runs;
+  }
 }
 
 function say(text, isBad = false) {
