@@ -126,7 +126,10 @@ def test_what_others_read_is_no_mistake(monkeypatch: pytest.MonkeyPatch) -> None
     ("text", "words"),
     [
         ("physcis: {rate_hz: 2}", ["physcis", "unknown section", "physics?"]),
-        ("physics: {rate_hz: 2}\nfoo: {}", ["foo", "must be one of seed, bus, console, router, worldgen"]),
+        (
+            "physics: {rate_hz: 2}\nfoo: {}",
+            ["foo", "must be one of seed, bus, console, router, worldgen"],
+        ),
         ("physics: {rate: 2}", ["physics.rate: 2", "unknown field", "rate_hz?"]),
         ("physics: 3", ["physics: 3", "mapping of fields"]),
         ("physics: {rate_hz: -2}", ["rate_hz", "greater than 0", "-2 from", "bad.yaml"]),

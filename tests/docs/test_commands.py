@@ -38,8 +38,8 @@ ON_A_STACK = {
     *("goal", "cancel", "sim", "spawn", "move", "remove", "entities", "topic", "waypoints"),
     *("spin", "backup", "dock", "undock", "teleop"),
 }
-ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view")
-SHORTER = {"--count 100": "--count 2"}
+ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view", "console")
+SHORTER = {"--count 100": "--count 2", "--port 8080": "--port 0"}
 CAMERA_INFO = f"""
 image_width: 640
 image_height: 480
@@ -92,7 +92,8 @@ def test_a_target_of_make_exists(example: Example) -> None:
 def environment(**more: str) -> dict[str, str]:
     # `source .venv/bin/activate` does no more than this.
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    return {**os.environ, "PATH": path, "COLUMNS": "200", **more}
+    # Two tests at once may each start a console.
+    return {**os.environ, "PATH": path, "COLUMNS": "200", "MAZEBOT_CONSOLE_PORT": "0", **more}
 
 
 @pytest.fixture(scope="module")
