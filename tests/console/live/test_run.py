@@ -96,6 +96,32 @@ def test_waypoints_are_taken_up_and_canceled(page: Page) -> None:
         assert page.done(do="cancel") == "canceled: the robot stops"
 
 
+def test_other_tasks_are_begun_paused_and_canceled(page: Page) -> None:
+    page.done(do="simulation", speed=0.0)
+    _, _, yaw = truth(page)
+    assert page.done(do="spin", angle_rad=0.5) == "turning by 29 degrees"
+    page.wait_for(lambda: abs(math.remainder(truth(page)[2] - yaw - 0.5, 2 * math.pi)) < 0.1)
+    x, y, _ = truth(page)
+    assert page.done(do="back_up", distance_m=0.1) == "driving back by 0.1 m"
+    page.wait_for(lambda: math.dist(truth(page)[:2], (x, y)) > 0.08)
+    page.done(do="simulation", speed=1.0)
+    page.done(do="goal", pose={"x_m": 1.35, "y_m": -0.6, "yaw_rad": 0.0})
+    assert page.done(do="pause_task", pause=True) == "paused: the robot stops"
+    page.wait_for(lambda: page.newest["feedback"]["paused"])
+    assert page.done(do="pause_task", pause=False) == "the robot goes on"
+    assert page.done(do="clear_costmaps") == "costmaps cleared"
+    assert page.done(do="cancel") == "canceled: the robot stops"
+
+
+def test_the_robot_is_found_on_the_whole_map(page: Page) -> None:
+    page.wait_kind("localization")
+    assert page.done(do="global_localization").startswith("searching the robot")
+    page.wait_for(lambda: page.newest["localization"]["state"] == "searching")
+    page.done(do="simulation", speed=0.0)
+    page.wait_for(lambda: page.newest["localization"]["state"] == "localized")
+    page.wait_for(lambda: page.newest["pose"]["estimate"] == pytest.approx(truth(page), abs=0.2))
+
+
 def test_what_a_service_refuses_is_said_in_its_words(page: Page, run: Run) -> None:
     answer = page.ask(do="goal", pose={"x_m": 500.0, "y_m": 0.0, "yaw_rad": 0.0})
     assert "error code" in answer["error"]
