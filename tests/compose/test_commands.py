@@ -77,6 +77,7 @@ def test_a_profile_a_seed_and_no_markers(person: int) -> None:
         assert not world.markers
         assert {wall.height_m for wall in world.walls} == {3.0}
         assert all(on_walls(world))
+        assert "recording to" in (log := stack.logs("recorder")), log
         # In the middle of the drive.
         assert stack.down() <= 5.0
         assert stack.containers() == []
