@@ -70,6 +70,7 @@ def test_what_is_no_run_or_is_broken_hides_nothing(served: Served) -> None:
     (served.folder / "file.txt").write_text("")
     broken = make_run(served.folder, "2026-01-03_10-00-00_broken")
     (broken / "summary.json").write_text("{")
+    wait_until(lambda: "summary.json" in served.ask("/runs").text, "the broken run")
     for path in ("/runs", f"/runs/{broken.name}", f"/compare?run={FIRST}&run={broken.name}"):
         answer = served.ask(path)
         assert answer.status == 200

@@ -29,6 +29,8 @@ from services.console.viewer_assets import live_data_of, viewer_policy, viewer_v
 
 SEND_TIMEOUT_S = 15.0
 """A page that takes nothing for so long is given up."""
+_LAST_MESSAGES_S = 0.2
+"""For what came before a page went, where it was the sending that found out."""
 MESSAGES_PER_S, BURST = 40.0, 80.0
 """What a page may send: it repeats a velocity ten times a second."""
 MAX_PENDING = 8
@@ -77,11 +79,14 @@ class _Page:
 
     async def serve(self) -> None:
         """Return when the page has gone."""
-        tasks = [asyncio.create_task(one()) for one in (self._send, self._receive)]
+        receiving = asyncio.create_task(self._receive())
+        tasks = [asyncio.create_task(self._send()), receiving]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            self._teleoperation.stop()
+            # What a page has sent before it went counts.
+            await asyncio.wait([receiving], timeout=_LAST_MESSAGES_S)
         finally:
-            # Before anything that may wait.
             self._teleoperation.stop()
             for task in (*tasks, *self._pending):
                 task.cancel()
@@ -146,13 +151,16 @@ class _Page:
             case _ if len(self._pending) >= MAX_PENDING:
                 self._answer(number, "", "too many requests wait for their answers")
             case _:
-                task = asyncio.create_task(self._carry_out(number, action))
+                # On a thread from now on: it is carried out also where the page goes at once.
+                loop = asyncio.get_running_loop()
+                done = loop.run_in_executor(None, carry_out, self._stack, action)
+                task = asyncio.create_task(self._tell_of(number, done))
                 self._pending.add(task)
                 task.add_done_callback(self._pending.discard)
 
-    async def _carry_out(self, number: int, action: object) -> None:
+    async def _tell_of(self, number: int, done: asyncio.Future[str]) -> None:
         try:
-            said = await asyncio.to_thread(carry_out, self._stack, action)
+            said = await asyncio.shield(done)
         except RefusedError as error:
             self._answer(number, "", str(error))
         else:
