@@ -105,6 +105,7 @@ def test_blank_pictures_are_of_every_kind_and_repeat() -> None:
         assert (one == two).all(), kind
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_a_detector_that_works(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "WORLDS", (("sim_house_markers", ()),))
     monkeypatch.setattr(blank, "WORLDS", ("sim_house", "sim_house_rooms"))

@@ -36,6 +36,7 @@ def driven(run: Path, *words: str, **environment: str) -> dict[str, Any]:
     return summary_of(run)
 
 
+@pytest.mark.slow
 def test_a_run_s_own_configuration_repeats_it(tmp_path: Path, worlds_dir: Path) -> None:
     settings = {
         "MAZEBOT_PHYSICS_SCAN_NOISE_M": "0.02", "MAZEBOT_NAVIGATION_DESIRED_LINEAR_VEL": "0.3",

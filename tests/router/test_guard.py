@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from services.cli.loopback_router import free_port, wait_for_router
-from services.router.guard import EXIT_SILENT, START_TICKS, Silence, reachable
+from services.router.guard import EXIT_SILENT, PERIOD_S, START_TICKS, Silence, reachable
 
 DEADLINE_S = 45.0
 
@@ -58,6 +58,9 @@ def has_a_connection(pid: int) -> bool:
 def test_a_router_that_hangs_is_ended(router: tuple[subprocess.Popen[str], int, str]) -> None:
     guard, pid, _ = router
     wait_until(lambda: has_a_connection(guard.pid))
+    # Before its first answer a router has longer: it may be starting.
+    answered_s = time.monotonic() + 2.0 * PERIOD_S
+    wait_until(lambda: time.monotonic() > answered_s)
     os.kill(pid, signal.SIGSTOP)
     assert guard.wait(DEADLINE_S) == EXIT_SILENT
     assert not is_running(pid)

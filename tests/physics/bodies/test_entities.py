@@ -471,6 +471,7 @@ def cycled(cycles: int) -> tuple[float, float, float, float]:
     return before_mb, after_mb, float(times_ms[0]), float(times_ms[1])
 
 
+@pytest.mark.slow
 def test_coming_and_going_takes_no_memory_and_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bodies_module, "_MAX_GARBAGE_BYTES", 100_000)
     before_mb, after_mb, before_ms, after_ms = cycled(200)

@@ -37,6 +37,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_module, "_END_TIMEOUT_S", 0.1)
 
 
+@pytest.mark.slow
 def test_a_viewer_that_stalls_costs_the_file_nothing_and_nobody_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -69,6 +70,7 @@ def test_a_viewer_that_stalls_costs_the_file_nothing_and_nobody_waits(
     assert "recording stopped" not in caplog.text
 
 
+@pytest.mark.slow
 def test_behind_a_viewer_that_stalls_only_the_newest_of_everything_waits(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
