@@ -153,22 +153,27 @@ class _Page:
             case _:
                 # On a thread from now on: it is carried out also where the page goes at once.
                 loop = asyncio.get_running_loop()
-                done = loop.run_in_executor(None, carry_out, self._stack, action)
+                done = loop.run_in_executor(None, _carried_out, self._stack, action)
                 task = asyncio.create_task(self._tell_of(number, done))
                 self._pending.add(task)
                 task.add_done_callback(self._pending.discard)
 
-    async def _tell_of(self, number: int, done: asyncio.Future[str]) -> None:
-        try:
-            said = await asyncio.shield(done)
-        except RefusedError as error:
-            self._answer(number, "", str(error))
-        else:
-            self._answer(number, said, "")
+    async def _tell_of(self, number: int, done: asyncio.Future[tuple[str, str]]) -> None:
+        self._answer(number, *await asyncio.shield(done))
 
     def _answer(self, number: int | None, said: str, error: str) -> None:
         content = {"id": number, "said": said, "error": " ".join(error.split())}
         self._outgoing.offer(text_frame("answer", content, is_event=True))
+
+
+def _carried_out(stack: Stack, action: object) -> tuple[str, str]:
+    """What to tell the person, and why it was refused; one of them is empty. It raises nothing of
+    that, because the page may have gone: nobody would take it.
+    """
+    try:
+        return carry_out(stack, action), ""
+    except RefusedError as error:
+        return "", str(error)
 
 
 def _id_of(text: str) -> int | None:

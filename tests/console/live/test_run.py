@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import math
 import time
@@ -249,6 +250,17 @@ def test_an_order_of_a_page_that_goes_at_once_is_carried_out(page: Page, run: Ru
     with run.page() as other:
         other.tell(do="simulation", pause=True)
     page.wait_for(lambda: page.newest["stats"]["paused"])
+
+
+def test_nobody_misses_the_refusal_of_an_order_whose_page_has_gone(
+    page: Page, run: Run, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(5):
+        with run.page() as other:
+            other.tell(do="remove", name="nothing")
+    assert page.ask(do="remove", name="nothing")["error"]
+    gc.collect()
+    assert [record for record in caplog.records if record.name == "asyncio"] == []
 
 
 def test_time_is_paused_stepped_and_sped_up(page: Page) -> None:
