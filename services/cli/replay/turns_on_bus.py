@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import zenoh
 
@@ -20,6 +21,14 @@ from services.common.node.topics import SERVICES
 
 TIMEOUT_S = 10.0
 """Wall time within which a service must end its turn."""
+
+
+@contextmanager
+def _in_one_line() -> Iterator[None]:
+    try:
+        yield
+    except LockstepError as error:
+        raise ConfigError(f"replay: {error}") from error
 
 
 class TurnsOnBus:
@@ -58,6 +67,7 @@ class TurnsOnBus:
             counts.subtract(self._before.get(service, {}))
         return dict(counts)
 
+    @_in_one_line()
     def play(
         self,
         feed: Feed,
@@ -68,20 +78,6 @@ class TurnsOnBus:
         missing_at: Callable[[int], bool],
     ) -> None:
         """Replay all messages. Raises ConfigError where a service breaks the lockstep."""
-        try:
-            self._play(feed, sender, speed, keep, watch, missing_at)
-        except LockstepError as error:
-            raise ConfigError(f"replay: {error}") from error
-
-    def _play(
-        self,
-        feed: Feed,
-        sender: Sender,
-        speed: float,
-        keep: Callable[[Replayed], None],
-        watch: Callable[[int], object],
-        missing_at: Callable[[int], bool],
-    ) -> None:
         ledger = Ledger()
         self._sent.clear()
         self._before.clear()
