@@ -27,6 +27,8 @@ TURN_CELLS: Final = 1.5
 """A turn to the next heading costs as much as this many cells."""
 REVERSE_FACTOR: Final = 2.0
 """A step backwards costs this many times one ahead (Nav2's reverse_penalty of Smac Hybrid)."""
+_MOST_BEFORE_GOAL: Final = 3000
+"""With more poses than these that lead to the goal, it counts as no closed pocket."""
 
 Keys = NDArray[np.int64]
 
@@ -39,6 +41,108 @@ def _slot(keys: Keys, key: int) -> int:
     while keys[at] != key and keys[at] >= 0:
         at = (at + 1) & mask
     return at
+
+
+@kernel()
+def _step_hits(
+    distance_m: Clearance,
+    resolution_m: float,
+    outline_m: Array,
+    circles: Array,
+    from_x: int,
+    from_y: int,
+    to_x: int,
+    to_y: int,
+    yaw_rad: float,
+) -> bool:
+    """Whether the polygon touches an obstacle on a step, its end included; places in half cells."""
+    if hits(distance_m, resolution_m, outline_m, circles, 0.5 * to_x, 0.5 * to_y, yaw_rad):
+        return True
+    return abs(to_x - from_x) + abs(to_y - from_y) > 2 and hits(
+        distance_m, resolution_m, outline_m, circles, 0.25 * (from_x + to_x),
+        0.25 * (from_y + to_y), yaw_rad,
+    )  # fmt: skip
+
+
+@kernel()
+def _closed_off(
+    cells: Costs,
+    to_goal: CostToCome,
+    distance_m: Clearance,
+    resolution_m: float,
+    outline_m: Array,
+    circles: Array,
+    headings_rad: Array,
+    ahead: NDArray[np.int64],
+    first_start: Array,
+    goal_x: int,
+    goal_y: int,
+    reverse_within: float,
+    ends: NDArray[np.bool_],
+    seeds: Keys,
+) -> bool:
+    """Whether the poses from which it gets to the goal are few, and no start is among them: the
+    search would know that only after it has been everywhere else.
+
+    Args as of `drive_through`; the goal's place in half cells; (HEADINGS,) with which headings
+    there a way may end; and the table of the keys of the starts' poses.
+    """
+    flat = cells.ravel()
+    stride, count = cells.shape[1], headings_rad.size
+    width = 2 * stride
+    table = 1
+    while table < 4 * _MOST_BEFORE_GOAL:
+        table *= 2
+    keys = np.full(table, -1, np.int64)
+    queue = np.empty(_MOST_BEFORE_GOAL + 4 + count, np.int64)
+    used, done = 0, 0
+    for h in range(count):
+        if ends[h]:
+            queue[used] = (goal_y * width + goal_x) * count + h
+            keys[_slot(keys, queue[used])] = queue[used]
+            used += 1
+    while done < used:
+        key = queue[done]
+        done += 1
+        if used > _MOST_BEFORE_GOAL or seeds[_slot(seeds, key)] == key:
+            return False
+        h, place = key % count, key // count
+        ix, iy = place % width, place // width
+        for move in range(4):
+            from_x, from_y, from_h = ix, iy, h
+            if move < 2:
+                sign = 1 - 2 * move
+                from_x -= sign * ahead[h, 0]
+                from_y -= sign * ahead[h, 1]
+                if move == 1 and not (
+                    abs(0.5 * ix - first_start[0]) <= reverse_within
+                    and abs(0.5 * iy - first_start[1]) <= reverse_within
+                ):
+                    continue
+                cell = (from_y + 1) // 2 * stride + (from_x + 1) // 2
+                if flat[cell] >= SOLID or not np.isfinite(to_goal[cell]):
+                    continue
+                if _step_hits(
+                    distance_m, resolution_m, outline_m, circles, ix, iy, from_x, from_y,
+                    headings_rad[h],
+                ):  # fmt: skip
+                    continue
+            else:
+                from_h = (h + 2 * move - 5 + count) % count
+                by = headings_rad[from_h] - headings_rad[h]
+                by -= math.floor(by / math.tau + 0.5) * math.tau
+                if turn_hits(
+                    distance_m, resolution_m, outline_m, circles, 0.5 * ix, 0.5 * iy,
+                    headings_rad[h], by,
+                ):  # fmt: skip
+                    continue
+            from_key = (from_y * width + from_x) * count + from_h
+            slot = _slot(keys, from_key)
+            if keys[slot] != from_key:
+                keys[slot] = from_key
+                queue[used] = from_key
+                used += 1
+    return True
 
 
 @kernel()
@@ -140,8 +244,20 @@ def drive_through(
             head[at % ring] = used
             used += 1
             waiting += 1
-    if waiting > 0:
-        bucket = int(lowest)
+    if waiting == 0:
+        return NO_WAY, np.empty((0, 4)), 0
+    ends = np.zeros(count, np.bool_)
+    for h in range(count):
+        x, y = 0.5 * goal_x, 0.5 * goal_y
+        ends[h] = not hits(
+            distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h]
+        ) and can_turn(distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h], goal[2])
+    if _closed_off(
+        cells, to_goal, distance_m, resolution_m, outline_m, circles, headings_rad, ahead,
+        starts[0], goal_x, goal_y, reverse_within, ends, keys,
+    ):  # fmt: skip
+        return NO_WAY, np.empty((0, 4)), 0
+    bucket = int(lowest)
     states = 0
     found = -1
     while waiting > 0 and found < 0:
@@ -163,13 +279,7 @@ def drive_through(
         place = key // count
         ix, iy = place % width, place // width
         x, y = 0.5 * ix, 0.5 * iy
-        if (
-            abs(ix - goal_x) <= 0
-            and abs(iy - goal_y) <= 0
-            and can_turn(
-                distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h], goal[2]
-            )
-        ):
+        if ix == goal_x and iy == goal_y and ends[h]:
             found = slot
             break
         here = cost_to_come[slot]
@@ -206,14 +316,9 @@ def drive_through(
             if keys[to] == to_key and np.float32(cost) >= cost_to_come[to]:
                 continue
             if move < 2:
-                if hits(
-                    distance_m, resolution_m, outline_m, circles, 0.5 * to_x, 0.5 * to_y,
+                if _step_hits(
+                    distance_m, resolution_m, outline_m, circles, ix, iy, to_x, to_y,
                     headings_rad[h],
-                ):  # fmt: skip
-                    continue
-                if abs(ahead[h, 0]) + abs(ahead[h, 1]) > 2 and hits(
-                    distance_m, resolution_m, outline_m, circles,
-                    0.25 * (ix + to_x), 0.25 * (iy + to_y), headings_rad[h],
                 ):  # fmt: skip
                     continue
             elif turn_hits(distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h], by):

@@ -173,6 +173,13 @@ class Planner:
             return task
         return self._rejoined(task, tolerance_m, static)
 
+    def _in_one_region(self, task: _Task, cell: Cell) -> bool:
+        """Whether free cells join a cell and the goal."""
+        regions = self._kept.regions
+        regions.find(task.grid.cells)
+        region = regions.at(task.index(cell))
+        return region >= 0 and region == regions.at(task.index(task.goal_cell))
+
     def _rejoined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
         """The task with another start or goal, as far as tolerances allow it; else raises."""
         grid, kept = task.grid, self._kept
@@ -261,7 +268,7 @@ class Planner:
         x_m, y_m = grid.in_map(points[last : last + 1])[0].tolist()
         free = SE2(x_m, y_m, float(yaws_rad[last - 1]))
         cell = grid.cell(*free[:2])
-        if cell is not None and grid.is_free(cell):
+        if cell is not None and self._in_one_region(task, cell):
             smooth = self._searched(replace(task, start=free, start_cell=cell))
             at, _ = first_obstruction(
                 task.costmap.clearance_m, grid.frame.resolution_m, footprint.points_m,

@@ -15,8 +15,10 @@ from services.common.frames import SE2
 from services.navigation.costmap.footprint import WAFFLE
 from services.navigation.costmap.layered_costmap import Costmap
 from services.navigation.errors import NavigationError
+from services.navigation.planning.footprint_check import hits
 from services.navigation.planning.path import PlannedPath
 from services.navigation.planning.planner import Planner
+from services.navigation.planning.search_grid import SOLID, search_grid
 from tests.navigation.planning.grids import PARAMS, RESOLUTION_M, costmap_of
 
 NARROW = replace(PARAMS, footprint=WAFFLE)
@@ -197,3 +199,47 @@ def test_a_gap_that_only_a_circle_would_not_fit_is_used() -> None:
     circle = costmap_of(solid, WAFFLE.circumscribed_radius_m)
     with pytest.raises(NavigationError):
         Planner(PARAMS).plan(circle, start, goal)
+
+
+def fits(costmap: Costmap, pose: SE2) -> bool:
+    grid = search_grid(costmap, WAFFLE.half_width_m, False)
+    cell = grid.cell(*pose[:2])
+    return cell is not None and grid.cells[cell] < SOLID and not hits(
+        costmap.clearance_m, RESOLUTION_M, WAFFLE.points_m, WAFFLE.circles,
+        *grid.at(*pose[:2]), pose.yaw_rad,
+    )  # fmt: skip
+
+
+def test_a_goal_that_no_way_leads_to_is_refused_without_a_search_of_the_whole_map() -> None:
+    solid = np.ones((900, 900), bool)
+    solid[5:895, 5:895] = False
+    hall = costmap_of(solid, WAFFLE.half_width_m)
+    # Its side at the wall: it could get there by driving sideways alone.
+    goal = SE2(0.225 + WAFFLE.half_width_m + 0.0005, 20.01, math.pi / 2 + 0.003)
+    assert fits(hall, goal)
+    with pytest.raises(NavigationError) as caught:
+        Planner(NARROW).plan(hall, SE2(30.0, 20.0, 0.0), goal)
+    assert caught.value.code is ErrorCode.NO_VALID_PATH
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_between_any_two_poses_there_is_a_path_or_a_reason_why_not(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    solid = np.ones((80, 80), bool)
+    solid[5:75, 5:75] = random.random((70, 70)) < 0.004
+    solid[40, 5:30] = solid[40, 38:75] = True
+    costmap = costmap_of(solid, WAFFLE.half_width_m)
+    planner = Planner(NARROW)
+    codes = []
+    for _ in range(80):
+        start, goal = (
+            SE2(*random.uniform(0.3, 3.7, 2).tolist(), random.uniform(-math.pi, math.pi))
+            for _ in range(2)
+        )
+        try:
+            assert planner.plan(costmap, start, goal, 0.25).goal.yaw_rad == goal.yaw_rad
+            codes.append(ErrorCode.NONE)
+        except NavigationError as error:
+            codes.append(error.code)
+    assert codes.count(ErrorCode.NONE) > 30
+    assert ErrorCode.PLANNER_TIMEOUT not in codes
