@@ -232,10 +232,8 @@ def test_between_any_two_poses_there_is_a_path_or_a_reason_why_not(seed: int) ->
     planner = Planner(NARROW)
     codes = []
     for _ in range(80):
-        start, goal = (
-            SE2(*random.uniform(0.3, 3.7, 2).tolist(), random.uniform(-math.pi, math.pi))
-            for _ in range(2)
-        )
+        (x, to_x, y, to_y), turns = random.uniform(0.3, 3.7, 4), random.uniform(-1.0, 1.0, 2)
+        start, goal = SE2(x, y, math.pi * turns[0]), SE2(to_x, to_y, math.pi * turns[1])
         try:
             assert planner.plan(costmap, start, goal, 0.25).goal.yaw_rad == goal.yaw_rad
             codes.append(ErrorCode.NONE)
