@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-import os
 import re
 import signal
 import subprocess
@@ -22,7 +22,7 @@ from services.console.live.routes import live_routes
 from services.console.live.zenoh_stack import ZenohStack
 from services.console.server import build_app
 from services.console.serving import ConsoleServer
-from tests.browser.viewer import CHROMIUM
+from tests.browser.viewer import ARGUMENTS, CHROMIUM
 from tests.console.live.running import Page as Bystander
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ pytestmark = [
 ]
 
 DEADLINE_S = 60.0
+VIEWER_S = 150.0
+"""For the viewer with a software renderer."""
 
 
 @dataclass
@@ -83,23 +85,21 @@ def browser() -> Iterator[Browser]:
 
     with sync_playwright() as playwright:
         started = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=["--no-sandbox"]
+            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
         )
         yield started
         started.close()
 
 
-@pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The console of `mazebot demo --console`."""
-    folder = tmp_path_factory.mktemp("console")
+@contextlib.contextmanager
+def demo(folder: Path, *options: str) -> Iterator[str]:
+    """The address of the console of `mazebot demo --console`."""
     output = folder / "output.txt"
     with output.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "services.cli", "demo", "--console", "--console-port", "0",
-             "--no-tour", "--no-record", "--no-camera", "--out", str(folder / "run")],
+             "--no-tour", "--no-camera", "--out", str(folder / "run"), *options],
             stdout=file, stderr=subprocess.STDOUT,
-            env=os.environ | {"MAZEBOT_CONSOLE_RECORDINGS_DIR": str(folder)},
         )  # fmt: skip
     try:
         yield address_in(output, process)
@@ -109,6 +109,12 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     said = output.read_text()
     assert code == 0, said
     assert "Traceback" not in said
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with demo(tmp_path_factory.mktemp("console"), "--no-record") as address:
+        yield address
 
 
 def address_in(output: Path, process: subprocess.Popen[bytes]) -> str:
@@ -278,3 +284,94 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
         context.close()
         server.stop()
         stack.close()
+
+
+def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(
+    browser: Browser, tmp_path: Path
+) -> None:
+    context = browser.new_context(viewport={"width": 1300, "height": 900})
+    with demo(tmp_path) as url:
+        opened = opened_in(context, url)
+        page = opened.page
+        page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+        page.get_by_role("button", name="3D view").click()
+        page.locator("#rerun[data-recording=run]").wait_for(timeout=1000 * VIEWER_S)
+
+        def shown_s() -> float:
+            return float(page.locator("#rerun").get_attribute("data-time") or 0.0)
+
+        def now_s() -> float:
+            return float(page.locator("#time").inner_text().split()[0])
+
+        # The keys are the page's: the viewer has not taken the focus.
+        page.keyboard.press("f")
+        assert page.locator("#follow[aria-pressed=true]").count() == 1
+        page.keyboard.press("f")
+        # It shows what is recorded after it was opened.
+        at_s = now_s()
+        opened.wait(lambda: shown_s() > at_s + 1.0, VIEWER_S)
+
+        back = page.locator("#log .seek").first
+        back.click()
+        time_s = float(str(back.get_attribute("data-time")))
+        opened.wait(lambda: abs(shown_s() - time_s) < 0.01, VIEWER_S)
+        page.wait_for_timeout(1500)
+        assert abs(shown_s() - time_s) < 0.01
+        page.get_by_role("button", name="Follow the run").click()
+        at_s = now_s()
+        opened.wait(lambda: shown_s() > at_s, VIEWER_S)
+
+        # Keys in the viewer move its camera, and not the robot.
+        page.locator("#rerun canvas").click(position={"x": 150, "y": 120})
+        before_deg = opened.pose()[2]
+        page.keyboard.down("a")
+        page.wait_for_timeout(1000)
+        page.keyboard.up("a")
+        assert turned(opened, before_deg) <= 1.0
+
+        page.evaluate("window.kept = true")
+        page.on("dialog", lambda dialog: dialog.accept())
+        page.get_by_role("button", name="Reset").click()
+        page.locator("#rerun[data-recording=run_2]").wait_for(timeout=1000 * VIEWER_S)
+        assert page.evaluate("window.kept")
+        assert back.is_disabled()
+    context.close()
+    # The viewer would like to know whether there is a newer one: the policy refuses it.
+    assert [one for one in opened.wrong if not re.search("github|Failed to fetch", one)] == []
+
+
+def test_a_click_on_a_time_shows_it_in_the_3d_view(browser: Browser, tmp_path: Path) -> None:
+    context = browser.new_context(viewport={"width": 1300, "height": 900})
+    with demo(tmp_path) as url:
+        opened = opened_in(context, url)
+        page = opened.page
+        page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+        page.locator("#log .seek").first.click()
+        page.locator("#rerun[data-recording=run]").wait_for(timeout=1000 * VIEWER_S)
+        time_s = float(str(page.locator("#log .seek").first.get_attribute("data-time")))
+        shown = page.locator("#rerun")
+        opened.wait(
+            lambda: abs(float(shown.get_attribute("data-time") or "inf") - time_s) < 0.01, VIEWER_S
+        )
+        page.get_by_role("button", name="3D view", pressed=True).click()
+        assert shown.is_hidden()
+    context.close()
+
+
+def test_missed_waypoints_are_told(live: Opened, url: str) -> None:
+    page = live.page
+    with Bystander(url) as bystander:
+        corners = bystander.wait_kind("world")["walls"][0]
+    wall = [sum(corner[axis] for corner in corners) / 4 for axis in (0, 1)]
+    results = page.locator("#results li").count()
+    page.get_by_role("button", name="Waypoints").click()
+    page.mouse.click(*live.pixel(*wall))
+    page.mouse.click(*live.pixel(*wall))
+    page.get_by_role("button", name="Go, stop at each").click()
+    assert live.said() == "driving to 2 waypoints"
+    live.wait(lambda: page.locator("#results li").count() >= results + 3)
+    said = page.locator("#results li").all_inner_texts()[results:]
+    assert "done, 2 missed" in said[0]
+    assert said[1].startswith("waypoint 1 missed: ")
+    assert said[2].startswith("waypoint 2 missed: ")
+    assert page.locator("#results li.bad").count() >= 3

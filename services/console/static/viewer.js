@@ -19,6 +19,7 @@ export class Viewer {
   static async start(box, version) {
     // It tells thousands of lines at this level, which would keep the page busy.
     console.debug = () => {};
+    keepFocus(box);
     const widget = (await import(address(version))).default;
     return new Viewer(box, widget);
   }
@@ -95,4 +96,26 @@ export class Viewer {
       this.onTime(Number(said.time) / 1e9);
     }
   }
+}
+
+/** The viewer takes the focus when it starts, and with it the page's keys: it gets it from a person
+ * only.
+ */
+function keepFocus(box) {
+  let before = document.activeElement;
+  let isWanted = false;
+  const wants = () => { isWanted = true; };
+  box.addEventListener("pointerdown", wants, { capture: true });
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Tab") wants();
+  }, { capture: true });
+  document.addEventListener("focusin", (event) => {
+    if (!box.contains(event.target)) {
+      before = event.target;
+      isWanted = false;
+    } else if (!isWanted) {
+      if (before?.isConnected && before !== document.body) before.focus({ preventScroll: true });
+      if (box.contains(document.activeElement)) document.activeElement.blur();
+    }
+  });
 }

@@ -33,7 +33,7 @@ const link = new Link(take, (isOpen) => {
   }
 });
 const teleop = new Teleop(link, $("joystick"));
-const rerun = new RerunPane($("rerun"), () => panels.run);
+const rerun = new RerunPane($("rerun"), () => panels.run, () => scene.pose?.time_s ?? 0);
 let tool = "move";
 
 function take(kind, content, data) {
@@ -253,15 +253,19 @@ for (const [id, act] of Object.entries(CLICKS)) {
 for (const button of document.querySelectorAll("[data-tool]")) {
   button.addEventListener("click", () => choose(button.dataset.tool === tool ? "move" : button.dataset.tool));
 }
+function showsRerun() {
+  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+}
 $("view-3d")?.addEventListener("click", () => {
   rerun.toggle();
-  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+  showsRerun();
 });
 for (const list of ["results", "log"]) {
   $(list).addEventListener("click", (event) => {
     const time = event.target.closest("[data-time]");
-    if (time) {
+    if (time && $("view-3d")) {
       rerun.seek(Number(time.dataset.time));
+      showsRerun();
     }
   });
 }
@@ -284,7 +288,7 @@ $("pose-form").addEventListener("submit", (event) => {
 const SHORTCUTS = { g: () => choose("goal"), p: () => choose("initial_pose"), f: CLICKS.follow, 0: CLICKS.fit,
   "+": CLICKS["zoom-in"], "-": CLICKS["zoom-out"], escape: () => choose("move") };
 addEventListener("keydown", (event) => {
-  const isField = event.target instanceof Element && event.target.closest("input, select, textarea");
+  const isField = event.target instanceof Element && event.target.closest("input, select, textarea, [id=rerun]");
   const act = SHORTCUTS[event.key.toLowerCase()];
   if (act && !isField && !event.ctrlKey && !event.metaKey && !event.altKey && !event.repeat) {
     act();

@@ -134,5 +134,5 @@ export class Teleop {
 
 /** Whether an element has its own use for letters and arrows. */
 function takesKeys(element) {
-  return element instanceof Element && element.closest("input, select, textarea, [id=log]") !== null;
+  return element instanceof Element && element.closest("input, select, textarea, [id=log], [id=rerun]") !== null;
 }
