@@ -54,6 +54,7 @@ export class Panels {
         break;
       case "began_anew":
         $("tree").replaceChildren();
+        this.#forgetTimes();
         $("task").textContent = "the simulation began anew";
         break;
       case "stats":
@@ -111,11 +112,24 @@ export class Panels {
     }
   }
 
+  /** Times of before are none of the run that is shown now. */
+  #forgetTimes() {
+    for (const time of document.querySelectorAll("#results [data-time], #log [data-time]")) {
+      time.disabled = true;
+      time.title = "before the simulation began anew";
+    }
+  }
+
   #result(timeS, what, content) {
     const done = content.error_code === 0 && (content.status ?? "succeeded") === "succeeded";
-    const how = done ? "done" : `${content.status ?? "failed"}: ${content.error_msg} (${content.error_code})`;
+    const missed = (content.waypoints ?? []).filter((one) => one.status === "failed");
+    const short = missed.length ? `, ${missed.length} missed` : "";
+    const how = done ? `done${short}` : `${content.status ?? "failed"}: ${content.error_msg} (${content.error_code})`;
     const took = (timeS - content.start_time_s).toFixed(1);
-    line($("results"), timeS, `${what}: ${how} after ${took} s`, done ? "good" : "bad");
+    line($("results"), timeS, `${what}: ${how} after ${took} s`, done && !short ? "good" : "bad");
+    for (const one of missed) {
+      line($("results"), null, `waypoint ${one.index + 1} missed: ${one.error_msg} (${one.error_code})`, "bad");
+    }
     $("task").textContent = `${what}: ${how}`;
   }
 
