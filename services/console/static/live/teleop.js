@@ -59,7 +59,8 @@ export class Teleop {
 
   #press(event) {
     const key = event.key.toLowerCase();
-    if (!(key in KEYS) || event.ctrlKey || event.altKey || event.metaKey || takesKeys(event.target)) {
+    // The plan takes arrows itself while something is aimed at.
+    if (event.defaultPrevented || !(key in KEYS) || event.ctrlKey || event.altKey || event.metaKey || takesKeys(event.target)) {
       return;
     }
     event.preventDefault();
