@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import re
 import signal
@@ -26,7 +27,7 @@ from tests.browser.viewer import ARGUMENTS, CHROMIUM
 from tests.console.live.running import Page as Bystander
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, BrowserContext, Page, WebSocketRoute
 
 pytestmark = [
     pytest.mark.browser,
@@ -294,6 +295,23 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
         assert "docker compose up" in opened.page.locator("#how-to-start").inner_text()
         assert opened.page.locator("#live").is_hidden()
         assert opened.wrong == []
+        # One that comes with a service that is not well.
+        values = {"waiting_for": "", "rejected scan: old epoch": "4", "rate_hz scan": "10.00"}
+        status = {"name": "navigation", "level": 1, "message": "active", "values": values}
+        frames = {
+            "stack": {"services": ["navigation"], "how_to_start": ""},
+            "service navigation": status,
+        }
+
+        def stand_in(socket: WebSocketRoute) -> None:
+            for kind, content in frames.items():
+                socket.send(json.dumps({"kind": kind, "content": content}))
+
+        opened.page.route_web_socket("**/live/feed", stand_in)
+        opened.page.reload()
+        service = opened.page.locator("#services .waits")
+        service.wait_for()
+        assert service.inner_text().split("\n")[-1] == "active; rejected scan: old epoch (4)"
     finally:
         context.close()
         server.stop()
@@ -346,7 +364,7 @@ def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(
         page.locator("#rerun[data-recording=run_2]").wait_for(timeout=1000 * VIEWER_S)
         assert page.evaluate("window.kept")
         assert back.is_disabled()
-    context.close()
+        context.close()
     # The viewer would like to know whether there is a newer one: the policy refuses it.
     assert [one for one in opened.wrong if not re.search("github|Failed to fetch", one)] == []
 
@@ -366,7 +384,7 @@ def test_a_click_on_a_time_shows_it_in_the_3d_view(browser: Browser, tmp_path: P
         )
         page.get_by_role("button", name="3D view", pressed=True).click()
         assert shown.is_hidden()
-    context.close()
+        context.close()
 
 
 def test_a_goal_where_the_robot_stands_keeps_its_heading(live: Opened) -> None:
@@ -423,6 +441,40 @@ def test_every_tool_aims_by_keys(live: Opened) -> None:
     page.keyboard.press("p")
     for key in ("ArrowUp", "ArrowDown", "Enter"):
         page.keyboard.press(key)
+
+
+def test_waypoints_are_shown_until_they_are_reached_or_canceled(live: Opened) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    far = (x - 0.8, y + 0.3)
+
+    def goals_drawn() -> int:
+        """Pixels in the colour of goals where the last waypoint is."""
+        px, py = live.pixel(*far)
+        drawn: int = page.locator("#plan").evaluate(
+            """(canvas, [x, y]) => {
+              const box = canvas.getBoundingClientRect();
+              const ratio = canvas.width / box.width;
+              const at = [(x - box.left) * ratio - 8, (y - box.top) * ratio - 8, 16, 16];
+              const { data } = canvas.getContext("2d").getImageData(...at);
+              let count = 0;
+              for (let i = 0; i < data.length; i += 4) {
+                count += data[i] < 40 && data[i + 1] > 60 && data[i + 1] < 120 && data[i + 2] > 170;
+              }
+              return count;
+            }""",
+            [px, py],
+        )
+        return drawn
+
+    page.get_by_role("button", name="Waypoints").click()
+    for place in ((x - 0.8, y - 0.3), far):
+        page.mouse.click(*live.pixel(*place))
+    page.get_by_role("button", name="Go, stop at each").click()
+    assert live.said() == "driving to 2 waypoints"
+    live.wait(lambda: goals_drawn() > 10)
+    page.get_by_role("button", name="Cancel").click()
+    live.wait(lambda: goals_drawn() == 0)
 
 
 def test_missed_waypoints_are_told(live: Opened, url: str) -> None:

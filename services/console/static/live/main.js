@@ -49,6 +49,9 @@ function take(kind, content, data) {
   }
   if (kind === "world" || kind === "map") {
     plan.worldChanged();
+  } else if (kind === "action_result" || kind === "began_anew") {
+    plan.route = [];
+    plan.redraw();
   }
   if (kind === "world") {
     fillPlaces(content.locations);
@@ -173,7 +176,9 @@ function showWaypoints() {
 }
 
 async function goThrough(stops) {
-  if (await ask({ do: "waypoints", poses: plan.waypoints.map(asPose), stops })) {
+  const { waypoints } = plan;
+  if (await ask({ do: "waypoints", poses: waypoints.map(asPose), stops })) {
+    plan.route = waypoints;
     choose("move");
   }
 }

@@ -1,6 +1,7 @@
 // The lists beside the plan: task, figures, services, tree, results, log.
 
 const MOST_LINES = 200;
+const FAULTS = ["rejected", "lost"];
 const LEVELS = { 30: "warn", 40: "bad", 50: "bad" };
 const $ = (id) => document.getElementById(id);
 
@@ -220,7 +221,8 @@ export class Panels {
       const said = runs ? (known?.message ?? "running") : "not running";
       const waits = runs && (known?.level ?? 0) > 0;
       const item = element("li", "", runs ? (waits ? "waits" : "") : "gone");
-      item.append(element("span", "", "dot"), element("strong", name), element("span", said, "muted"));
+      const told = runs ? [said, ...faultsOf(known)].join("; ") : said;
+      item.append(element("span", "", "dot"), element("strong", name), element("span", told, "muted"));
       const values = Object.entries(known?.values ?? {}).filter(([, value]) => value !== "");
       item.title = values.map(([key, value]) => `${key}: ${value}`).join("\n");
       return item;
@@ -235,7 +237,18 @@ export class Panels {
   }
 }
 
+/** What a service has rejected or lost, which its message does not say. */
+function faultsOf(status) {
+  return Object.entries(status?.values ?? {})
+    .filter(([key]) => FAULTS.some((kind) => key.startsWith(kind)))
+    .map(([key, count]) => `${key} (${count})`);
+}
+
 function showTree(log) {
+  if (log.nodes.length === 0) {
+    $("tree").replaceChildren(element("li", "no task runs", "IDLE"));
+    return;
+  }
   const items = log.nodes.map((node) => {
     const item = element("li", "", node.status);
     item.style.paddingInlineStart = `${0.8 * node.depth}rem`;

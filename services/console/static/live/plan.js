@@ -32,6 +32,8 @@ export class Plan {
     this.isAiming = false;
     this.hasHeading = true;
     this.waypoints = [];
+    /** The waypoints that are driven to. */
+    this.route = [];
     this.follows = false;
     this.onFollow = () => {};
     this.onAim = () => {};
@@ -147,6 +149,7 @@ export class Plan {
         draw(pen, this.#scene);
       }
     }
+    this.route.forEach((pose, index) => arrow(pen, pose, COLORS.goal, String(index + 1)));
     this.waypoints.forEach((pose, index) => arrow(pen, pose, COLORS.marker, String(index + 1)));
     if (this.#aim) {
       arrow(pen, this.#aim.pose, COLORS.estimate);
