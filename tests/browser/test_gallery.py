@@ -167,6 +167,8 @@ def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page)
     expect(viewer).to_be_visible(timeout=1000.0 * _PATIENCE_S)
     opened = viewer.get_attribute("data-recording")
     wait_for_bricks(page)
+    # It has not taken the keys: those of the page go on.
+    assert page.evaluate("!document.querySelector('#viewer').contains(document.activeElement)")
 
     event = page.locator("button.seek").last
     time_s = event.get_attribute("data-time")
