@@ -403,6 +403,26 @@ def test_a_goal_where_the_robot_stands_keeps_its_heading(live: Opened) -> None:
     assert turned(live, before_deg) < 20.0
 
 
+def test_the_joystick_is_in_no_tool_s_way(live: Opened) -> None:
+    page = live.page
+
+    def hit() -> str:
+        """What a click in the middle of the joystick would reach."""
+        found: str = page.locator("#joystick").evaluate(
+            """(one) => {
+              const box = one.getBoundingClientRect();
+              return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2).id;
+            }"""
+        )
+        return found
+
+    assert hit() == "joystick"
+    page.keyboard.press("g")
+    assert hit() == "plan"
+    page.keyboard.press("Escape")
+    assert hit() == "joystick"
+
+
 def test_every_tool_aims_by_keys(live: Opened) -> None:
     page = live.page
 
