@@ -25,6 +25,7 @@ from services.console.server import build_app
 from services.console.serving import ConsoleServer
 from tests.browser.viewer import ARGUMENTS, CHROMIUM
 from tests.console.live.running import Page as Bystander
+from tests.console.runs import make_run
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, WebSocketRoute
@@ -295,13 +296,16 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
         assert "docker compose up" in opened.page.locator("#how-to-start").inner_text()
         assert opened.page.locator("#live").is_hidden()
         assert opened.wrong == []
-        # One that comes with a service that is not well.
+        # One comes, with a service that is not well and a run whose files come later.
         values = {"waiting_for": "", "rejected scan: old epoch": "4", "rate_hz scan": "10.00"}
         status = {"name": "navigation", "level": 1, "message": "active", "values": values}
+        error = {"mean": None, "max": None}
         frames = {
             "stack": {"services": ["navigation"], "how_to_start": ""},
             "service navigation": status,
-        }
+            "evaluation": {"recording": "runs/late", "goals": [], "localisation_error_m": error,
+                           "contacts": [], "markers_seen": {}, "mapping": None},
+        }  # fmt: skip
 
         def stand_in(socket: WebSocketRoute) -> None:
             for kind, content in frames.items():
@@ -312,6 +316,11 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
         service = opened.page.locator("#services .waits")
         service.wait_for()
         assert service.inner_text().split("\n")[-1] == "active; rejected scan: old epoch (4)"
+        opened.page.get_by_role("button", name="3D view").click()
+        told = opened.page.locator("#rerun p")
+        opened.wait(lambda: told.inner_text().startswith("late: no recording"))
+        make_run(tmp_path, "late")
+        opened.wait(lambda: not told.inner_text().startswith("late"), 20.0)
     finally:
         context.close()
         server.stop()

@@ -63,8 +63,8 @@ export class RerunPane {
     try {
       const live = await this.#liveAddress();
       const url = live || (await fileOf(run));
-      this.#shownRun = run;
       if (!url) {
+        // It may come: a run's files are not all there with its first word.
         this.#says.textContent = run
           ? `${run}: no recording of this name is among the runs that this console shows`
           : "no run is recorded yet";
@@ -82,6 +82,7 @@ export class RerunPane {
       delete this.#box.dataset.recording;
       this.#told = [];
       await this.#viewer.open([url]);
+      this.#shownRun = run;
       this.#file = live ? "" : url;
       this.#follow(this.#wantedS === null);
       this.#says.textContent = "";
