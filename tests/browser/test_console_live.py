@@ -334,6 +334,7 @@ def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(
     with demo(tmp_path) as url:
         opened = opened_in(context, url)
         page = opened.page
+        page.set_default_timeout(1000 * VIEWER_S)
         page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
         page.get_by_role("button", name="3D view").click()
         page.locator("#rerun[data-recording=run]").wait_for(timeout=1000 * VIEWER_S)
@@ -373,6 +374,8 @@ def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(
         page.locator("#rerun[data-recording=run_2]").wait_for(timeout=1000 * VIEWER_S)
         assert page.evaluate("window.kept")
         assert back.is_disabled()
+        page.locator("#figures").get_by_role("link", name="run_2").click()
+        page.locator("[data-part=head][data-run=run_2][data-state=running]").wait_for()
         context.close()
     # The viewer would like to know whether there is a newer one: the policy refuses it.
     assert [one for one in opened.wrong if not re.search("github|Failed to fetch", one)] == []
@@ -383,6 +386,7 @@ def test_a_click_on_a_time_shows_it_in_the_3d_view(browser: Browser, tmp_path: P
     with demo(tmp_path) as url:
         opened = opened_in(context, url)
         page = opened.page
+        page.set_default_timeout(1000 * VIEWER_S)
         page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
         page.locator("#log .seek").first.click()
         page.locator("#rerun[data-recording=run]").wait_for(timeout=1000 * VIEWER_S)

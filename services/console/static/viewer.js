@@ -3,6 +3,10 @@
 /** The two files of the viewer have the version in their address, so that they can be kept. */
 const address = (version) => `/viewer/${encodeURIComponent(version)}/widget.js`;
 
+const AGAIN_MS = 1000;
+const MOST_TRIES = 20;
+const SAME_S = 0.002;
+
 export class Viewer {
   #listeners = new Map();
   #box;
@@ -10,6 +14,9 @@ export class Viewer {
   #ready;
   #isReady;
   #observer;
+  #soughtS = null;
+  #tries = 0;
+  #again = 0;
   /** Called with the time shown, in s of simulation time. */
   onTime = () => {};
   /** Called with the id of each recording that has been opened. */
@@ -46,6 +53,7 @@ export class Viewer {
     });
     this.#observer = new ResizeObserver(() => this.#fit());
     this.#observer.observe(box);
+    box.addEventListener("pointerdown", () => { this.#soughtS = null; }, { capture: true });
   }
 
   /** Whether the viewer has been told to open an address. */
@@ -66,8 +74,26 @@ export class Viewer {
   /** Show a moment of the recording, in s of simulation time. */
   async seek(time_s) {
     await this.#ready;
-    const duration_nanos = String(BigInt(Math.round(time_s * 1e9)));
+    this.#soughtS = time_s;
+    this.#tries = 0;
+    this.#sendTime();
+  }
+
+  /** The viewer ignores a time that comes while it opens a recording: said again until it is shown,
+   * or the person takes the viewer over.
+   */
+  #sendTime() {
+    clearTimeout(this.#again);
+    if (this.#soughtS === null || this.#tries >= MOST_TRIES) return;
+    this.#tries += 1;
+    const duration_nanos = String(BigInt(Math.round(this.#soughtS * 1e9)));
     this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
+    this.#again = setTimeout(() => this.#sendTime(), AGAIN_MS);
+  }
+
+  #shows(time_s) {
+    if (this.#soughtS !== null && Math.abs(time_s - this.#soughtS) < SAME_S) this.#soughtS = null;
+    this.onTime(time_s);
   }
 
   #send(message) {
@@ -93,7 +119,7 @@ export class Viewer {
     }
     if (said.type === "recording_open") this.onOpen(said.recording_id);
     if (said.type === "time_update" && Number.isFinite(Number(said.time))) {
-      this.onTime(Number(said.time) / 1e9);
+      this.#shows(Number(said.time) / 1e9);
     }
   }
 }
