@@ -198,7 +198,7 @@ export class Panels {
   }
 
   #showEvaluation(evaluation) {
-    this.run = evaluation.recording.split("/").pop();
+    this.#showRun(evaluation.recording.split("/").pop());
     const goals = evaluation.goals;
     this.#figure("goals reached", `${goals.filter((goal) => goal.reached).length} of ${goals.length}`);
     const error = evaluation.localisation_error_m;
@@ -210,6 +210,20 @@ export class Panels {
     this.#figure("markers seen", `${seen.filter((count) => count > 0).length} of ${seen.length}`);
     if (evaluation.mapping?.coverage_share != null) {
       this.#figure("mapped", `${Math.round(100 * evaluation.mapping.coverage_share)} %`);
+    }
+  }
+
+  /** The way to the page of the run, with its events and plots. */
+  #showRun(name) {
+    if (name === this.run) {
+      return;
+    }
+    this.run = name;
+    this.#figure("run", name || "not recorded");
+    if (name) {
+      const link = element("a", name);
+      link.href = `/runs/${encodeURIComponent(name)}`;
+      this.#figures.get("run").replaceChildren(link);
     }
   }
 
