@@ -66,6 +66,8 @@ export class Viewer {
     await this.#ready;
     const wanted = urls.map((url) => new URL(url, location.href).href);
     if (wanted.join() === this.#open.join()) return;
+    // A moment of what is closed is none of what is opened.
+    this.#soughtS = null;
     for (const url of this.#open) if (!wanted.includes(url)) this.#send({ type: "close_url", url });
     for (const url of wanted) if (!this.#open.includes(url)) this.#send({ type: "open_url", url });
     this.#open = wanted;
