@@ -224,19 +224,20 @@ def demo(
             as_json=as_json,
             arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
-            console=_console_config(console_port) if console else None,
+            console=_console_config(config, console_port) if console else None,
             tour=tour,
         )
         code = embedded.run(options)
     raise typer.Exit(code)
 
 
-def _console_config(port: int | None) -> ConsoleConfig:
-    """Environment and defaults, and the port as given. Raises ConfigError."""
-    from services.common.load import load  # noqa: PLC0415
+def _console_config(settings: Path | None, port: int | None) -> ConsoleConfig:
+    """Environment, settings file and defaults, and the port as given. Raises ConfigError."""
+    from services.common.load import config_flag, load  # noqa: PLC0415
     from services.console.config import ConsoleConfig  # noqa: PLC0415
 
-    return load(ConsoleConfig, "console", (), {} if port is None else {"port": port})
+    given = {} if port is None else {"port": port}
+    return load(ConsoleConfig, "console", config_flag(settings), given)
 
 
 @app.command()

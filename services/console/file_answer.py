@@ -6,6 +6,7 @@ import asyncio
 import os
 import re
 import stat
+from collections.abc import Callable
 from email.utils import formatdate, parsedate_to_datetime
 from urllib.parse import quote
 
@@ -15,6 +16,8 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 _CHUNK = 256 * 1024
+_LOOK_S = 0.2
+"""How often a file is looked at that grows."""
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})", re.ASCII)
 
 
@@ -123,3 +126,50 @@ class FileAnswer(Response):
             headers = {"content-range": f"bytes */{self._size}"}
             raise HTTPException(416, "the range begins after the file's end", headers)
         return first, end
+
+
+class GrowingAnswer(Response):
+    """Sends an open file, and what is appended to it, until it grows no more or the client has
+    gone; closes it.
+    """
+
+    def __init__(self, file: int, grows: Callable[[], bool]) -> None:
+        """`grows()`: whether something may still be appended. Called on a thread."""
+        self._file = file
+        self._grows = grows
+        super().__init__(
+            headers={"cache-control": "no-store"}, media_type="application/octet-stream"
+        )
+        del self.headers["content-length"]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the file as an ASGI application does."""
+        gone = asyncio.create_task(_gone(receive))
+        try:
+            await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
+            if scope["method"] != "HEAD":
+                await self._send_all(gone, send)
+            await send({"type": "http.response.body", "body": b""})
+        finally:
+            gone.cancel()
+            os.close(self._file)
+
+    async def _send_all(self, gone: asyncio.Task[None], send: Send) -> None:
+        first = 0
+        while not gone.done():
+            # Asked before the end is read: what was appended until then is sent, too.
+            grows = await asyncio.to_thread(self._grows)
+            while chunk := await asyncio.to_thread(os.pread, self._file, _CHUNK, first):
+                first += len(chunk)
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+                if gone.done():
+                    return
+            if not grows:
+                return
+            await asyncio.wait([gone], timeout=_LOOK_S)
+
+
+async def _gone(receive: Receive) -> None:
+    """Return when the client has gone."""
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -50,6 +50,7 @@ def build_app(config: ConsoleConfig, live: Sequence[BaseRoute] = ()) -> Starlett
     app.state.config = config
     app.state.index = RunIndex(config.recordings_dir)
     app.state.has_live = bool(live)
+    app.state.is_ending = bool
     return app
 
 

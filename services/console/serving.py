@@ -44,6 +44,7 @@ class ConsoleServer:
                 timeout_graceful_shutdown=_STOP_S,
             )
         )
+        app.state.is_ending = lambda: self._server.should_exit
         for name in ("uvicorn", "uvicorn.error"):
             logging.getLogger(name).setLevel(logging.ERROR)
             logging.getLogger(name).addFilter(_without_traceback)

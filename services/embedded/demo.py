@@ -190,6 +190,21 @@ def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping
     return load(kind, service, config_flag(options.settings, options.params), given)
 
 
+def beside_run(console: ConsoleConfig, recorder: RecorderConfig) -> ConsoleConfig:
+    """The configuration of the console beside a run: where it was told nothing else, it shows the
+    folder in which the run is, and the live data of its recorder only.
+    """
+    folder = recorder.out_dir.parent if recorder.out_dir else recorder.recordings_dir
+    its = {
+        "recordings_dir": folder,
+        "live_data_port": recorder.grpc_port if recorder.live else 0,
+    }
+    told = console.model_fields_set
+    return console.model_copy(
+        update={name: value for name, value in its.items() if name not in told}
+    )
+
+
 def check_world(options: DemoOptions) -> LoadedWorld:
     """The world, loaded before anything is started.
 
@@ -261,7 +276,8 @@ def run(options: DemoOptions) -> int:
     if options.console is not None:
         from services.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
 
-        beside = ConsoleBeside(options.console)
+        recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
+        beside = ConsoleBeside(beside_run(options.console, recorder))
     # No node in this process requests another world.
     nodes = build_nodes(options, lambda *_: loaded)
     transport = MemoryTransport() if beside is None else beside.transport

@@ -14,7 +14,7 @@ import pytest
 from services.cli.loopback_router import free_port
 from services.recorder.config import RecorderConfig
 from services.recorder.node import RecorderNode
-from tests.browser.viewer import CHROMIUM, Picture
+from tests.browser.viewer import ARGUMENTS, CHROMIUM, Picture
 from tests.console.served import Served, console
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room
 
@@ -28,7 +28,6 @@ pytestmark = [
 ]
 
 RUNS = ("2026-01-01_10-00-00_first", "2026-01-02_10-00-00_second", "2026-01-03_10-00-00_third")
-_ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _PATIENCE_S = 150.0
 
 
@@ -52,7 +51,7 @@ def browser() -> Iterator[Browser]:
 
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=_ARGUMENTS
+            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
         )
         yield running
         running.close()
@@ -168,6 +167,8 @@ def test_runs_open_in_the_viewer_one_after_the_other(served: Served, page: Page)
     expect(viewer).to_be_visible(timeout=1000.0 * _PATIENCE_S)
     opened = viewer.get_attribute("data-recording")
     wait_for_bricks(page)
+    # It has not taken the keys: those of the page go on.
+    assert page.evaluate("!document.querySelector('#viewer').contains(document.activeElement)")
 
     event = page.locator("button.seek").last
     time_s = event.get_attribute("data-time")

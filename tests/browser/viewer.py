@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 Picture = NDArray[np.uint8]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-# No GPU is asked for: WebGL2 on SwiftShader.
-_ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""No GPU is asked for: WebGL2 on SwiftShader."""
 _PERIOD_S = 0.2
 SETTLE_S = 10.0
 """Until a software renderer has drawn another time."""
@@ -67,7 +67,7 @@ def screenshot(
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=_ARGUMENTS
+            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
         )
         try:
             page = browser.new_page(
@@ -101,7 +101,7 @@ def opened(url: str, done: Callable[[Picture], bool], timeout_s: float) -> Itera
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, headless=True, args=_ARGUMENTS
+            executable_path=CHROMIUM, headless=True, args=ARGUMENTS
         )
         page = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme="dark")
         page.route("**/fonts.g*", lambda route: route.abort())

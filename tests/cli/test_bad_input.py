@@ -62,6 +62,7 @@ demo --console-port 8080 : --console-port|--console
 demo --no-tour : --no-tour|--console
 demo --console --no-tour --goal 1 0 0 : --no-tour|--goal
 demo --console --console-port 65536 : --console-port|65536
+demo --console --config console.yaml : bind|1.2.3.4|of this machine
 demo --use_aruco maybe : --use_aruco|maybe|True
 demo --use_aruco 2 : --use_aruco|2
 demo --texture_base nowhere --world enhanced : nowhere
@@ -518,6 +519,7 @@ maze: {rows: 0} : maze.rows|0
 """
 
 FILES = {
+    "console.yaml": "console:\n  bind: 1.2.3.4\n  port: 0\n",
     "file.txt": "text",
     "damaged.log": "# CARMEN Logfile\nFLASER x 1 2\nSYNC end\n",
     "file.sdf": "not xml",

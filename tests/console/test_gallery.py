@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 from pathlib import Path
@@ -150,6 +151,53 @@ def test_a_run_that_is_recorded_appears_and_ends_without_a_reload(served: Served
     wait_until(lambda: "interrupted" not in card() and "running" not in card(), "its end")
 
 
+def test_a_file_that_is_recorded_is_sent_as_it_grows(served: Served) -> None:
+    folder = RunFolder.exactly(served.folder / "2026-02-01_10-00-00_sim_house")
+    recording = folder.path / "run.rrd"
+    recording.write_bytes(b"first ")
+    address = f"/runs/{folder.path.name}/growing/run.rrd"
+    assert f'data-url="{address}"' in served.ask(f"/runs/{folder.path.name}").text
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=20.0)
+    connection.request("GET", address)
+    answer = connection.getresponse()
+    assert answer.status == 200
+    assert answer.read(6) == b"first "
+    with recording.open("ab") as file:
+        file.write(b"second ")
+    assert answer.read(7) == b"second "
+    with recording.open("ab") as file:
+        file.write(b"last")
+    folder.release()
+    assert answer.read() == b"last"
+    connection.close()
+    assert served.ask(address).body == b"first second last"
+    page = served.ask(f"/runs/{folder.path.name}").text
+    assert f'data-url="/runs/{folder.path.name}/files/run.rrd"' in page
+
+
+@pytest.mark.parametrize(
+    "name", ["none.rrd", ".recording", "..%2F..%2Fsecret.txt", "%2Fetc%2Fpasswd"]
+)
+def test_only_a_run_s_files_are_sent_as_they_grow(shared: Served, name: str) -> None:
+    assert shared.ask(f"/runs/{FIRST}/growing/{name}").status == 404
+
+
+def test_a_console_that_ends_waits_for_no_file_that_grows(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = RunFolder.exactly(tmp_path / "2026-02-01_10-00-00_sim_house")
+    (folder.path / "run.rrd").write_bytes(b"first ")
+    with console(tmp_path) as served:
+        connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=20.0)
+        connection.request("GET", f"/runs/{folder.path.name}/growing/run.rrd")
+        answer = connection.getresponse()
+        assert answer.read(6) == b"first "
+    assert answer.read() == b""
+    connection.close()
+    folder.release()
+    assert caplog.messages == []
+
+
 def test_the_page_of_a_run_has_all_of_it(shared: Served) -> None:
     page = shared.ask(f"/runs/{FIRST}").text
     assert "location1: reached" in page
@@ -279,3 +327,10 @@ def test_the_first_page_of_two_thousand_runs_comes_at_once(tmp_path: Path) -> No
             assert served.ask("/runs").status == 200
         # Processor time of this process, which is the server's too.
         assert (os.times().user + os.times().system - start_s) / 10 < 0.3
+    after_start_s = []
+    for _ in range(3):
+        start_s = os.times().user + os.times().system
+        with console(tmp_path) as served:
+            assert served.ask("/runs").text.count('class="card"') == PAGE_SIZE
+            after_start_s.append(os.times().user + os.times().system - start_s)
+    assert min(after_start_s) < 0.3

@@ -12,7 +12,10 @@ from pathlib import Path
 import pytest
 
 from services.common.root import ROOT
+from services.console.config import ConsoleConfig
 from services.console.health import is_healthy
+from services.embedded.demo import beside_run
+from services.recorder.config import RecorderConfig
 from tests.console.conftest import FIRST
 from tests.console.runs import make_run
 from tests.console.served import Served
@@ -57,3 +60,14 @@ def test_the_console_says_its_address_and_ends_by_a_signal(
         finally:
             process.kill()
     assert not is_healthy(served.port)
+
+
+def test_the_console_beside_a_run_shows_that_run(tmp_path: Path) -> None:
+    run = RecorderConfig(recordings_dir=tmp_path / "runs", grpc_port=9000)
+    shown = beside_run(ConsoleConfig(port=0), run)
+    assert (shown.port, shown.recordings_dir, shown.live_data_port) == (0, tmp_path / "runs", 0)
+    elsewhere = run.model_copy(update={"out_dir": tmp_path / "other" / "run", "live": True})
+    shown = beside_run(ConsoleConfig(), elsewhere)
+    assert (shown.recordings_dir, shown.live_data_port) == (tmp_path / "other", 9000)
+    told = ConsoleConfig(recordings_dir=tmp_path, live_data_port=9001)
+    assert beside_run(told, elsewhere) == told

@@ -26,11 +26,12 @@ from services.common.recordings.run_folder import (
     REPORT,
     SERIES,
     SUMMARY,
+    is_recording,
     parts_of,
 )
 from services.common.recordings.run_settings import read_summary, settings_of
 from services.common.recordings.series import RunSeries, read_series
-from services.console.file_answer import FileAnswer
+from services.console.file_answer import FileAnswer, GrowingAnswer
 from services.console.gallery.goals import GoalRow, goals_of
 from services.console.gallery.index import Runs
 from services.console.gallery.routes import current_runs, index_of
@@ -72,6 +73,7 @@ def run_routes() -> list[BaseRoute]:
         Route("/runs/{run}", _run_page),
         Route("/runs/{run}/report", _report),
         Route("/runs/{run}/files/{path:path}", _file),
+        Route("/runs/{run}/growing/{name}", _growing),
     ]
 
 
@@ -102,7 +104,7 @@ class _Content:
     files: Mapping[str, int]
     """The size of each file that can be had, by its path in the folder."""
     parts: tuple[str, ...]
-    """Names of the files that the viewer opens."""
+    """The files that the viewer opens, by their addresses below the run's."""
     problems: tuple[str, ...]
     """Why a file cannot be read, a line each."""
 
@@ -131,9 +133,16 @@ def _read(folder: Path) -> _Content:
         series=read(SERIES, read_series, None),
         settings=tuple(read(CONFIG, settings_of, nothing).items()),
         files=_visible_files(folder),
-        parts=tuple(path.name for path in parts_of(folder) if not path.is_symlink()),
+        parts=_shown_parts(folder),
         problems=tuple(problems),
     )
+
+
+def _shown_parts(folder: Path) -> tuple[str, ...]:
+    names = [path.name for path in parts_of(folder) if not path.is_symlink()]
+    # To the last one a recorder appends.
+    grows = names[-1:] if is_recording(folder) else []
+    return tuple(f"{'growing' if name in grows else 'files'}/{name}" for name in names)
 
 
 def _visible_files(folder: Path) -> dict[str, int]:
@@ -206,6 +215,16 @@ async def _file(request: Request) -> Response:
         headers={"content-security-policy": _FILE_POLICY},
         download_name="" if is_shown else f"{request.path_params['run']}_{names[-1]}",
     )
+
+
+async def _growing(request: Request) -> Response:
+    run = await run_of(request)
+    file = await _open(request, [request.path_params["name"]])
+
+    def grows() -> bool:
+        return is_recording(run.path) and not request.app.state.is_ending()
+
+    return GrowingAnswer(file, grows)
 
 
 async def _report(request: Request) -> Response:

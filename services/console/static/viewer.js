@@ -3,6 +3,10 @@
 /** The two files of the viewer have the version in their address, so that they can be kept. */
 const address = (version) => `/viewer/${encodeURIComponent(version)}/widget.js`;
 
+const AGAIN_MS = 1000;
+const MOST_TRIES = 20;
+const SAME_S = 0.002;
+
 export class Viewer {
   #listeners = new Map();
   #box;
@@ -10,6 +14,9 @@ export class Viewer {
   #ready;
   #isReady;
   #observer;
+  #soughtS = null;
+  #tries = 0;
+  #again = 0;
   /** Called with the time shown, in s of simulation time. */
   onTime = () => {};
   /** Called with the id of each recording that has been opened. */
@@ -19,6 +26,7 @@ export class Viewer {
   static async start(box, version) {
     // It tells thousands of lines at this level, which would keep the page busy.
     console.debug = () => {};
+    keepFocus(box);
     const widget = (await import(address(version))).default;
     return new Viewer(box, widget);
   }
@@ -45,6 +53,7 @@ export class Viewer {
     });
     this.#observer = new ResizeObserver(() => this.#fit());
     this.#observer.observe(box);
+    box.addEventListener("pointerdown", () => { this.#soughtS = null; }, { capture: true });
   }
 
   /** Whether the viewer has been told to open an address. */
@@ -57,6 +66,8 @@ export class Viewer {
     await this.#ready;
     const wanted = urls.map((url) => new URL(url, location.href).href);
     if (wanted.join() === this.#open.join()) return;
+    // A moment of what is closed is none of what is opened.
+    this.#soughtS = null;
     for (const url of this.#open) if (!wanted.includes(url)) this.#send({ type: "close_url", url });
     for (const url of wanted) if (!this.#open.includes(url)) this.#send({ type: "open_url", url });
     this.#open = wanted;
@@ -65,8 +76,26 @@ export class Viewer {
   /** Show a moment of the recording, in s of simulation time. */
   async seek(time_s) {
     await this.#ready;
-    const duration_nanos = String(BigInt(Math.round(time_s * 1e9)));
+    this.#soughtS = time_s;
+    this.#tries = 0;
+    this.#sendTime();
+  }
+
+  /** The viewer ignores a time that comes while it opens a recording: said again until it is shown,
+   * or the person takes the viewer over.
+   */
+  #sendTime() {
+    clearTimeout(this.#again);
+    if (this.#soughtS === null || this.#tries >= MOST_TRIES) return;
+    this.#tries += 1;
+    const duration_nanos = String(BigInt(Math.round(this.#soughtS * 1e9)));
     this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
+    this.#again = setTimeout(() => this.#sendTime(), AGAIN_MS);
+  }
+
+  #shows(time_s) {
+    if (this.#soughtS !== null && Math.abs(time_s - this.#soughtS) < SAME_S) this.#soughtS = null;
+    this.onTime(time_s);
   }
 
   #send(message) {
@@ -92,7 +121,29 @@ export class Viewer {
     }
     if (said.type === "recording_open") this.onOpen(said.recording_id);
     if (said.type === "time_update" && Number.isFinite(Number(said.time))) {
-      this.onTime(Number(said.time) / 1e9);
+      this.#shows(Number(said.time) / 1e9);
     }
   }
+}
+
+/** The viewer takes the focus when it starts, and with it the page's keys: it gets it from a person
+ * only.
+ */
+function keepFocus(box) {
+  let before = document.activeElement;
+  let isWanted = false;
+  const wants = () => { isWanted = true; };
+  box.addEventListener("pointerdown", wants, { capture: true });
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Tab") wants();
+  }, { capture: true });
+  document.addEventListener("focusin", (event) => {
+    if (!box.contains(event.target)) {
+      before = event.target;
+      isWanted = false;
+    } else if (!isWanted) {
+      if (before?.isConnected && before !== document.body) before.focus({ preventScroll: true });
+      if (box.contains(document.activeElement)) document.activeElement.blur();
+    }
+  });
 }

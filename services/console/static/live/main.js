@@ -9,6 +9,8 @@ import { Scene } from "./scene.js";
 import { Teleop } from "./teleop.js";
 
 const REMOVE_PX = 40;
+/** A goal so near to the robot is where it stands. */
+const SAME_PLACE_M = 0.2;
 const STEPS_0_1_S = 24;
 const HINTS = {
   move: "",
@@ -33,7 +35,7 @@ const link = new Link(take, (isOpen) => {
   }
 });
 const teleop = new Teleop(link, $("joystick"));
-const rerun = new RerunPane($("rerun"), () => panels.run);
+const rerun = new RerunPane($("rerun"), () => panels.run, () => scene.pose?.time_s ?? 0);
 let tool = "move";
 
 function take(kind, content, data) {
@@ -47,6 +49,9 @@ function take(kind, content, data) {
   }
   if (kind === "world" || kind === "map") {
     plan.worldChanged();
+  } else if (kind === "action_result" || kind === "began_anew") {
+    plan.route = [];
+    plan.redraw();
   }
   if (kind === "world") {
     fillPlaces(content.locations);
@@ -85,19 +90,19 @@ function asPose([x, y, yaw]) {
   return { x_m: x, y_m: y, yaw_rad: yaw };
 }
 
-/** Without a drag the robot arrives as it comes from. */
-function headingTo(pose, dragged) {
-  const robot = scene.robot();
-  if (dragged || !robot) {
+/** Without a drag the robot arrives as it comes from one place or, where it is there, stands. */
+function headingFrom(from, pose, dragged) {
+  if (dragged || !from) {
     return pose;
   }
-  return [pose[0], pose[1], Math.atan2(pose[1] - robot[1], pose[0] - robot[0])];
+  const [dx, dy] = [pose[0] - from[0], pose[1] - from[1]];
+  return [pose[0], pose[1], Math.hypot(dx, dy) < SAME_PLACE_M ? from[2] : Math.atan2(dy, dx)];
 }
 
 function pick(pose, dragged) {
   switch (tool) {
     case "goal":
-      ask({ do: "goal", pose: asPose(headingTo(pose, dragged)) });
+      ask({ do: "goal", pose: asPose(headingFrom(scene.robot(), pose, dragged)) });
       choose("move");
       break;
     case "initial_pose":
@@ -105,7 +110,7 @@ function pick(pose, dragged) {
       choose("move");
       break;
     case "waypoints":
-      plan.waypoints.push(dragged ? pose : headingFrom(pose));
+      plan.waypoints.push(headingFrom(plan.waypoints.at(-1) ?? scene.robot(), pose, dragged));
       showWaypoints();
       break;
     case "drop_box":
@@ -117,11 +122,6 @@ function pick(pose, dragged) {
       break;
     default:
   }
-}
-
-function headingFrom(pose) {
-  const last = plan.waypoints[plan.waypoints.length - 1] ?? scene.robot();
-  return last ? [pose[0], pose[1], Math.atan2(pose[1] - last[1], pose[0] - last[0])] : pose;
 }
 
 function removeAt([x, y]) {
@@ -156,6 +156,15 @@ function choose(name) {
   }
   showWaypoints();
   plan.giveUp();
+  if (plan.isAiming) {
+    plan.canvas.focus({ preventScroll: true });
+  }
+}
+
+/** Where the keys have moved the aim. */
+function showAim([x, y, yaw], hasHeading) {
+  const degrees = hasHeading ? `, ${Math.round((yaw * 180) / Math.PI)}°` : "";
+  $("hint").textContent = `(${x.toFixed(2)}, ${y.toFixed(2)}) m${degrees}: Enter sets it`;
 }
 
 function showWaypoints() {
@@ -167,7 +176,9 @@ function showWaypoints() {
 }
 
 async function goThrough(stops) {
-  if (await ask({ do: "waypoints", poses: plan.waypoints.map(asPose), stops })) {
+  const { waypoints } = plan;
+  if (await ask({ do: "waypoints", poses: waypoints.map(asPose), stops })) {
+    plan.route = waypoints;
     choose("move");
   }
 }
@@ -253,18 +264,23 @@ for (const [id, act] of Object.entries(CLICKS)) {
 for (const button of document.querySelectorAll("[data-tool]")) {
   button.addEventListener("click", () => choose(button.dataset.tool === tool ? "move" : button.dataset.tool));
 }
+function showsRerun() {
+  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+}
 $("view-3d")?.addEventListener("click", () => {
   rerun.toggle();
-  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+  showsRerun();
 });
 for (const list of ["results", "log"]) {
   $(list).addEventListener("click", (event) => {
     const time = event.target.closest("[data-time]");
-    if (time) {
+    if (time && $("view-3d")) {
       rerun.seek(Number(time.dataset.time));
+      showsRerun();
     }
   });
 }
+plan.onAim = showAim;
 plan.onFollow = () => follow(plan.follows);
 $("speed").addEventListener("change", () => ask({ do: "simulation", speed: Number($("speed").value) }));
 $("camera-panel").addEventListener("toggle", () => link.tell({ do: "show", camera: $("camera-panel").open }));
@@ -284,7 +300,7 @@ $("pose-form").addEventListener("submit", (event) => {
 const SHORTCUTS = { g: () => choose("goal"), p: () => choose("initial_pose"), f: CLICKS.follow, 0: CLICKS.fit,
   "+": CLICKS["zoom-in"], "-": CLICKS["zoom-out"], escape: () => choose("move") };
 addEventListener("keydown", (event) => {
-  const isField = event.target instanceof Element && event.target.closest("input, select, textarea");
+  const isField = event.target instanceof Element && event.target.closest("input, select, textarea, [id=rerun]");
   const act = SHORTCUTS[event.key.toLowerCase()];
   if (act && !isField && !event.ctrlKey && !event.metaKey && !event.altKey && !event.repeat) {
     act();

@@ -1,6 +1,7 @@
 // The lists beside the plan: task, figures, services, tree, results, log.
 
 const MOST_LINES = 200;
+const FAULTS = ["rejected", "lost"];
 const LEVELS = { 30: "warn", 40: "bad", 50: "bad" };
 const $ = (id) => document.getElementById(id);
 
@@ -54,6 +55,7 @@ export class Panels {
         break;
       case "began_anew":
         $("tree").replaceChildren();
+        this.#forgetTimes();
         $("task").textContent = "the simulation began anew";
         break;
       case "stats":
@@ -111,11 +113,24 @@ export class Panels {
     }
   }
 
+  /** Times of before are none of the run that is shown now. */
+  #forgetTimes() {
+    for (const time of document.querySelectorAll("#results [data-time], #log [data-time]")) {
+      time.disabled = true;
+      time.title = "before the simulation began anew";
+    }
+  }
+
   #result(timeS, what, content) {
     const done = content.error_code === 0 && (content.status ?? "succeeded") === "succeeded";
-    const how = done ? "done" : `${content.status ?? "failed"}: ${content.error_msg} (${content.error_code})`;
+    const missed = (content.waypoints ?? []).filter((one) => one.status === "failed");
+    const short = missed.length ? `, ${missed.length} missed` : "";
+    const how = done ? `done${short}` : `${content.status ?? "failed"}: ${content.error_msg} (${content.error_code})`;
     const took = (timeS - content.start_time_s).toFixed(1);
-    line($("results"), timeS, `${what}: ${how} after ${took} s`, done ? "good" : "bad");
+    line($("results"), timeS, `${what}: ${how} after ${took} s`, done && !short ? "good" : "bad");
+    for (const one of missed) {
+      line($("results"), null, `waypoint ${one.index + 1} missed: ${one.error_msg} (${one.error_code})`, "bad");
+    }
     $("task").textContent = `${what}: ${how}`;
   }
 
@@ -183,7 +198,7 @@ export class Panels {
   }
 
   #showEvaluation(evaluation) {
-    this.run = evaluation.recording.split("/").pop();
+    this.#showRun(evaluation.recording.split("/").pop());
     const goals = evaluation.goals;
     this.#figure("goals reached", `${goals.filter((goal) => goal.reached).length} of ${goals.length}`);
     const error = evaluation.localisation_error_m;
@@ -198,6 +213,20 @@ export class Panels {
     }
   }
 
+  /** The way to the page of the run, with its events and plots. */
+  #showRun(name) {
+    if (name === this.run) {
+      return;
+    }
+    this.run = name;
+    this.#figure("run", name || "not recorded");
+    if (name) {
+      const link = element("a", name);
+      link.href = `/runs/${encodeURIComponent(name)}`;
+      this.#figures.get("run").replaceChildren(link);
+    }
+  }
+
   #showServices() {
     const names = [...new Set([...this.#services.keys(), ...this.#running])].sort();
     const items = names.map((name) => {
@@ -206,7 +235,8 @@ export class Panels {
       const said = runs ? (known?.message ?? "running") : "not running";
       const waits = runs && (known?.level ?? 0) > 0;
       const item = element("li", "", runs ? (waits ? "waits" : "") : "gone");
-      item.append(element("span", "", "dot"), element("strong", name), element("span", said, "muted"));
+      const told = runs ? [said, ...faultsOf(known)].join("; ") : said;
+      item.append(element("span", "", "dot"), element("strong", name), element("span", told, "muted"));
       const values = Object.entries(known?.values ?? {}).filter(([, value]) => value !== "");
       item.title = values.map(([key, value]) => `${key}: ${value}`).join("\n");
       return item;
@@ -221,7 +251,18 @@ export class Panels {
   }
 }
 
+/** What a service has rejected or lost, which its message does not say. */
+function faultsOf(status) {
+  return Object.entries(status?.values ?? {})
+    .filter(([key]) => FAULTS.some((kind) => key.startsWith(kind)))
+    .map(([key, count]) => `${key} (${count})`);
+}
+
 function showTree(log) {
+  if (log.nodes.length === 0) {
+    $("tree").replaceChildren(element("li", "no task runs", "IDLE"));
+    return;
+  }
   const items = log.nodes.map((node) => {
     const item = element("li", "", node.status);
     item.style.paddingInlineStart = `${0.8 * node.depth}rem`;

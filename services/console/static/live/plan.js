@@ -6,6 +6,12 @@ const MIN_SCALE = 4;
 const MAX_SCALE = 600;
 const CLICK_PX = 6;
 const HEADING_PX = 12;
+/** Where a key moves the aim, in steps to the right and up. */
+const AIM_KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+const TURN_KEYS = { ",": 1, ".": -1 };
+const AIM_STEP_M = 0.1;
+const FINE_STEP_M = 0.02;
+const TURN_STEP_RAD = Math.PI / 12;
 
 /** The canvas and its pointer. `onPick(pose, dragged)` is called when a tool has aimed. */
 export class Plan {
@@ -26,8 +32,11 @@ export class Plan {
     this.isAiming = false;
     this.hasHeading = true;
     this.waypoints = [];
+    /** The waypoints that are driven to. */
+    this.route = [];
     this.follows = false;
     this.onFollow = () => {};
+    this.onAim = () => {};
     this.center = [0, 0];
     this.scale = 60;
     this.layers = Object.fromEntries(LAYERS.map(([key, , , shown]) => [key, shown]));
@@ -36,6 +45,7 @@ export class Plan {
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     canvas.addEventListener("pointerup", (event) => this.#up(event));
     canvas.addEventListener("pointercancel", (event) => this.#forget(event));
+    canvas.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     // A script of the person's own may ask where a place is on the screen.
     canvas.pixelOf = (x, y) => {
@@ -139,6 +149,7 @@ export class Plan {
         draw(pen, this.#scene);
       }
     }
+    this.route.forEach((pose, index) => arrow(pen, pose, COLORS.goal, String(index + 1)));
     this.waypoints.forEach((pose, index) => arrow(pen, pose, COLORS.marker, String(index + 1)));
     if (this.#aim) {
       arrow(pen, this.#aim.pose, COLORS.estimate);
@@ -217,6 +228,37 @@ export class Plan {
     this.#pointers.delete(event.pointerId);
     this.#pinch = null;
     this.#aim = null;
+    this.redraw();
+  }
+
+  /** Aim without a pointer: from the robot's place on. `onAim(pose)` is told where to. */
+  #key(event) {
+    const step = AIM_KEYS[event.key];
+    const turn = this.hasHeading ? TURN_KEYS[event.key] : 0;
+    const picks = event.key === "Enter" || event.key === " ";
+    const isOther = event.ctrlKey || event.metaKey || event.altKey;
+    if (!this.isAiming || isOther || !(step || turn || picks)) {
+      return;
+    }
+    event.preventDefault();
+    if (!this.#aim) {
+      const [x, y] = this.#scene.robot() ?? this.center;
+      this.#aim = { dragged: false, pose: [x, y, 0] };
+    } else if (picks) {
+      const { pose, dragged } = this.#aim;
+      this.onPick([...pose], dragged);
+      return;
+    }
+    const { pose } = this.#aim;
+    if (step) {
+      const length = event.shiftKey ? FINE_STEP_M : AIM_STEP_M;
+      pose[0] += length * step[0];
+      pose[1] += length * step[1];
+    } else if (turn) {
+      this.#aim.dragged = true;
+      pose[2] = Math.atan2(Math.sin(pose[2] + turn * TURN_STEP_RAD), Math.cos(pose[2] + turn * TURN_STEP_RAD));
+    }
+    this.onAim(pose, this.#aim.dragged);
     this.redraw();
   }
 

@@ -1,23 +1,46 @@
-// Rerun's view below the plan: the run as its recorder shows it live, else its files so far.
+// Rerun's view below the plan: the run as its recorder shows it live, else its file as it grows.
 
 import { Viewer } from "/static/viewer.js";
 
 const LOOK_MS = 3000;
+const FOLLOW_MS = 500;
+/** Of what the viewer has been told to show, within which it says that it does. */
+const SAME_S = 0.002;
+const MOST_TOLD = 20;
+/** After a touch of the viewer, within which another time is the person's wish. */
+const TOUCH_MS = 3000;
 
 /** The pane; it loads the viewer when it is first shown, and opens the next run by itself. */
 export class RerunPane {
   #box;
   #viewer = null;
   #says;
+  #button;
+  #run;
+  #nowS;
   #isStarting = false;
   #shownRun = null;
+  #file = "";
+  #isFollowing = true;
+  #wantedS = null;
+  #told = [];
+  #touchedMs = -Infinity;
 
-  /** `run()` gives the name of the newest run, or "". */
-  constructor(box, run) {
+  /** `run()` gives the name of the newest run, or ""; `nowS()` the simulation time, in s. */
+  constructor(box, run, nowS) {
     this.#box = box;
     this.#says = box.querySelector("p");
-    this.run = run;
+    this.#button = box.querySelector("button");
+    this.#run = run;
+    this.#nowS = nowS;
+    this.#button.addEventListener("click", () => this.#follow(true));
+    for (const kind of ["pointerdown", "pointerup", "wheel", "keydown"]) {
+      box.querySelector(".rerun-box").addEventListener(kind, () => {
+        this.#touchedMs = performance.now();
+      }, { capture: true, passive: true });
+    }
     setInterval(() => this.#look(), LOOK_MS);
+    setInterval(() => this.#showNow(), FOLLOW_MS);
   }
 
   get isShown() {
@@ -27,21 +50,24 @@ export class RerunPane {
   /** Show or hide the pane. */
   toggle() {
     this.#box.hidden = !this.#box.hidden;
-    this.#look();
+    return this.#look();
   }
 
   /** Open what there is, if it is another run than before. */
   async #look() {
-    const run = this.run();
+    const run = this.#run();
     if (!this.isShown || document.hidden || this.#isStarting || run === this.#shownRun) {
       return;
     }
     this.#isStarting = true;
     try {
-      const url = (await this.#liveAddress()) || (await fileOf(run));
-      this.#shownRun = run;
+      const live = await this.#liveAddress();
+      const url = live || (await fileOf(run));
       if (!url) {
-        this.#says.textContent = run ? `${run} has no recording to show` : "no run is recorded yet";
+        // It may come: a run's files are not all there with its first word.
+        this.#says.textContent = run
+          ? `${run}: no recording of this name is among the runs that this console shows`
+          : "no run is recorded yet";
         return;
       }
       if (!this.#viewer) {
@@ -50,10 +76,16 @@ export class RerunPane {
           this.#box.querySelector(".rerun-box"),
           this.#box.dataset.version,
         );
+        this.#viewer.onOpen = (recording) => this.#opened(recording);
+        this.#viewer.onTime = (timeS) => this.#sees(timeS);
       }
+      delete this.#box.dataset.recording;
+      this.#told = [];
       await this.#viewer.open([url]);
+      this.#shownRun = run;
+      this.#file = live ? "" : url;
+      this.#follow(this.#wantedS === null);
       this.#says.textContent = "";
-      this.#box.title = url.startsWith("/") ? "from the run's files, as they were when opened" : "";
     } catch (error) {
       this.#says.textContent = `the viewer cannot be shown: ${error.message}`;
     } finally {
@@ -64,25 +96,71 @@ export class RerunPane {
   /** Where the recorder shows its run, if it does. */
   async #liveAddress() {
     const { live } = this.#box.dataset;
+    if (!live) {
+      return "";
+    }
     try {
       await fetch(`http://${live}/`, { mode: "no-cors" });
-      return live ? `rerun+http://${live}/proxy` : "";
+      return `rerun+http://${live}/proxy`;
     } catch {
       return "";
     }
   }
 
-  /** Show a moment, in s of simulation time. */
-  seek(timeS) {
-    if (this.isShown && this.#viewer) {
+  #opened(recording) {
+    this.#box.dataset.recording = recording;
+    if (this.#wantedS !== null) {
+      this.#tell(this.#wantedS);
+      this.#wantedS = null;
+    }
+  }
+
+  /** Show a moment, in s of simulation time; the pane is shown for it. */
+  async seek(timeS) {
+    this.#wantedS = timeS;
+    this.#follow(false);
+    if (!this.isShown) {
+      await this.toggle();
+    }
+    if (this.#box.dataset.recording) {
+      this.#tell(timeS);
+      this.#wantedS = null;
+    }
+  }
+
+  /** Follow the newest moment, or stay where the viewer is. A recorder's view follows by itself. */
+  #follow(wanted) {
+    this.#isFollowing = wanted;
+    this.#button.hidden = wanted || !this.#file;
+    this.#showNow();
+  }
+
+  #showNow() {
+    if (this.#isFollowing && this.#file && this.isShown && this.#box.dataset.recording && !document.hidden) {
+      this.#tell(this.#nowS());
+    }
+  }
+
+  #tell(timeS) {
+    if (timeS !== this.#told[this.#told.length - 1]) {
+      this.#told = [...this.#told.slice(-MOST_TOLD), timeS];
       this.#viewer.seek(timeS);
+    }
+  }
+
+  /** The person has gone to another time in the viewer itself: it stays there. */
+  #sees(timeS) {
+    this.#box.dataset.time = timeS;
+    const isOurs = this.#told.some((told) => Math.abs(told - timeS) < SAME_S);
+    if (this.#isFollowing && !isOurs && performance.now() - this.#touchedMs < TOUCH_MS) {
+      this.#follow(false);
     }
   }
 }
 
-/** The recording in a run's folder; empty: there is none. */
+/** The recording in a run's folder, as it grows; empty: there is none. */
 async function fileOf(run) {
-  const url = `/runs/${encodeURIComponent(run)}/files/run.rrd`;
+  const url = `/runs/${encodeURIComponent(run)}/growing/run.rrd`;
   const found = run ? await fetch(url, { method: "HEAD" }) : null;
   return found?.ok ? url : "";
 }

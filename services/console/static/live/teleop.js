@@ -59,7 +59,8 @@ export class Teleop {
 
   #press(event) {
     const key = event.key.toLowerCase();
-    if (!(key in KEYS) || event.ctrlKey || event.altKey || event.metaKey || takesKeys(event.target)) {
+    // The plan takes arrows itself while something is aimed at.
+    if (event.defaultPrevented || !(key in KEYS) || event.ctrlKey || event.altKey || event.metaKey || takesKeys(event.target)) {
       return;
     }
     event.preventDefault();
@@ -134,5 +135,5 @@ export class Teleop {
 
 /** Whether an element has its own use for letters and arrows. */
 function takesKeys(element) {
-  return element instanceof Element && element.closest("input, select, textarea, [id=log]") !== null;
+  return element instanceof Element && element.closest("input, select, textarea, [id=log], [id=rerun]") !== null;
 }
