@@ -10,6 +10,7 @@ from typing import Any
 
 from services.cli.options import print_json
 from services.common.config import ConfigError
+from services.common.recordings.catalog import LATEST, find_run
 from services.common.recordings.compare_runs import comparison_lines, read_run_digests
 from services.common.recordings.run_comparison import compare
 from services.common.recordings.run_folder import DIGESTS, LOCK, SUMMARY
@@ -17,8 +18,8 @@ from services.common.recordings.run_settings import settings_of
 
 
 def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -> int:
-    """Print the differences of two runs, by folder or name, in settings and messages; return 0 if
-    all messages are the same, else 1.
+    """Print the differences of two runs, by folder, name or `latest`, in settings and messages;
+    return 0 if all messages are the same, else 1.
 
     Raises ConfigError where one of them is not a run, or has no digests.
     """
@@ -49,6 +50,8 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
 
 
 def _find(directory: Path, name: str) -> Path:
+    if name == LATEST:
+        return find_run("diff", directory, name, DIGESTS).path
     for folder in (Path(name), directory / name):
         if any((folder / file).is_file() for file in (DIGESTS, SUMMARY)):
             return folder

@@ -154,6 +154,27 @@ def test_a_recording_is_opened_in_a_browser_where_there_is_one(
         assert opened.call_count == browsers
 
 
+@pytest.mark.parametrize("words", [(), ("latest",), ("2026-01-01_00-00-00_a",)])
+def test_the_newest_run_with_a_recording_is_shown_unless_another_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    for name, file in (
+        ("2026-01-01_00-00-00_a", "run.rrd"),
+        ("2026-01-02_00-00-00_b", "run.rrd"),
+        ("2026-01-03_00-00-00_c", "summary.json"),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / file).write_text("{}")
+    monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
+    page = mock.Mock()
+    monkeypatch.setattr("services.recorder.keeping.live.WebPage", page)
+    mazebot("recordings", "view", *words, "--dir", str(tmp_path), "--port", str(free_port()))
+    expected = words[0] if words and words[0] != "latest" else "2026-01-02_00-00-00_b"
+    assert page.call_args.kwargs["recording"] == [tmp_path / expected / "run.rrd"]
+    assert_one_line(mazebot("recordings", "view", "2026-01-03_00-00-00_c", "--dir", str(tmp_path)),
+                    "2026-01-03_00-00-00_c", "run.rrd")  # fmt: skip
+
+
 def test_runs_are_listed_in_json(tmp_path: Path) -> None:
     run = tmp_path / "2026-01-02_03-04-05_sim_house"
     run.mkdir()

@@ -72,6 +72,15 @@ def test_runs_that_part_are_told_of_with_what_made_them(
     assert told[2].endswith(" differs")
 
 
+def test_the_newest_run_is_called_latest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_run(tmp_path / "2026-01-01_00-00-00_room", seed=7)
+    make_run(tmp_path / "2026-01-02_00-00-00_room", seed=8)
+    assert diff(monkeypatch, "2026-01-01_00-00-00_room", "latest", "--dir", tmp_path) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "seed: 7 | 8"
+
+
 def test_a_run_that_has_not_ended_is_compared_as_far_as_it_went(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

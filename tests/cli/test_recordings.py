@@ -24,6 +24,8 @@ REAL, BAD, FAR = (
     "2026-11-20_10-00-00_house", "2026-11-21_10-00-00_maze", "2025-01-01_10-00-00_house",
 )  # fmt: skip
 
+OF_ORIGINAL, OF_ENHANCED = "2026-11-18_10-00-00_tour", "2026-11-19_10-00-00_tour"
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -66,6 +68,9 @@ def read(*arguments: str) -> Any:
         (["--reverse"], [FAR, REAL, BAD]),
         (["--world", "HOUSE"], [FAR]),
         (["--world", "room"], [REAL]),
+        (["--world", "original"], [OF_ORIGINAL]),
+        (["--world", "enhanced"], [OF_ENHANCED]),
+        (["--world", "sim_house"], [OF_ENHANCED, OF_ORIGINAL]),
         (["--tag", "best"], [FAR]),
         (["--tag", "best", "--tag", "keep"], []),
         (["--failed"], [BAD, REAL]),
@@ -77,6 +82,9 @@ def read(*arguments: str) -> Any:
     ],
 )
 def test_the_runs_asked_for_are_listed(runs: Path, options: list[str], expected: list[str]) -> None:
+    if expected and expected[-1] in (OF_ORIGINAL, OF_ENHANCED):
+        listed_run(runs, OF_ORIGINAL, {"world": "sim_house"})
+        listed_run(runs, OF_ENHANCED, {"world": "sim_house_enhanced"})
     assert listed(*options) == expected
 
 

@@ -26,7 +26,9 @@ RunName = Annotated[
 ]
 _World = Annotated[
     str | None,
-    typer.Option(help="of a world whose name contains this", autocompletion=world_names),
+    typer.Option(
+        help="of this world, or of those whose names contain this", autocompletion=world_names
+    ),
 ]
 _Tags = Annotated[
     list[str] | None, typer.Option("--tag", help="with this tag", autocompletion=tag_names)
@@ -67,7 +69,11 @@ def info(name: RunName, directory: RecordingsDir = None, as_json: Json = False) 
 @app.command()
 def view(
     name: Annotated[
-        str, typer.Argument(help="a run's folder or its name", autocompletion=run_names)
+        str,
+        typer.Argument(
+            metavar="[RUN]", help="its folder, its name, or `latest` [default: latest]",
+            autocompletion=run_names,
+        ),
     ] = "",
     directory: RecordingsDir = None,
     port: Annotated[int, typer.Option(min=1, max=65534, help="port of the web viewer")] = 9090,
@@ -77,11 +83,11 @@ def view(
     layout: Annotated[
         LayoutName | None, typer.Option(help="what to show [default: that of the run]")
     ] = None,
-) -> None:
+) -> None:  # fmt: skip
     """Serve a run (by default the newest one) to a browser."""
     from services.cli.recordings.view import view_run  # noqa: PLC0415
 
-    view_run(directory or Path("recordings"), name, port, open_browser, layout)
+    view_run(folder_of(directory), name, port, open_browser, layout)
 
 
 @app.command()

@@ -50,15 +50,24 @@ def chosen_runs(
     Raises ConfigError where `since` is no time.
     """
     after = None if since is None else time_of(since, datetime.now())  # noqa: DTZ005 - local
+    fits = None if world is None else _world_filter(world)
     runs = [
         run
         for run in list_recordings(directory)
-        if (world is None or world.lower() in run.world.lower())
+        if (fits is None or fits(run.world))
         and all(tag in run.tags for tag in tags)
         and (not failed or run.failed)
         and (after is None or (run.started is not None and run.started >= after))
     ]
     return sorted(runs, key=_KEYS[sort], reverse=reverse != (sort not in _FIRST_IS_LEAST))
+
+
+def _world_filter(text: str) -> Callable[[str], bool]:
+    """Whether a world's name contains a text, or is the one that this is short for."""
+    from services.worldgen.recipe.loader import SHORT_NAMES  # noqa: PLC0415 - only where it is asked
+
+    name = SHORT_NAMES.get(text)
+    return lambda world: text.lower() in world.lower() if name is None else world == name
 
 
 def time_of(text: str, now: datetime) -> datetime:

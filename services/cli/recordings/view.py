@@ -10,7 +10,7 @@ import webbrowser
 from pathlib import Path
 
 from services.common.config import ConfigError
-from services.common.recordings.catalog import RecordingInfo, list_recordings
+from services.common.recordings.catalog import LATEST, find_run
 from services.common.recordings.run_folder import RECORDING, parts_of
 from services.recorder.config import LayoutName
 
@@ -22,7 +22,10 @@ def view_run(
 
     Raises ConfigError where there is no such run or the port is taken.
     """
-    recording = _find(directory, name)
+    run = find_run("recordings view", directory, name or LATEST, RECORDING)
+    if run.recording is None:
+        raise ConfigError(f"recordings view: {run.path}: has no {RECORDING}: nothing was recorded")
+    recording = run.recording
     # These load Rerun.
     from services.recorder.drawing.layouts.layout_file import shown_in_layout  # noqa: PLC0415
     from services.recorder.keeping.live import WebPage  # noqa: PLC0415
@@ -49,17 +52,3 @@ def _opened(url: str) -> bool:
     """
     shows = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     return (shows or sys.platform == "darwin") and webbrowser.open(url)
-
-
-def _find(directory: Path, name: str) -> Path:
-    folder = Path(name)
-    if name and (folder / RECORDING).is_file():
-        return folder / RECORDING
-    runs: list[RecordingInfo] = [run for run in list_recordings(directory) if run.recording]
-    for run in runs:
-        if run.recording and (not name or run.name == name):
-            return run.recording
-    if name:
-        known = ", ".join(run.name for run in runs[:3]) or "none"
-        raise ConfigError(f"recordings: {name!r} is no run in {directory}; it has {known}")
-    raise ConfigError(f"recordings: no run.rrd in {directory}; `make demo` makes one")

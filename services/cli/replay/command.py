@@ -16,7 +16,8 @@ def replay(
     run: Annotated[
         str,
         typer.Argument(
-            metavar="RUN", help="a run's folder or name, an MCAP file, or a folder of rosbag2",
+            metavar="RUN",
+            help="a run's folder or name, `latest`, an MCAP file, or a folder of rosbag2",
             autocompletion=run_names,
         ),
     ],

@@ -30,6 +30,8 @@ from services.common.recordings.run_folder import (
 
 _NAME = re.compile(r"^(\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d)_(.+?)(?:_(\d+))?$")
 INDEX = ".catalog.json"
+LATEST = "latest"
+"""Names the newest run, wherever a run is named."""
 _INDEXED = [
     *("world", "goals_reached", "goals_total", "sim_time_s", "seed", "slam", "error_mean_m"),
     *("error_p95_m", "exploration", "coverage_share", "distance_m", "contacts", "real_time_factor"),
@@ -171,16 +173,19 @@ def run_at(path: Path) -> RecordingInfo | None:
     return _info(path, files, _read(path, (files.get(SUMMARY), files.get(LABELS))))
 
 
-def find_run(field: str, directory: Path, name: str) -> RecordingInfo:
-    """A run, by its folder, by its name in a folder of recordings, or `latest`.
+def find_run(field: str, directory: Path, name: str, holding: str = "") -> RecordingInfo:
+    """A run, by its folder, by its name in a folder of recordings, or `latest`: the newest one that
+    holds the file `holding`, if one is named.
 
     Raises ConfigError with one line, which begins with `field`, if there is none.
     """
-    if name == "latest":
+    if name == LATEST:
         runs = list_recordings(directory)
-        if not runs:
-            raise ConfigError(f"{field}: no run in {directory}; `make demo` makes one")
-        return runs[0]
+        latest = next((run for run in runs if not holding or holding in run.files), None)
+        if latest is None:
+            what = f"run with {holding}" if holding else "run"
+            raise ConfigError(f"{field}: no {what} in {directory}; `make demo` makes one")
+        return latest
     for folder in (Path(name), directory / name):
         try:
             run = run_at(folder)

@@ -25,6 +25,10 @@ VIDEO_TYPE = "foxglove_msgs/msg/CompressedVideo"
 VIDEO_FORMAT = "vp9"
 _PICTURE_TYPE = "sensor_msgs/msg/CompressedImage"
 _IMAGE_TYPE = "sensor_msgs/msg/Image"
+_NO_PICTURES = ("", DEPTH_IMAGE.name)
+"""What compressed images are not made a video, by what they were made from: those that were on the
+wire so, and depth images, which are as small as they get.
+"""
 _DEFINITION = f"""\
 # A frame of a video. Its picture needs those before it, back to the newest key frame.
 builtin_interfaces/Time timestamp
@@ -126,7 +130,7 @@ def _conversions(path: Path) -> dict[int, _Conversion]:
                 topic = f"{channel.topic}/compressedDepth"
                 definition = definition_of(_PICTURE_TYPE)
                 found[channel.id] = _Conversion(topic, _PICTURE_TYPE, definition, compressed_depth)
-            elif kind == _PICTURE_TYPE and channel.metadata.get(MADE_FROM):
+            elif kind == _PICTURE_TYPE and channel.metadata.get(MADE_FROM, "") not in _NO_PICTURES:
                 found[channel.id] = _video(path, channel)
     return found
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from services.cli.replay.comparison import Comparison
+from services.cli.replay.reading.find import open_recording
 from services.cli.replay.reading.replayed import Replayed, between, in_time
 from services.common.bus import wire
+from services.common.config import ConfigError
 from services.common.node import messages as msg
 from services.common.node.node import Envelope
 from services.common.node.topics import CMD_VEL, NAVIGATION_STATUS, SCAN, TF_STATIC, Topic
@@ -58,6 +63,15 @@ def test_a_part_begins_with_the_latched_messages_that_held_then() -> None:
     part = list(between(iter(rows), round(1.2e9), round(2.5e9)))
     told = [(one.topic.name, one.envelope.sequence, one.time_ns // 100_000_000) for one in part]
     assert told == [("/tf_static", 1, 12), ("/scan", 0, 15), ("/scan", 0, 20)]
+
+
+def test_the_newest_run_with_messages_is_called_latest(run_folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(run_folder, tmp_path / "2026-01-01_00-00-00_a")
+    (tmp_path / "2026-01-02_00-00-00_b").mkdir()
+    (tmp_path / "2026-01-02_00-00-00_b" / "summary.json").write_text("{}")
+    assert open_recording(tmp_path, "latest").name == "2026-01-01_00-00-00_a"
+    with pytest.raises(ConfigError, match=r"no run with run\.mcap"):
+        open_recording(tmp_path / "2026-01-02_00-00-00_b", "latest")
 
 
 def test_streams_are_compared_by_time_whichever_comes_first() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from services.cli.replay.reading.recording import Recording
 from services.common.config import ConfigError
+from services.common.recordings.catalog import LATEST, find_run
 from services.common.recordings.mcap_records import McapError
 from services.common.recordings.mcap_scan import scan
 from services.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
@@ -17,11 +18,14 @@ _OF_A_RUN = "mazebot"
 
 
 def open_recording(directory: Path, name: str, slam: bool = False) -> Recording:
-    """A run by its name in `directory` or by its folder, an MCAP file, or a folder of rosbag2. With
-    `slam`, the robot of a bag gets no map, though one was recorded.
+    """A run by its name in `directory`, by its folder, or `latest`, the newest one that holds its
+    messages; an MCAP file, or a folder of rosbag2. With `slam`, the robot of a bag gets no map,
+    though one was recorded.
 
     Raises ConfigError where there is none, or it cannot be read.
     """
+    if name == LATEST:
+        return _open_folder(find_run("replay", directory, name, MESSAGES).path, slam)
     for path in (Path(name), directory / name):
         if path.is_dir():
             return _open_folder(path, slam)
