@@ -210,6 +210,16 @@ def test_killed_runs_are_repaired(runs: Path) -> None:
     assert told("repair") == "nothing to repair in recordings\n"
 
 
+def test_a_run_of_which_nothing_can_be_read_is_not_said_to_be_whole(runs: Path) -> None:
+    (runs / REAL / LOCK).touch()
+    (runs / REAL / "run.mcap").write_bytes(b"nothing of a recording" * 100)
+    done = mazebot("recordings", "repair", REAL)
+    assert done.returncode == 2
+    assert "whole again" not in done.stdout
+    assert done.stderr.count("\n") == 1
+    assert f"recordings/{REAL}/run.mcap: cannot be read" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "offered"),
     [

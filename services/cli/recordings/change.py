@@ -111,18 +111,24 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
     found = [folder for folder in leftovers(directory) if only in (None, folder)]
     if not as_json:
         logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    Repair(directory, only).repair_all()
+    repair = Repair(directory, only)
+    repair.repair_all()
     left = leftovers(directory)
-    whole = [str(folder) for folder in found if folder not in left]
-    failed = [str(folder) for folder in found if folder in left]
+    given_up = {file.parent for file in repair.unreadable}
+    whole = [str(folder) for folder in found if folder not in left and folder not in given_up]
+    waiting = [str(folder) for folder in found if folder in left]
+    failed = [str(folder) for folder in found if folder in left or folder in given_up]
     if as_json:
         print_json({"repaired": whole, "failed": failed})
     elif not found:
         sys.stdout.write(f"nothing to repair in {directory}\n")
     else:
         sys.stdout.write("".join(f"{folder}: whole again\n" for folder in whole))
-    if failed:
-        raise ConfigError(f"recordings repair: {', '.join(failed)}: no room, or in use")
+    problems = [f"{', '.join(waiting)}: no room, or in use"] if waiting else []
+    if repair.unreadable:
+        problems.append(f"{', '.join(map(str, repair.unreadable))}: cannot be read, left as it is")
+    if problems:
+        raise ConfigError(f"recordings repair: {'; '.join(problems)}")
 
 
 def tag_run(
