@@ -213,12 +213,17 @@ class RunFolder:
 
 def write_atomically(path: Path, pieces: Iterable[bytes], sync: bool = True) -> None:
     """Write a file so that after a crash, and for readers, it is either the old or the new one;
-    `sync`: also after a crash of the machine.
+    `sync`: also after a crash of the machine. Raises OSError; the old one stays then, and nothing
+    of the new one takes room.
     """
     temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("wb") as file:
-        file.writelines(pieces)
-        file.flush()
-        if sync:
-            os.fsync(file.fileno())
-    temporary.replace(path)
+    try:
+        with temporary.open("wb") as file:
+            file.writelines(pieces)
+            file.flush()
+            if sync:
+                os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise

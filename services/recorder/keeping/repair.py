@@ -124,6 +124,8 @@ class Repair(threading.Thread):
         self._may_compress = may_compress
         self.spared: Path | None = None
         """A run that may still be resumed, for a minute."""
+        self.unreadable: list[Path] = []
+        """The files that were given up: what is in them is nothing that can be repaired."""
         self._start_s = time.monotonic()
         self._recordings_dir = recordings_dir
         self._only = only
@@ -188,6 +190,7 @@ class Repair(threading.Thread):
                 if repair(part, attachments_of(folder)):
                     _LOG.info("repaired %s", part)
             except McapError as error:
+                self.unreadable.append(part)
                 _LOG.warning("%s cannot be repaired: %s", part, error)
         parts = parts_of(folder)
         if parts:
@@ -199,6 +202,7 @@ class Repair(threading.Thread):
             if self._stopped.is_set():
                 return
             if problem:
+                self.unreadable.append(parts[0])
                 _LOG.warning("%s cannot be repaired: %s", parts[0], problem)
             else:
                 _LOG.info("repaired %s", parts[0])

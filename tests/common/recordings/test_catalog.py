@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -13,6 +15,18 @@ from services.common.config import ConfigError
 from services.common.recordings import catalog
 from services.common.recordings.catalog import Catalog, find_run, list_recordings
 from services.common.recordings.run_folder import LOCK, SUMMARY, RunFolder, write_atomically
+
+
+def test_a_file_that_finds_no_room_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
+    def pieces() -> Iterator[bytes]:
+        yield b"new"
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file = tmp_path / SUMMARY
+    file.write_bytes(b"old")
+    with pytest.raises(OSError, match="No space left"):
+        write_atomically(file, pieces())
+    assert [(one.name, one.read_bytes()) for one in tmp_path.iterdir()] == [(SUMMARY, b"old")]
 
 
 def make(folder: Path, name: str, summary: object = None, recording: bytes = b"") -> Path:
