@@ -16,6 +16,9 @@ import typer
 
 from services.cli.recordings.selection import time_of
 from services.common.recordings.labels import read_labels
+from services.common.recordings.mcap_file import McapFile
+from services.common.recordings.mcap_messages import read_messages
+from services.common.recordings.mcap_scan import scan
 from services.common.recordings.run_folder import LOCK, RunFolder
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.recordings.made_run import listed_run, made_run
@@ -208,6 +211,22 @@ def test_killed_runs_are_repaired(runs: Path) -> None:
     assert (runs / FAR / LOCK).exists()
     assert read("repair") == {"repaired": [f"recordings/{FAR}"], "failed": []}
     assert told("repair") == "nothing to repair in recordings\n"
+
+
+def test_a_run_whose_messages_are_cut_off_is_repaired_when_named(runs: Path) -> None:
+    file = runs / REAL / "run.mcap"
+    made = McapFile(file)
+    made.add_channel("/a", "std_msgs/msg/String", "string data", {})
+    made.add_messages([(0, number, number, number, (b"hello",)) for number in range(10)])
+    made.close()
+    whole = list(read_messages([file]))
+    file.write_bytes(file.read_bytes()[:-50])
+    assert read("repair") == {"repaired": [], "failed": []}
+    assert "whole again" in told("repair", REAL)
+    assert scan(file).is_whole
+    assert len(whole) == 10
+    assert list(read_messages([file])) == whole
+    assert_one_line(mazebot("recordings", "repair", REAL), "has ended properly")
 
 
 def test_a_run_of_which_nothing_can_be_read_is_not_said_to_be_whole(runs: Path) -> None:

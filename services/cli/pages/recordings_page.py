@@ -129,7 +129,11 @@ _COMMANDS = (
         "The recorder does the same by itself with `keep_days` and `keep_gib` "
         "([parameters](parameters.md))",
     ),
-    ("repair [RUN]", "makes the recordings of killed recorders whole, as the next recorder would"),
+    (
+        "repair [RUN]",
+        "makes the recordings of killed recorders whole, as the next recorder would; of a named "
+        "run also messages that are cut off, as when copying them was broken off",
+    ),
     (
         "tag RUN TAG...",
         "adds tags; `--remove TAG` removes one, `--note` sets the note. Without any, prints them",

@@ -15,7 +15,10 @@ from services.cli.recordings.printing import info_row, print_table, size_text
 from services.common.config import ConfigError
 from services.common.recordings.catalog import RecordingInfo, find_run, list_recordings
 from services.common.recordings.labels import read_labels, relabelled, write_labels
+from services.common.recordings.mcap_records import McapError
+from services.common.recordings.mcap_scan import scan
 from services.common.recordings.retention import Kept, delete_rest, delete_run, to_delete
+from services.common.recordings.run_folder import LOCK, MESSAGES, parts_of
 
 
 def make_reports(directory: Path, names: Sequence[str], as_json: bool) -> None:
@@ -104,9 +107,11 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
         run = find_run("recordings repair", directory, name)
         if run.state == "running":
             raise ConfigError(f"recordings repair: {run.path}: is being recorded; stop it first")
-        if run.state == "ended":
+        if run.state == "ended" and not _cut_off(run.path):
             raise ConfigError(f"recordings repair: {run.path}: has ended properly: must be a run "
-                              "whose recorder was killed")  # fmt: skip
+                              "whose recorder was killed, or that is cut off")  # fmt: skip
+        # As a killed recorder leaves it.
+        (run.path / LOCK).touch()
         directory, only = run.path.parent, run.path
     found = [folder for folder in leftovers(directory) if only in (None, folder)]
     if not as_json:
@@ -129,6 +134,14 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
         problems.append(f"{', '.join(map(str, repair.unreadable))}: cannot be read, left as it is")
     if problems:
         raise ConfigError(f"recordings repair: {'; '.join(problems)}")
+
+
+def _cut_off(folder: Path) -> bool:
+    """Whether a file of a run's messages lacks its end, as when copying it was broken off."""
+    try:
+        return not all(scan(part).is_whole for part in parts_of(folder, MESSAGES))
+    except (McapError, OSError):
+        return True
 
 
 def tag_run(
