@@ -131,8 +131,8 @@ _COMMANDS = (
     ),
     (
         "repair [RUN]",
-        "makes the recordings of killed recorders whole, as the next recorder would; of a named run "
-        "also messages that are cut off, as when copying them was broken off",
+        "makes the recordings of killed recorders whole, as the next recorder would; of a named "
+        "run also messages that are cut off, as when copying them was broken off",
     ),
     (
         "tag RUN TAG...",
