@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import logging
 import shutil
 import subprocess
@@ -11,16 +12,21 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from services.common.config import ConfigError
+from services.common.recordings.mcap_counts import count_messages
 from services.common.recordings.mcap_file import repair
 from services.common.recordings.mcap_records import McapError
 from services.common.recordings.run_folder import (
     LOCK,
     MESSAGES,
     PROGRESS,
+    SUMMARY,
     TO_COMPRESS,
     attachments_of,
     parts_of,
+    write_atomically,
 )
+from services.common.recordings.run_settings import read_summary
 from services.recorder.keeping.closing import leave_report
 from services.recorder.keeping.progress import Progress, read_progress
 from services.recorder.stream.rerun_program import rerun_binary
@@ -185,6 +191,8 @@ class Repair(threading.Thread):
         return folder == self.spared and time.monotonic() - self._start_s < SPARE_S
 
     def _repair(self, folder: Path) -> None:
+        # First: the summary is attached to the messages.
+        _count_anew(folder)
         for part in parts_of(folder, MESSAGES):
             try:
                 if repair(part, attachments_of(folder)):
@@ -211,6 +219,25 @@ class Repair(threading.Thread):
         (folder / PROGRESS).unlink(missing_ok=True)
         (folder / LOCK).unlink(missing_ok=True)
         leave_report(folder)
+
+
+def _count_anew(folder: Path) -> None:
+    """Say in a run's summary how many messages its files hold: its recorder died, or had no room
+    for the summary, after it had written some more.
+    """
+    try:
+        summary = read_summary(folder)
+        counts = count_messages(parts_of(folder, MESSAGES))
+        for topic, row in summary.get("messages", {}).items():
+            if row["recorded"] is not None:
+                row["recorded"] = counts[topic]
+                row["received"] = max(row["received"], counts[topic])
+                row["sent"] = max(row["sent"], row["received"] + row["lost"])
+        if summary and counts:
+            text = json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
+            write_atomically(folder / SUMMARY, [text.encode()])
+    except (ConfigError, McapError, OSError, AttributeError, KeyError, TypeError) as error:
+        _LOG.warning("%s: the messages of the run were not counted: %s", folder, error)
 
 
 def _is_free(lock: Path) -> bool:

@@ -15,10 +15,10 @@ from services.common.bus import wire
 from services.common.node.node import Envelope
 from services.common.node.topics import BY_NAME, Topic
 from services.common.recordings.mcap_channels import definition_of, qos_profiles_of, type_hash_of
+from services.common.recordings.mcap_counts import by_origin, count_messages
 from services.common.recordings.mcap_file import McapFile, Row
 from services.common.recordings.mcap_messages import MADE_FROM, REPEATED, SOURCE, WORLD_HASH
-from services.common.recordings.mcap_records import Channel, McapError
-from services.common.recordings.mcap_scan import scan
+from services.common.recordings.mcap_records import McapError
 from services.common.recordings.run_folder import attachments_of
 from services.recorder.stream.file_writer import RecordingError
 
@@ -84,12 +84,10 @@ class MessageLog:
         self._waiting_bytes = 0
         self._queued_bytes = 0
         self._repeated: Counter[str] = Counter()
-        self._earlier: Counter[str] = Counter()
         self._begins_next = False
         self._problem: str | None = None
         try:
-            for number in range(1, part):
-                self._earlier += _counted(path_of(number))
+            self._earlier = count_messages(path_of(number) for number in range(1, part))
             self._file = McapFile(path_of(part))
             self.is_new = not self._file.channels
             """Whether there is nothing in it yet."""
@@ -254,26 +252,10 @@ class MessageLog:
             self._routes[channel.topic, *about] = channel.id
 
     def _counts(self) -> Counter[str]:
-        return _by_origin(list(self._file.channels), self._file.counts)
+        return by_origin(list(self._file.channels), self._file.counts)
 
     def _end(self) -> None:
         self._file.close(attachments_of(self.path.parent))
-
-
-def _by_origin(channels: Iterable[Channel], counts: Mapping[int, int]) -> Counter[str]:
-    """Messages by topic; compressed pictures count for the topic with the whole ones."""
-    by_topic: Counter[str] = Counter()
-    for channel in channels:
-        by_topic[channel.metadata.get(MADE_FROM) or channel.topic] += counts.get(channel.id, 0)
-    return by_topic
-
-
-def _counted(path: Path) -> Counter[str]:
-    """Messages of an earlier file by topic, without those that it repeats."""
-    contents = scan(path)
-    repeated = contents.texts.get(REPEATED, {})
-    counts = _by_origin(contents.channels, contents.counts)
-    return counts - Counter({name: int(count) for name, count in repeated.items()})
 
 
 def _add_channel(file: McapFile, route: _Route) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -11,12 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from services.common.node import documents as doc
 from services.common.node import topics as table
 from services.common.node.topics import Delivery
 from services.common.recordings.digests import read_digests
-from services.common.recordings.run_folder import LOCK, TO_COMPRESS, RunFolder
+from services.common.recordings.mcap_messages import read_messages
+from services.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, RunFolder, parts_of
 from services.common.root import ROOT
 from services.recorder.config import RecorderConfig
 from services.recorder.keeping import repair as repair_module
@@ -79,6 +82,27 @@ def test_a_killed_recording_is_made_whole_by_the_next_recorder(tmp_path: Path) -
         "run.rrd", "run.mcap", "config.yaml", "summary.json", "digests.bin",
         "report.html",
     }  # fmt: skip
+
+
+def test_the_summary_of_a_killed_run_says_what_its_files_hold(tmp_path: Path) -> None:
+    run = killed_run(tmp_path, "pass")
+    counted = {"sent": 9, "received": 7, "lost": 2, "recorded": 7, "rejected": 0}
+    nowhere = {"sent": None, "received": None, "lost": None, "recorded": None, "rejected": 0}
+    stale = {"world": "room", "messages": {"/clock": counted, "/cmd_vel_teleop": nowhere}}
+    (run / "summary.json").write_text(json.dumps(stale))
+    Repair(tmp_path).repair_all()
+    text = (run / "summary.json").read_text()
+    clocks = len(list(read_messages(parts_of(run, MESSAGES), {"/clock"})))
+    assert clocks > 9
+    assert json.loads(text) == stale | {
+        "messages": {
+            "/clock": counted | {"recorded": clocks, "received": clocks, "sent": clocks + 2},
+            "/cmd_vel_teleop": nowhere,
+        }
+    }
+    with (run / "run.mcap").open("rb") as file:
+        attached = {one.name: one.data for one in make_reader(file).iter_attachments()}
+    assert attached["summary.json"] == text.encode()
 
 
 def sent_again(world: doc.World, *drives: tuple[float, int]) -> list[Said]:
