@@ -30,12 +30,14 @@ class OdometryQuality:
     def __init__(self) -> None:
         self.shift = 1.0
         """Factor of the variance of moves."""
-        self.turn = 1.0
-        """Factor of the variance of turns."""
+        self.turn = _LEAST
+        """Factor of the variance of turns. It begins low: the error of the first scans, which have
+        little around them to be matched with, would turn the whole map.
+        """
         self._before = PlanarCovariance()
         self._expected = (0.0, 0.0)
         self._shift_sums = (_LEAST_MOTION_M2 * 100.0, _LEAST_MOTION_M2 * 100.0)
-        self._turn_sums = (_LEAST_MOTION_RAD2 * 100.0, _LEAST_MOTION_RAD2 * 100.0)
+        self._turn_sums = (_LEAST * _LEAST_MOTION_RAD2 * 100.0, _LEAST_MOTION_RAD2 * 100.0)
 
     def begin(self, before: PlanarCovariance, shift_m2: float, turn_rad2: float) -> None:
         """A motion begins: covariance of the pose before it, and variances by the parameters."""
