@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -160,11 +161,12 @@ def _ended(command: str, endless: bool, folder: Path, terminal: int | None, **mo
         cwd=folder, env=environment(**more), stdin=terminal,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
+    end_s = time.monotonic() + 60.0
     try:
-        said, _ = process.communicate(timeout=6.0 if endless else 110.0)
+        said = _said(process, 6.0, end_s) if endless else process.communicate(timeout=110.0)[0]
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=10.0)
+        said, _ = process.communicate(timeout=30.0)
         assert endless, f"{command}: {said}"
         assert said.strip(), f"{command}: says nothing"
         assert "Traceback" not in said
@@ -174,6 +176,18 @@ def _ended(command: str, endless: bool, folder: Path, terminal: int | None, **mo
     assert process.returncode in ((0, 1) if differs else (0,)), f"{command}: {said}"
     assert "Traceback" not in said
     return said
+
+
+def _said(process: subprocess.Popen[str], going_on_s: float, end_s: float) -> str:
+    """What a program says that ends. Raises TimeoutExpired if it goes on for so long, and has said
+    something by then or by a time.
+    """
+    while True:
+        try:
+            return process.communicate(timeout=going_on_s)[0]
+        except subprocess.TimeoutExpired as going_on:
+            if going_on.output or time.monotonic() >= end_s:
+                raise
 
 
 def filled(example: Example) -> str:
