@@ -136,7 +136,7 @@ def aim(params: ExplorerParams, seen: Survey, home: SE2, current: Aim | None) ->
     if seen.robot is None or not seen.points:
         return None
     if params.choice == "nearest":
-        return _nearest_frontier(seen, params.view_clearance)
+        return _nearest_frontier(seen)
     floor = seen.floor
     end = floor.coarse_index(home.x_m, home.y_m) if params.return_to_init else None
     chooser = Chooser(
@@ -169,12 +169,9 @@ def still(seen: Survey, current: Aim) -> Aim:
     )
 
 
-def _nearest_frontier(seen: Survey, clearance_m: float) -> Aim:
-    """The reachable place beside a frontier with the shortest way to it (Yamauchi, 1997); one with
-    less clearance than wanted, where it may not turn, only if there is no other beside it.
-    """
+def _nearest_frontier(seen: Survey) -> Aim:
+    """The reachable place beside a frontier with the shortest way to it (Yamauchi, 1997)."""
     floor = seen.floor
-    tight = floor.coarse_clearance_m < clearance_m
     columns = int(floor.prices.shape[1])
     rows = int(floor.prices.shape[0])
     best: tuple[int, int, tuple[int, int]] | None = None
@@ -183,10 +180,7 @@ def _nearest_frontier(seen: Survey, clearance_m: float) -> Aim:
             for row, column in (part.cells // floor.factor).tolist():
                 around = np.s_[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3]
                 costs = seen.distances[around]
-                down, right = divmod(
-                    int(np.argmin(np.where(tight[around], costs // 2 + FAR // 2, costs))),
-                    int(costs.shape[1]),
-                )
+                down, right = divmod(int(np.argmin(costs)), int(costs.shape[1]))
                 r, c = max(row - 2, 0) + down, max(column - 2, 0) + right
                 if r < rows and (best is None or int(costs[down, right]) < best[0]):
                     best = int(costs[down, right]), r * columns + c, part.middle()
