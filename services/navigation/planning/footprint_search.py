@@ -13,7 +13,7 @@ from services.common.kernels import kernel
 from services.common.world.costmap import Clearance
 from services.navigation.costmap.layered_costmap import Costs
 from services.navigation.planning.a_star import FOUND, GAVE_UP, NO_WAY, CostToCome
-from services.navigation.planning.footprint_check import can_turn, hits, turn_hits
+from services.navigation.planning.footprint_check import can_turn, difference_rad, hits, turn_hits
 from services.navigation.planning.search_grid import SOLID, Prices
 
 HEADINGS: Final = 16
@@ -129,8 +129,7 @@ def _closed_off(
                     continue
             else:
                 from_h = (h + 2 * move - 5 + count) % count
-                by = headings_rad[from_h] - headings_rad[h]
-                by -= math.floor(by / math.tau + 0.5) * math.tau
+                by = difference_rad(headings_rad[from_h], headings_rad[h])
                 if turn_hits(
                     distance_m, resolution_m, outline_m, circles, 0.5 * ix, 0.5 * iy,
                     headings_rad[h], by,
@@ -218,8 +217,7 @@ def drive_through(
         if not np.isfinite(to_goal[cell]) or waiting > seeded:
             continue
         for h in range(count):
-            by = headings_rad[h] - start[2]
-            by -= math.floor(by / math.tau + 0.5) * math.tau
+            by = difference_rad(headings_rad[h], start[2])
             if abs(by) > 0.5 or hits(
                 distance_m, resolution_m, outline_m, circles, x, y, headings_rad[h]
             ):
@@ -310,8 +308,7 @@ def drive_through(
                 if move == 1:
                     cost += (REVERSE_FACTOR - 1.0) * (cost - here)
             else:
-                by = headings_rad[to_h] - headings_rad[h]
-                by -= math.floor(by / math.tau + 0.5) * math.tau
+                by = difference_rad(headings_rad[to_h], headings_rad[h])
                 cost = here + TURN_CELLS
             if keys[to] == to_key and np.float32(cost) >= cost_to_come[to]:
                 continue

@@ -164,12 +164,7 @@ class Planner:
 
     def _joined(self, task: _Task, tolerance_m: float, static: Costmap | None) -> _Task:
         """The task with ends in one region of free cells."""
-        grid, kept = task.grid, self._kept
-        if not grid.is_free(task.goal_cell):
-            return task
-        kept.regions.find(grid.cells)
-        start, goal = task.index(task.start_cell), task.index(task.goal_cell)
-        if kept.regions.at(start) == kept.regions.at(goal):
+        if not task.grid.is_free(task.goal_cell) or self._in_one_region(task, task.start_cell):
             return task
         return self._rejoined(task, tolerance_m, static)
 
