@@ -49,7 +49,7 @@ $(STAMP): requirements-dev.lock requirements.lock pyproject.toml | $(filter .too
 	@$(UV) pip sync --quiet --compile-bytecode --python $(PYTHON) --require-hashes requirements-dev.lock
 	@$(UV) pip install --quiet --python $(PYTHON) --no-deps --no-build-isolation --editable .
 	@$(PYTHON) -m compileall -q services
-	@$(PYTHON) -m services.embedded.kernels || true
+	@$(PYTHON) -m mazebot.embedded.kernels || true
 	@touch $@
 
 demo: $(STAMP) ## drive a tour in one process, no Docker (WORLD=enhanced SEED=7 SET=maze.seed=3 MAP=)
@@ -98,11 +98,11 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
 	@for page in topics recipes parameters recordings; do \
-		.venv/bin/python -m services.cli.pages.$${page}_page | diff - docs/$$page.md \
+		.venv/bin/python -m mazebot.cli.pages.$${page}_page | diff - docs/$$page.md \
 			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
 	done
 	@for schema in summary series labels; do \
-		.venv/bin/python -m services.cli.pages.run_schemas $$schema | diff - docs/schemas/$$schema.schema.json \
+		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema | diff - docs/schemas/$$schema.schema.json \
 			|| { echo "docs/schemas/$$schema.schema.json is stale: make generate"; exit 1; }; \
 	done
 	@echo "check: all well"
@@ -113,10 +113,10 @@ fix: $(STAMP) ## format, and fix what the linter can
 
 generate: $(STAMP) ## regenerate the generated files
 	@for page in topics recipes parameters recordings; do \
-		.venv/bin/python -m services.cli.pages.$${page}_page > docs/$$page.md; \
+		.venv/bin/python -m mazebot.cli.pages.$${page}_page > docs/$$page.md; \
 	done
 	@for schema in summary series labels; do \
-		.venv/bin/python -m services.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
+		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
 
 lock: $(STAMP) ## resolve the dependencies again
@@ -127,7 +127,7 @@ lock: $(STAMP) ## resolve the dependencies again
 
 bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=bench.json)
 	@$(MAKE) --silent .venv-bench/.installed || echo "ir-sim cannot be had: its rows stay empty"
-	@.venv/bin/python -m services.bench.bench --json $(JSON)
+	@.venv/bin/python -m mazebot.bench.whole.bench --json $(JSON)
 
 .venv-bench/.installed: requirements-bench.lock | $(filter .tools/bin/uv,$(UV))
 	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-bench
@@ -135,19 +135,19 @@ bench: $(STAMP) ## measure speed and memory, beside PyBullet and ir-sim (JSON=be
 	@touch $@
 
 soak: $(STAMP) ## drive an hour of simulated time to random goals (HOURS=1 SEED=7 WORLD=enhanced CAMERA=)
-	@.venv/bin/python -m services.bench.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
+	@.venv/bin/python -m mazebot.bench.whole.soak --hours $(HOURS) --seed $(SEED) --world $(WORLD) $(if $(CAMERA),--camera)
 
 seeds: $(STAMP) ## drive the tour of both worlds over ten seeds
-	@.venv/bin/python -m services.bench.seeds
+	@.venv/bin/python -m mazebot.bench.whole.seeds
 
 bench-nav: $(STAMP) ## drive many scenarios, judged by the ground truth (SCENARIO=tours SEED=0 SEEDS=5 FULL= BASELINE=old.json)
-	@.venv/bin/python -m services.bench.navigation $(SCENARIO:%=--scenario %) \
+	@.venv/bin/python -m mazebot.bench.navigation $(SCENARIO:%=--scenario %) \
 		$(if $(filter file,$(origin SEED)),,--seed $(SEED)) $(SEEDS:%=--seeds %) $(if $(FULL),--full) \
 		$(BASELINE:%=--baseline %) $(SETTINGS:%=--settings %) --plots bench-nav \
 		--json $(if $(filter file,$(origin JSON)),bench-nav.json,$(JSON))
 
 bench-slam: $(STAMP) ## explore worlds without a map, judged by the ground truth (WORLDS="original maze" SEED=1 SEEDS=5 SLIP=0.1 NOISE=0.05)
-	@.venv/bin/python -m services.bench.slam_bench $(WORLDS:%=--world %) \
+	@.venv/bin/python -m mazebot.bench.slam.slam_bench $(WORLDS:%=--world %) \
 		$(if $(filter file,$(origin SEED)),,--seed $(SEED)) $(SEEDS:%=--seeds %) $(SLIP:%=--slip %) \
 		$(NOISE:%=--noise %) --json $(if $(filter file,$(origin JSON)),bench-slam.json,$(JSON))
 

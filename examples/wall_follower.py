@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from services.navigation.control.collision import Surroundings, Velocity
-from services.navigation.control.controller import ControllerParams, PathlessController
+from mazebot.navigation.control.collision import Surroundings, Velocity
+from mazebot.navigation.control.controller import ControllerParams, PathlessController
 
 
 class WallFollowerParams(ControllerParams):

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from services.bench import bench, bench_loop, bench_peers
-from services.bench.bench_figures import as_json, figure, missing, tables
-from services.worldgen.recipe.loader import load_world
+from mazebot.bench.bench_figures import as_json, figure, missing, tables
+from mazebot.bench.whole import bench, bench_loop, bench_peers
+from mazebot.worldgen.recipe.loader import load_world
 
 
 def test_a_figure_has_its_spread() -> None:

@@ -12,21 +12,21 @@ import pytest
 import shapely
 import yaml
 
-from services.bench.navigation import __main__ as bench_nav
-from services.bench.navigation import metrics, runner
-from services.bench.navigation.bench_worlds import BenchWorld, narrow_maze, two_rooms
-from services.bench.navigation.course import Course, rectangle
-from services.bench.navigation.measure import Leg, alarm_count
-from services.bench.navigation.moving import places_in
-from services.bench.navigation.plots import overview, ways
-from services.bench.navigation.report import ratio_table, read_summaries, row_as_json, summary
-from services.bench.navigation.robot_outline import robot_parts
-from services.bench.navigation.scenario import Options, Row, Scenario
-from services.bench.navigation.scenarios import BY_NAME, GROUPS, SCENARIOS
-from services.bench.navigation.surroundings import FAR_M, Post, PutThing, Surroundings
-from services.common.config import ConfigError
-from services.common.frames import SE2, Array
-from services.common.root import ROOT
+from mazebot.bench.navigation import __main__ as bench_nav
+from mazebot.bench.navigation import metrics, runner
+from mazebot.bench.navigation.courses.bench_worlds import BenchWorld, narrow_maze, two_rooms
+from mazebot.bench.navigation.courses.course import Course, rectangle
+from mazebot.bench.navigation.courses.moving import places_in
+from mazebot.bench.navigation.courses.scenarios import BY_NAME, GROUPS, SCENARIOS
+from mazebot.bench.navigation.measure import Leg, alarm_count
+from mazebot.bench.navigation.plots import overview, ways
+from mazebot.bench.navigation.report import ratio_table, read_summaries, row_as_json, summary
+from mazebot.bench.navigation.robot_outline import robot_parts
+from mazebot.bench.navigation.scenario import Options, Row, Scenario
+from mazebot.bench.navigation.surroundings import FAR_M, Post, PutThing, Surroundings
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2, Array
 
 TIMES_S = np.arange(0.0, 10.0, 1.0 / 30.0)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from services.bench.exploration import explore, main, offline_tour_m, place_of
-from services.explorer.params import ExplorerParams
+from mazebot.bench.slam.exploration import explore, main, offline_tour_m, place_of
+from mazebot.explorer.params import ExplorerParams
 
 
 def test_the_house_is_explored_and_the_robot_comes_home(capsys: pytest.CaptureFixture[str]) -> None:

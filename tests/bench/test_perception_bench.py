@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from services.bench import blank_pictures as blank
-from services.bench import perception_bench as bench
-from services.bench.perception_views import TrueMarker, Viewer, hidden
-from services.common.frames import SE2
-from services.common.world.placement import panel_of
+from mazebot.bench.parts import blank_pictures as blank
+from mazebot.bench.parts import perception_bench as bench
+from mazebot.bench.parts.perception_views import TrueMarker, Viewer, hidden
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.placement import panel_of
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_the_figures_are_those_of_a_detector_that_works(monkeypatch: pytest.Monk
     for table in bench.perception_tables(figures):
         console.print(table)
     assert "as rendered" in console.export_text()
-    monkeypatch.setattr("services.perception.detect.Detector.detect", lambda *_: [])
+    monkeypatch.setattr("mazebot.perception.detect.Detector.detect", lambda *_: [])
     blind = bench.perception_figures(12, 1)
     assert blind["recall"] == 0.0
     assert blind["position_error_p95"] is None

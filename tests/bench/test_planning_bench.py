@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.bench.planning_bench import on_benchmark, on_made_maps
-from services.bench.planning_maps import KINDS, read_movingai_map, read_movingai_scen
-from services.common.config import ConfigError
+from mazebot.bench.parts.planning_bench import on_benchmark, on_made_maps
+from mazebot.bench.parts.planning_maps import KINDS, read_movingai_map, read_movingai_scen
+from mazebot.common.config import ConfigError
 
 MAP = "type octile\nheight 4\nwidth 6\nmap\n......\n.@@T..\n..S.W.\n......\n"
 SCEN = "version 1\n0\ta.map\t6\t4\t0\t0\t5\t3\t7.41421356\n1\ta.map\t6\t4\t3\t2\t3\t2\t0.0\n"

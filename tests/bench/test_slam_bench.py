@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from services.bench import slam_bench
-from services.bench.slam_bench import SlamRun, savings, table_of
-from services.common.node import documents as doc
+from mazebot.bench.slam import slam_bench
+from mazebot.bench.slam.slam_bench import SlamRun, savings, table_of
+from mazebot.common.messages import documents as doc
 
 WELL = SlamRun(
     world="original", seed=1, policy="tour", exploration="complete", reason="", coverage=0.999,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from services.bench.soak import CLEARANCE_M, Drive, Ended, Sample, drive, main, reachable_goals
-from services.common.world.costmap import FREE
-from services.embedded.demo import DemoOptions
-from services.worldgen.recipe.loader import load_world
+from mazebot.bench.whole.soak import CLEARANCE_M, Drive, Ended, Sample, drive, main, reachable_goals
+from mazebot.common.world.costmap import FREE
+from mazebot.embedded.demo import DemoOptions
+from mazebot.worldgen.recipe.loader import load_world
 
 QUIET = DemoOptions(camera=False, record=False, renderer="none")
 

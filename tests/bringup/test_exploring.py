@@ -6,11 +6,11 @@ import logging
 
 import pytest
 
-from services.bringup.config import BringupConfig
-from services.bringup.node import EVALUATION_PATIENCE_S, EXIT_NOT_REACHED
-from services.common.node import documents as doc
-from services.common.node import topics as table
-from services.common.node.slam_documents import ExplorationStatus
+from mazebot.bringup.config import BringupConfig
+from mazebot.bringup.node import EVALUATION_PATIENCE_S, EXIT_NOT_REACHED
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from tests.bringup.test_node import ACTIVE, HASH, STEP_NS, Stage
 from tests.common.samples import WORLD
 

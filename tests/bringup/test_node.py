@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.bringup.config import BringupConfig
-from services.bringup.node import (
+from mazebot.bringup.config import BringupConfig
+from mazebot.bringup.node import (
     EXIT_NOT_ACTIVE,
     EXIT_NOT_REACHED,
     EXIT_REFUSED,
     BringupNode,
 )
-from services.bringup.tour import APART_M, PLACES, default_tour, tour_goals
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.load import load
-from services.common.node import documents as doc
-from services.common.node import topics as table
-from services.common.node.messages import ns_from_time, occupancy_grid
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.topics import Topic
+from mazebot.bringup.tour import APART_M, PLACES, default_tour, tour_goals
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.messages import ns_from_time, occupancy_grid
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.common.settings.load import load
 from tests.common.samples import WORLD
 
 STEP_NS = 100_000_000

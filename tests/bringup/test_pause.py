@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import BusConfig, ask, open_session, subscribe
-from services.common.bus.wire import decode
-from services.common.node.documents import SimulationControl, SimulationStats
-from services.common.node.messages import DiagnosticArray, TwistStamped, ns_from_time
-from services.common.node.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import BusConfig, ask, open_session, subscribe
+from mazebot.common.messages.documents import SimulationControl, SimulationStats
+from mazebot.common.messages.messages import DiagnosticArray, TwistStamped, ns_from_time
+from mazebot.common.messages.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic
+from mazebot.common.messages.wire import decode
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +50,7 @@ class Stack:
 
     def start(self, name: str, endpoint: str, *options: str) -> None:
         process = subprocess.Popen(
-            [sys.executable, "-m", f"services.{name}", *SERVICES[name], *options],
+            [sys.executable, "-m", f"mazebot.{name}", *SERVICES[name], *options],
             env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

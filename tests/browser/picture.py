@@ -10,8 +10,8 @@ from typing import get_args
 
 import cv2
 
-from services.recorder.config import LayoutName
-from services.recorder.keeping.repair import Rewriting
+from mazebot.recorder.config import LayoutName
+from mazebot.recorder.keeping.repair import Rewriting
 from tests.browser.viewer import many_colors, screenshot, served
 
 

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from services.common.bus.bus import BusConfig
-from services.console.config import ConsoleConfig
-from services.console.live.routes import live_routes
-from services.console.live.zenoh_stack import ZenohStack
-from services.console.server import build_app
-from services.console.serving import ConsoleServer
+from mazebot.common.bus.bus import BusConfig
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.live.routes import live_routes
+from mazebot.console.live.zenoh_stack import ZenohStack
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
 from tests.browser.viewer import ARGUMENTS, CHROMIUM
 from tests.console.live.running import Page as Bystander
 from tests.console.runs import make_run
@@ -112,7 +112,7 @@ def demo(folder: Path, *options: str) -> Iterator[str]:
     output = folder / "output.txt"
     with output.open("wb") as file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "services.cli", "demo", "--console", "--console-port", "0",
+            [sys.executable, "-m", "mazebot.cli", "demo", "--console", "--console-port", "0",
              "--no-tour", "--no-camera", "--out", str(folder / "run"), *options],
             stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip

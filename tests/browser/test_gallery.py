@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from services.cli.loopback_router import free_port
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
 from tests.browser.viewer import ARGUMENTS, CHROMIUM, Picture
 from tests.console.served import Served, console
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.recordings.report.report import write_report
+from mazebot.common.recordings.report.report import write_report
 from tests.browser.viewer import CHROMIUM
 from tests.common.recordings.made_run import made_run
 

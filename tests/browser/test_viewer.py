@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.cli.loopback_router import free_port
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
 from tests.browser.viewer import (
     CHROMIUM,
     Picture,

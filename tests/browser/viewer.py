@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.cli.loopback_router import free_port
-from services.recorder.config import LayoutName
-from services.recorder.drawing.layouts.layout_file import shown_in_layout
-from services.recorder.keeping.live import WebPage
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.recorder.config import LayoutName
+from mazebot.recorder.drawing.layouts.layout_file import shown_in_layout
+from mazebot.recorder.keeping.live import WebPage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

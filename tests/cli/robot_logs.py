@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from services.common.frames import Array
+from mazebot.common.maths.frames import Array
 
 NO_RETURN_M = 81.83
 Point = tuple[float, float]

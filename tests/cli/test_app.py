@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 import yaml
 
-from services.cli.app import main, parse_bool
-from services.cli.loopback_router import free_port, running_router
-from services.cli.topic import in_json, plain
-from services.common.config import ConfigError
-from services.common.node.messages import matrix_from_pose
-from services.common.node.topics import GOAL_POSE, SCAN, WORLD
+from mazebot.bench.parts.loopback_router import free_port, running_router
+from mazebot.cli.app import main, parse_bool
+from mazebot.cli.topics.topic import in_json, plain
+from mazebot.common.config import ConfigError
+from mazebot.common.messages.messages import matrix_from_pose
+from mazebot.common.messages.topics import GOAL_POSE, SCAN, WORLD
 from tests.common.samples import SAMPLES
 
 NO_GL = {
@@ -139,7 +139,7 @@ def test_a_recording_is_opened_in_a_browser_where_there_is_one(
     (tmp_path / "run" / "run.rrd").touch()
     port = str(free_port())
     monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
-    monkeypatch.setattr("services.recorder.keeping.live.WebPage", mock.Mock())
+    monkeypatch.setattr("mazebot.recorder.keeping.live.WebPage", mock.Mock())
     monkeypatch.setattr("webbrowser.open", opened)
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
         monkeypatch.delenv(name, raising=False)
@@ -167,7 +167,7 @@ def test_the_newest_run_with_a_recording_is_shown_unless_another_is_named(
         (tmp_path / name / file).write_text("{}")
     monkeypatch.setattr("threading.Event.wait", mock.Mock(side_effect=KeyboardInterrupt))
     page = mock.Mock()
-    monkeypatch.setattr("services.recorder.keeping.live.WebPage", page)
+    monkeypatch.setattr("mazebot.recorder.keeping.live.WebPage", page)
     mazebot("recordings", "view", *words, "--dir", str(tmp_path), "--port", str(free_port()))
     expected = words[0] if words and words[0] != "latest" else "2026-01-02_00-00-00_b"
     assert page.call_args.kwargs["recording"] == [tmp_path / expected / "run.rrd"]
@@ -191,7 +191,7 @@ def test_without_a_stack_the_router_is_named() -> None:
 
 
 def test_a_router_without_a_robot_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.cli.drive.task.PATIENCE_S", 0.5)
+    monkeypatch.setattr("mazebot.cli.drive.task.PATIENCE_S", 0.5)
     with running_router() as endpoint:
         done = mazebot("goal", "1", "-2", "0", "--connect", endpoint)
     assert_one_line(done, "no navigation service")
@@ -205,14 +205,14 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path) -> None:
         taken.listen()
         port = str(taken.getsockname()[1])
         done = mazebot("recordings", "view", str(tmp_path / "run"), "--port", port)
-        router = python("services.router", "--listen", f"tcp/127.0.0.1:{port}")
+        router = python("mazebot.router", "--listen", f"tcp/127.0.0.1:{port}")
     assert_one_line(done, port)
     assert_one_line(router, port)
 
 
 def test_no_gl_is_one_line(tmp_path: Path) -> None:
     flags = ["--renderer", "gl", "--out", str(tmp_path / "run")]
-    done = python("services.cli", "demo", *flags, **NO_GL)
+    done = python("mazebot.cli", "demo", *flags, **NO_GL)
     assert_one_line(done, "renderer", "gl")
     assert not (tmp_path / "run").exists()
 

@@ -15,13 +15,13 @@ import pytest
 import typer
 import yaml
 
-from services.cli.app import app
-from services.cli.known import fields_of_all, model_of
-from services.common.bus.bus import open_session
-from services.common.config import ConfigError
-from services.common.known_settings import unknown_variable
-from services.common.load import load
-from services.common.root import ROOT
+from mazebot.cli.app import app
+from mazebot.cli.parsing.known import fields_of_all, model_of
+from mazebot.common.bus.bus import open_session
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.settings.known_settings import unknown_variable
+from mazebot.common.settings.load import load
 from tests.cli.test_app import mazebot
 from tests.worldgen import folder
 
@@ -571,7 +571,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         (path / "binary.yaml").write_bytes(b"a: \xff\n")
         # Nobody is ever there.
         soon = functools.partial(open_session, timeout_s=0.05)
-        patch.setattr("services.common.bus.bus.open_session", soon)
+        patch.setattr("mazebot.common.bus.bus.open_session", soon)
         patch.chdir(path)
         yield path
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 import yaml
 
-from services.cli import app
-from services.common.bus import wire
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.recordings.digests import DigestWriter
+from mazebot.cli import app
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.comparing.digests import DigestWriter
 from tests.recorder.synthetic import driving, opening, room
 
 

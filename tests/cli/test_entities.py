@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from services.cli import session
-from services.common.frames import rotation_from_quaternion
-from services.common.node import documents as doc
+from mazebot.cli import session
+from mazebot.common.maths.frames import rotation_from_quaternion
+from mazebot.common.messages import documents as doc
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import FORBIDDEN_X_M, Stage

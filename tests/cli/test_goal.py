@@ -14,18 +14,11 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import BusConfig, alive_key, open_session, publish, subscribe
-from services.common.bus.wire import (
-    decode,
-    decode_document,
-    encode,
-    encode_document,
-    key_from_topic,
-)
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node.documents import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import BusConfig, alive_key, open_session, publish, subscribe
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
     CancelGoal,
     CancelGoalReply,
     NavigationResult,
@@ -33,14 +26,21 @@ from services.common.node.documents import (
     SimulationControlReply,
     SimulationStats,
 )
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.common.messages.topics import (
     CANCEL_GOAL,
     CMD_VEL,
     GOAL_POSE,
     NAVIGATION_RESULT,
     SIMULATION_CONTROL,
 )
+from mazebot.common.messages.wire import (
+    decode,
+    decode_document,
+    encode,
+    encode_document,
+    key_from_topic,
+)
+from mazebot.common.node.node import Envelope
 from tests.cli.test_app import assert_one_line, mazebot
 
 DEADLINE_S = 20.0
@@ -124,7 +124,7 @@ def navigation(endpoint: str) -> Iterator[Navigation]:
 
 def test_ctrl_c_cancels_the_goal(navigation: Navigation) -> None:
     command = subprocess.Popen(
-        [sys.executable, "-m", "services.cli", "goal", "1", "-0.5", "0.25",
+        [sys.executable, "-m", "mazebot.cli", "goal", "1", "-0.5", "0.25",
          "--connect", navigation.endpoint],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

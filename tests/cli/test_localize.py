@@ -12,11 +12,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
-from services.cli.app import app
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.world.map_files import write_map
+from mazebot.cli.app import app
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.world.map_files import write_map
 from tests.localization import offline
 
 RUNNER = CliRunner()

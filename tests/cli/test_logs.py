@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from services.cli.logs.log import Entry, Log, ScanForm, Topics
-from services.cli.logs.read import read_log
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.node import messages as msg
+from mazebot.cli.logs.log import Entry, Log, ScanForm, Topics
+from mazebot.cli.logs.read import read_log
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
 
 START = SE2(0, 0, 0)
 RANGES = [1.0 + i / 100.0 for i in range(180)]

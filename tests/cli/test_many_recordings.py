@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from services.common.recordings.catalog import INDEX
+from mazebot.common.recordings.catalog import INDEX
 from tests.common.recordings.made_run import made_run
 
 RUNS = 2_000
@@ -47,7 +47,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def listed_s(folder: Path) -> float:
     """Time of the processor that a listing takes, in a process of its own."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [sys.executable, "-m", "services.cli", "recordings", "list", "--dir", str(folder)]
+    command = [sys.executable, "-m", "mazebot.cli", "recordings", "list", "--dir", str(folder)]
     done = subprocess.run(command, capture_output=True, check=True, text=True, timeout=60)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert len(done.stdout.splitlines()) == RUNS + 2

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from services.cli.app import app
-from services.common.config import ConfigError
-from services.common.node.slam_documents import PoseGraph
-from services.common.world.map_files import read_map
+from mazebot.cli.app import app
+from mazebot.common.config import ConfigError
+from mazebot.common.messages.slam_documents import PoseGraph
+from mazebot.common.world.map_files import read_map
 from tests.cli import robot_logs
 
 RUNNER = CliRunner()

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from services.cli.camera_file import read_camera_file
-from services.common.config import ConfigError
+from mazebot.cli.markers.camera_file import read_camera_file
+from mazebot.common.config import ConfigError
 from tests.cli.test_app import mazebot
 from tests.perception.scene import CAMERA, camera_from_marker, project, render
 

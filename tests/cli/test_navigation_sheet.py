@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from services.cli.navigation_sheet import Panel, pictures, tree_panel
-from services.common.frames import SE2, Array
-from services.common.node import messages as msg
-from services.common.node.action_documents import BehaviorTreeLog, BehaviorTreeNode
-from services.common.root import ROOT
+from mazebot.cli.pages.navigation_sheet import Panel, pictures, tree_panel
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import BehaviorTreeLog, BehaviorTreeNode
 
 
 def black(cells: Array) -> Array:

@@ -7,10 +7,10 @@ import pytest
 import yaml
 from pydantic import Field
 
-from services.common import load as loading
-from services.common.config import ConfigError, ServiceConfig
-from services.common.load import load, read_nav2_params, read_settings
-from services.embedded.demo import DemoOptions, bringup_config
+from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.settings import load as loading
+from mazebot.common.settings.load import load, read_nav2_params, read_settings
+from mazebot.embedded.demo import DemoOptions, bringup_config
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.nav2_files import shipped
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.world.map_files import Mode, write_map
-from services.navigation.config import NavigationConfig
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.map_files import Mode, write_map
+from mazebot.navigation.config import NavigationConfig
 from tests.cli.test_app import mazebot
 
 

@@ -2,9 +2,9 @@
 
 from typing import cast
 
-from services.cli.publishing import message_at
-from services.common.node import messages as msg
-from services.common.node.topics import EXPLORE_RESUME, GOAL_POSE, Topic
+from mazebot.cli.topics.publishing import message_at
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import EXPLORE_RESUME, GOAL_POSE, Topic
 
 
 def test_a_message_without_a_header_is_as_it_is_given() -> None:

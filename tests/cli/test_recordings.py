@@ -14,12 +14,12 @@ import pyarrow.parquet
 import pytest
 import typer
 
-from services.cli.recordings.selection import time_of
-from services.common.recordings.labels import read_labels
-from services.common.recordings.mcap_file import McapFile
-from services.common.recordings.mcap_messages import read_messages
-from services.common.recordings.mcap_scan import scan
-from services.common.recordings.run_folder import LOCK, RunFolder
+from mazebot.cli.recordings.selection import time_of
+from mazebot.common.recordings.labels import read_labels
+from mazebot.common.recordings.mcap.mcap_file import McapFile
+from mazebot.common.recordings.mcap.mcap_messages import read_messages
+from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import LOCK, RunFolder
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.recordings.made_run import listed_run, made_run
 

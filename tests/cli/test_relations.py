@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.cli.map.relations import Relations, read_relations, relation_errors
-from services.common.config import ConfigError
+from mazebot.cli.map.relations import Relations, read_relations, relation_errors
+from mazebot.common.config import ConfigError
 
 QUARTER, TWO = math.pi / 2.0, math.radians(2.0)
 TIMES = np.array([10.0, 11.0, 12.0, 13.0])

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import (
     BusConfig,
     NoAnswerError,
     alive_key,
@@ -23,9 +23,9 @@ from services.common.bus.bus import (
     publish,
     wait_until_alive,
 )
-from services.common.bus.wire import encode
-from services.common.node.documents import Entities, SimulationControl
-from services.common.node.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
+from mazebot.common.messages.documents import Entities, SimulationControl
+from mazebot.common.messages.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
+from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.physics.driver import world
 
@@ -35,7 +35,7 @@ DEADLINE_S = 30.0
 @contextmanager
 def physics(endpoint: str) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.physics", "--camera-enabled", "false"],
+        [sys.executable, "-m", "mazebot.physics", "--camera-enabled", "false"],
         env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -57,8 +57,8 @@ def session() -> Iterator[tuple[zenoh.Session, str]]:
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.cli.sim.RATES_WINDOW_S", 0.2)
-    monkeypatch.setattr("services.cli.sim.RATES_PATIENCE_S", 0.0)
+    monkeypatch.setattr("mazebot.cli.sim.RATES_WINDOW_S", 0.2)
+    monkeypatch.setattr("mazebot.cli.sim.RATES_PATIENCE_S", 0.0)
 
 
 def sim(endpoint: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -193,5 +193,5 @@ def _ended(opened: zenoh.Session, endpoint: str, process: subprocess.Popen[bytes
 def test_nobody_to_control_is_one_line(session: tuple[zenoh.Session, str]) -> None:
     assert_one_line(sim("tcp/127.0.0.1:1", "pause"), "no Zenoh router")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("services.cli.sim.PATIENCE_S", 0.5)
+        patch.setattr("mazebot.cli.sim.PATIENCE_S", 0.5)
         assert_one_line(sim(session[1], "pause"), "no answer from physics within 0.5 s")

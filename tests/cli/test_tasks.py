@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import alive_key, publish
-from services.common.bus.wire import encode
-from services.common.node import action_documents as act
-from services.common.node import messages as msg
-from services.common.node.documents import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import alive_key, publish
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
     CancelGoal,
     CancelGoalReply,
     Entities,
@@ -31,7 +30,7 @@ from services.common.node.documents import (
     Location,
     Planar,
 )
-from services.common.node.topics import (
+from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
@@ -44,6 +43,7 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
+from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.cli.test_goal import DEADLINE_S, Navigation
 from tests.common.samples import ENTITIES, HEADER, SAMPLES
@@ -227,7 +227,7 @@ def test_a_task_is_cancelled_when_its_time_is_over(robot: Robot) -> None:
 def test_a_navigation_that_is_gone_is_told(
     robot: Robot, monkeypatch: pytest.MonkeyPatch, after: list[str], words: str
 ) -> None:
-    monkeypatch.setattr("services.cli.drive.task.PATIENCE_S", 0.5)
+    monkeypatch.setattr("mazebot.cli.drive.task.PATIENCE_S", 0.5)
     robot.result = None
     with ThreadPoolExecutor() as pool:
         done = pool.submit(run, robot, "undock")
@@ -242,7 +242,7 @@ def test_ctrl_c_cancels_after_progress_in_one_line(robot: Robot) -> None:
     robot.result = None
     master, slave = pty.openpty()
     command = subprocess.Popen(
-        [sys.executable, "-m", "services.cli", "waypoints", "hall", "--connect", robot.endpoint],
+        [sys.executable, "-m", "mazebot.cli", "waypoints", "hall", "--connect", robot.endpoint],
         stdin=slave, stdout=slave, stderr=slave, start_new_session=True,
     )  # fmt: skip
     try:

@@ -15,7 +15,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.cli.drive.teleop_keys import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.cli.drive.teleop_keys import (
     FIRST_PRESS_S,
     HELD,
     LEAVE_KEYS,
@@ -28,10 +29,9 @@ from services.cli.drive.teleop_keys import (
     Teleop,
     split_keys,
 )
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import BusConfig, alive_key, open_session, subscribe
-from services.common.bus.wire import decode
-from services.common.node.topics import CMD_VEL_TELEOP
+from mazebot.common.bus.bus import BusConfig, alive_key, open_session, subscribe
+from mazebot.common.messages.topics import CMD_VEL_TELEOP
+from mazebot.common.messages.wire import decode
 
 DEADLINE_S = 30.0
 
@@ -114,7 +114,7 @@ class Terminal:
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "services.cli", "teleop", "--connect", endpoint],
+            [sys.executable, "-m", "mazebot.cli", "teleop", "--connect", endpoint],
             stdin=self.slave, stdout=self.slave, stderr=self.slave, start_new_session=True,
         )  # fmt: skip
         self.said = ""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.drive.waypoints_file import read_mission
-from services.common.config import ConfigError
-from services.common.node.action_documents import WaypointTask
-from services.common.node.documents import Location, Planar
+from mazebot.cli.drive.waypoints_file import read_mission
+from mazebot.common.config import ConfigError
+from mazebot.common.messages.action_documents import WaypointTask
+from mazebot.common.messages.documents import Location, Planar
 
 LOCATIONS = (
     Location(name="kitchen", x_m=1.0, y_m=2.0, yaw_rad=0.5),

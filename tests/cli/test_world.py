@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from services.worldgen.recipe.loader import load_file, load_world
+from mazebot.worldgen.recipe.loader import load_file, load_world
 from tests.cli.test_app import assert_one_line, mazebot
 
 ROOM = """

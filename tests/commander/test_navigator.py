@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.commander.navigator import Navigator, TaskResult
-from services.common.config import ConfigError
-from services.common.error_codes import ErrorCode
-from services.common.frames import wrap_angle
-from services.common.node import messages as msg
-from services.common.node.topics import CMD_VEL_TELEOP, CONTACTS, MAP
-from services.common.world.map_files import write_map
-from services.embedded.session import Session
+from mazebot.commander.navigator import Navigator, TaskResult
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import wrap_angle
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.topics import CMD_VEL_TELEOP, CONTACTS, MAP
+from mazebot.common.world.map_files import write_map
+from mazebot.embedded.session import Session
 from tests.docs.stack import running_stack
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node.documents import Document
-from services.common.node.topics import Topic
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import Topic
 
 FLOATS = (
     0.0, -0.0, 5e-324, 1e-300, 1e-9, -1.0, 1.0, 0.05, 1e3, -1e5, 1e6, -1e6, 1e9, -1e9, 1e12,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from services.common.frames import SE2
-from services.common.node.documents import Marker, Material, Planar, Wall, World
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import Marker, Material, Planar, Wall, World
 
 ORIGIN = SE2(0.0, 0.0, 0.0)
 IN_FRONT = SE2(0.0, 3.0, 0.0)

@@ -4,7 +4,7 @@ from typing import Any
 
 import yaml
 
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
 
 DISTRIBUTIONS = {
     "humble": "H", "iron": "I", "jazzy": "J", "kilted": "K", "lyrical": "L",

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.common.node import action_documents as act
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import slam_documents as slam
-from services.common.node import topics as table
-from services.common.node.topics import Topic
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import slam_documents as slam
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.topics import Topic
 
 STAMP_NS = 12_345_678_901
 POSE = msg.pose_from_se2(SE2(1.0, -2.0, 0.5))

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from services.common.config import ConfigError, ServiceConfig
-from services.common.known_settings import ALONE
-from services.common.load import load
-from services.common.root import ROOT
+from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.files.root import ROOT
+from mazebot.common.settings.known_settings import ALONE
+from mazebot.common.settings.load import load
 
 
 class PhysicsConfig(ServiceConfig):
@@ -81,8 +81,8 @@ def test_what_is_given_wins_over_all_and_is_checked(monkeypatch: pytest.MonkeyPa
 def test_without_flags_or_variables_what_reads_them_is_not_loaded() -> None:
     code = (
         "import sys\n"
-        "from services.bringup.config import BringupConfig\n"
-        "from services.common.load import load\n"
+        "from mazebot.bringup.config import BringupConfig\n"
+        "from mazebot.common.settings.load import load\n"
         "load(BringupConfig, 'bringup', (), {'goal': (1.0, 0.0, 0.0)})\n"
         "sys.exit('pydantic_settings' in sys.modules)"
     )

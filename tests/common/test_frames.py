@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     LINK_FROM_OPTICAL,
     SE2,
     SE3,

@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from services.common.garbage import collections_held_off, settled
+from mazebot.common.garbage import collections_held_off, settled
 
 
 def test_collections_begin_when_the_work_has_settled_and_leave_out_what_there_is() -> None:

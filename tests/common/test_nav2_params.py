@@ -6,19 +6,19 @@ import pytest
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.cli.known import model_of
-from services.common.config import ConfigError
-from services.common.load import sections
-from services.common.nav2_params import targets
-from services.common.nav2_params.entry import Entry
-from services.common.nav2_params.loader import Nav2Params, load_nav2_params
-from services.common.nav2_params.parameter import Namespace, check
-from services.common.nav2_params.renames import RENAMES
-from services.common.nav2_params.report import STATUSES, Report, Row, report
-from services.common.nav2_params.tables.nodes import NODES
-from services.common.root import ROOT
-from services.navigation.config import NavigationConfig
-from services.physics.config import PhysicsConfig
+from mazebot.cli.parsing.known import model_of
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.nav2_params import targets
+from mazebot.common.nav2_params.entry import Entry
+from mazebot.common.nav2_params.loader import Nav2Params, load_nav2_params
+from mazebot.common.nav2_params.parameter import Namespace, check
+from mazebot.common.nav2_params.renames import RENAMES
+from mazebot.common.nav2_params.report import STATUSES, Report, Row, report
+from mazebot.common.nav2_params.tables.nodes import NODES
+from mazebot.common.settings.load import sections
+from mazebot.navigation.config import NavigationConfig
+from mazebot.physics.config import PhysicsConfig
 from tests.common.nav2_files import DISTRIBUTIONS, shipped
 
 MODELS = {section: model_of(section) for section in sections()}

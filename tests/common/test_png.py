@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common import png
+from mazebot.common.files import png
 
 
 def _file(side_px: int, shade: int) -> bytes:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from services.common import portable, portable_kernels
+from mazebot.common.maths import portable, portable_kernels
 
 RANDOM = np.random.default_rng(4)
 ANGLES = np.concatenate(

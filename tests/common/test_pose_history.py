@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array, rotation_from_rpy, transform_matrix
-from services.common.node import messages as msg
-from services.common.pose_history import PoseHistory
+from mazebot.common.maths.frames import SE2, Array, rotation_from_rpy, transform_matrix
+from mazebot.common.maths.pose_history import PoseHistory
+from mazebot.common.messages import messages as msg
 
 SECOND_NS = 1_000_000_000
 

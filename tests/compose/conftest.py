@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
 from tests.compose.stack import PROFILES
 
 

@@ -9,17 +9,17 @@ from typing import Any, cast
 
 import zenoh
 
-from services.common.bus import wire
-from services.common.bus.bus import (
+from mazebot.common.bus.bus import (
     BusConfig,
     alive_key,
     open_session,
     service_and_source,
     subscribe,
 )
-from services.common.node.messages import Odometry
-from services.common.node.node import Envelope
-from services.common.node.topics import GROUND_TRUTH_ODOM
+from mazebot.common.messages import wire
+from mazebot.common.messages.messages import Odometry
+from mazebot.common.messages.topics import GROUND_TRUTH_ODOM
+from mazebot.common.node.node import Envelope
 
 REST_M_S = 0.01
 REST_RAD_S = 0.02

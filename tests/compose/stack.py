@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from services.cli.loopback_router import free_port
-from services.common.root import ROOT
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.common.files.root import ROOT
 
 SERVICES = (
     "router",

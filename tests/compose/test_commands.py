@@ -8,11 +8,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.common.bus.bus import BusConfig, open_session, subscribe
-from services.common.bus.wire import decode
-from services.common.node.documents import World
-from services.common.node.topics import WORLD
-from services.common.root import ROOT
+from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages.documents import World
+from mazebot.common.messages.topics import WORLD
+from mazebot.common.messages.wire import decode
 from tests.compose.checks import check_recordings, is_active
 from tests.compose.stack import DEMOS, PROFILES, SERVICES, Stack, stack_of, wait_until
 

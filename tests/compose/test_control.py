@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from services.common.bus.bus import BusConfig, ask, open_session, subscribe
-from services.common.bus.wire import decode
-from services.common.frames import wrap_angle, yaw_from_quaternion
-from services.common.node.documents import SimulationControl, SimulationStats
-from services.common.node.messages import TwistStamped, ns_from_time
-from services.common.node.topics import CMD_VEL, SIMULATION_CONTROL
+from mazebot.common.bus.bus import BusConfig, ask, open_session, subscribe
+from mazebot.common.maths.frames import wrap_angle, yaw_from_quaternion
+from mazebot.common.messages.documents import SimulationControl, SimulationStats
+from mazebot.common.messages.messages import TwistStamped, ns_from_time
+from mazebot.common.messages.topics import CMD_VEL, SIMULATION_CONTROL
+from mazebot.common.messages.wire import decode
 from tests.cli.test_app import mazebot
 from tests.compose.checks import check_recordings, check_table, is_active
 from tests.compose.motion import Witness
@@ -119,7 +119,7 @@ def _commands(stack: Stack) -> None:
     """A goal that Ctrl-C cancels, one that its time-out does, and a robot turned by hand."""
     connect = ("--connect", stack.endpoint)
     command = subprocess.Popen(
-        [sys.executable, "-m", "services.cli", "goal", "-1.678", "-1.178", "-2.25", *connect],
+        [sys.executable, "-m", "mazebot.cli", "goal", "-1.678", "-1.178", "-2.25", *connect],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert command.stdout is not None

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from services.common.bus import wire
-from services.common.bus.bus import (
+from mazebot.common.bus.bus import (
     BusConfig,
     alive_key,
     open_session,
@@ -26,11 +25,11 @@ from services.common.bus.bus import (
     publish,
     subscribe,
 )
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node.documents import NavigationResult, SimulationStats, WorldRequest
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import NavigationResult, SimulationStats, WorldRequest
+from mazebot.common.messages.topics import (
     CMD_VEL,
     GOAL_POSE,
     INITIAL_POSE,
@@ -43,6 +42,7 @@ from services.common.node.topics import (
     WORLD_REQUEST,
     Topic,
 )
+from mazebot.common.node.node import Envelope
 from tests.compose.motion import Witness
 from tests.compose.stack import SERVICES, Stack, stack_of, wait_until
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import yaml
 
-from services.common.node.topics import SERVICES
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages.topics import SERVICES
 
 FILE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yaml").read_text())
 STANZAS: dict[str, Any] = FILE["services"]
@@ -31,7 +31,7 @@ DEMOS = {
 @pytest.mark.parametrize("name", NAMES)
 def test_each_service_has_a_stanza_that_runs_it_in_its_profiles(name: str) -> None:
     stanza = STANZAS[name]
-    assert stanza["command"][:3] == ["python", "-m", f"services.{name}"]
+    assert stanza["command"][:3] == ["python", "-m", f"mazebot.{name}"]
     if name in MAPPERS:
         assert set(stanza["profiles"]) == {"slam", "slam-enhanced"}
     elif name == "localization":
@@ -44,19 +44,19 @@ def test_each_service_has_a_stanza_that_runs_it_in_its_profiles(name: str) -> No
 
 def test_the_console_comes_up_alone_and_writes_as_the_recorder_does() -> None:
     stanza, recorder = STANZAS["console"], STANZAS["recorder"]
-    assert stanza["command"][:3] == ["python", "-m", "services.console"]
+    assert stanza["command"][:3] == ["python", "-m", "mazebot.console"]
     assert stanza["profiles"] == ["console"]
     assert stanza["depends_on"] == []
     assert stanza["ports"] == ["127.0.0.1:${MAZEBOT_CONSOLE_PORT:-8080}:8080"]
     for field in ("user", "cap_add", "init", "entrypoint", "volumes"):
         assert stanza[field] == recorder[field]
-    assert stanza["healthcheck"]["test"][-1] == "services.console.health"
+    assert stanza["healthcheck"]["test"][-1] == "mazebot.console.health"
 
 
 def test_each_demo_needs_every_service() -> None:
     for profile, demo in DEMOS.items():
         stanza = STANZAS[demo]
-        assert stanza["command"] == ["python", "-m", "services.bringup"]
+        assert stanza["command"] == ["python", "-m", "mazebot.bringup"]
         assert stanza["profiles"] == [profile]
         assert stanza["restart"] == "no"
         without = {"localization"} if profile.startswith("slam") else MAPPERS

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.loopback_router import wait_for_router
-from services.common.bus.bus import BusConfig, open_session, subscribe
-from services.common.bus.wire import decode
-from services.common.node.documents import SimulationStats
-from services.common.node.executive import Executive, MemoryTransport
-from services.common.node.node import Envelope
-from services.common.node.topics import SIMULATION_STATS, Topic
-from services.embedded.demo import DemoOptions, build_nodes
+from mazebot.bench.parts.loopback_router import wait_for_router
+from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.messages.documents import SimulationStats
+from mazebot.common.messages.topics import SIMULATION_STATS, Topic
+from mazebot.common.messages.wire import decode
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.common.node.node import Envelope
+from mazebot.embedded.demo import DemoOptions, build_nodes
 from tests.compose.checks import check_recordings, check_table
 from tests.compose.stack import DEMOS, SERVICES, Stack, stack_of, wait_until
 

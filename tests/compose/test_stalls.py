@@ -15,9 +15,8 @@ from typing import Any
 
 import pytest
 
-from services.common.bus.bus import BusConfig, open_session, subscribe
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.messages.topics import (
     AMCL_POSE,
     CAMERA_INFO,
     CLOCK,
@@ -32,6 +31,7 @@ from services.common.node.topics import (
     TF,
     Topic,
 )
+from mazebot.common.node.node import Envelope
 from tests.compose.checks import check_table, is_active
 from tests.compose.motion import Witness
 from tests.compose.stack import DEMOS, Stack, docker, stack_of, wait_until

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from services.common.recordings.run_folder import SERIES, SUMMARY
+from mazebot.common.recordings.run_folder import SERIES, SUMMARY
 
 WORLDS = ("sim_house", "maze", "office")
 

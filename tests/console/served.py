@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from services.console.config import ConsoleConfig
-from services.console.server import build_app
-from services.console.serving import ConsoleServer
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
 
 Headers = dict[str, str]
 _PATIENCE_S = 20.0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from services.common.recordings.run_folder import RunFolder
-from services.console.gallery.query import PAGE_SIZE, RunQuery
-from services.console.viewer_assets import assets_folder, viewer_version
+from mazebot.common.recordings.run_folder import RunFolder
+from mazebot.console.gallery.query import PAGE_SIZE, RunQuery
+from mazebot.console.viewer_assets import assets_folder, viewer_version
 from tests.console.conftest import FIRST, SECOND
 from tests.console.runs import make_many, make_run, summary
 from tests.console.served import Answer, Served, console, wait_until
@@ -310,7 +310,7 @@ def test_a_packed_viewer_is_sent_as_it_is(
     tmp_path: Path, shared: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "widget.js.gz").write_bytes(b"packed")
-    monkeypatch.setattr("services.console.viewer_assets.assets_folder", lambda: tmp_path)
+    monkeypatch.setattr("mazebot.console.viewer_assets.assets_folder", lambda: tmp_path)
     assert assets_folder() is not None
     answer = shared.ask(f"/viewer/{viewer_version()}/widget.js")
     assert answer.headers["content-encoding"] == "gzip"

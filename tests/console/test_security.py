@@ -17,10 +17,10 @@ from starlette.websockets import WebSocket
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from services.console.config import ConsoleConfig
-from services.console.security import host_of, is_known_host
-from services.console.server import build_app
-from services.console.serving import ConsoleServer
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.security import host_of, is_known_host
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
 from tests.console.conftest import FIRST, SECOND
 from tests.console.runs import make_run
 from tests.console.served import Served, console, wait_until

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from services.common.root import ROOT
-from services.console.config import ConsoleConfig
-from services.console.health import is_healthy
-from services.embedded.demo import beside_run
-from services.recorder.config import RecorderConfig
+from mazebot.common.files.root import ROOT
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.health import is_healthy
+from mazebot.embedded.demo import beside_run
+from mazebot.recorder.config import RecorderConfig
 from tests.console.conftest import FIRST
 from tests.console.runs import make_run
 from tests.console.served import Served
@@ -25,17 +25,17 @@ from tests.console.served import Served
     "command",
     [
         pytest.param(
-            ("services.cli", "console", "--dir", "runs", "--port", "0", "--no-live"),
+            ("mazebot.cli", "console", "--dir", "runs", "--port", "0", "--no-live"),
             marks=pytest.mark.slow,
         ),
-        ("services.console", "--recordings-dir", "runs", "--port", "0", "--live", "false"),
+        ("mazebot.console", "--recordings-dir", "runs", "--port", "0", "--live", "false"),
     ],
 )
 def test_the_console_says_its_address_and_ends_by_a_signal(
     tmp_path: Path, command: tuple[str, ...]
 ) -> None:
     make_run(tmp_path / "runs", FIRST)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "services"), "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(
         [sys.executable, "-m", *command],
         cwd=tmp_path,

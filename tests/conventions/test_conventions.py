@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
-from services.cli.pages.recipes_page import recipes_page
-from services.cli.pages.recordings_page import recordings_page
-from services.cli.pages.run_schemas import SCHEMAS, schema_text
-from services.cli.pages.topics_page import topics_page
-from services.common.node import topics
-from services.common.node.topics import EDGE, SERVICES, TOPICS
-from services.common.root import ROOT
+from mazebot.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
+from mazebot.cli.pages.recipes_page import recipes_page
+from mazebot.cli.pages.recordings_page import recordings_page
+from mazebot.cli.pages.run_schemas import SCHEMAS, schema_text
+from mazebot.cli.pages.topics_page import topics_page
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages import topics
+from mazebot.common.messages.topics import EDGE, SERVICES, TOPICS
 
 CONSTANTS = {name for name, value in vars(topics).items() if value in TOPICS}
 PURE_NAMES = {"config.py", "node.py", "__main__.py", "__init__.py"}
-SOURCES = sorted((ROOT / "services").rglob("*.py"))
+SOURCES = sorted((ROOT / "services" / "mazebot").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 CLOCKS = {"time", "datetime"}
 
@@ -40,15 +40,15 @@ def calls(tree: ast.AST, method: str) -> set[str]:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_each_service_folder_has_the_same_inside(service: str) -> None:
-    folder = ROOT / "services" / service
+    folder = ROOT / "services" / "mazebot" / service
     missing = PURE_NAMES - {path.name for path in folder.iterdir()}
-    assert not missing, f"add {missing} to services/{service}"
+    assert not missing, f"add {missing} to services/mazebot/{service}"
     code = [
         line
         for line in (folder / "__main__.py").read_text().splitlines()
         if line and not line.startswith('"""')
     ]
-    told = f"services/{service}/__main__.py: three imports and main(...) only, collections held off"
+    told = f"{service}/__main__.py: three imports and main(...) only, collections held off"
     assert len(code) == 6, told
     assert code[1] == "with collections_held_off():", told
 
@@ -74,21 +74,21 @@ def test_the_table_of_topics_is_sound() -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_a_node_uses_the_topics_that_the_table_gives_it(service: str) -> None:
-    text = "\n".join(p.read_text() for p in (ROOT / "services" / service).rglob("*.py"))
+    text = "\n".join(p.read_text() for p in (ROOT / "services" / "mazebot" / service).rglob("*.py"))
     used = {name for name in CONSTANTS if re.search(rf"\b{name}\b", text)}
     loop = {"DIAGNOSTICS", "ROSOUT", "PARAMETERS"}
     for name in CONSTANTS:
         topic = getattr(topics, name)
         mine = service in topic.owners or service in topic.readers
         if name in used:
-            assert mine, f"services/{service} uses {name}: add it to the row in topics.py"
+            assert mine, f"{service} uses {name}: add it to the row in topics.py"
         elif mine and service != "recorder":
-            assert name in loop, f"services/{service} never uses {name}: take it out of the row"
+            assert name in loop, f"{service} never uses {name}: take it out of the row"
 
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_only_the_node_file_puts_and_reads(service: str) -> None:
-    for path in (ROOT / "services" / service).rglob("*.py"):
+    for path in (ROOT / "services" / "mazebot" / service).rglob("*.py"):
         if path.name == "node.py":
             continue
         tree = ast.parse(path.read_text())
@@ -98,7 +98,7 @@ def test_only_the_node_file_puts_and_reads(service: str) -> None:
 
 @pytest.mark.parametrize("service", [s for s in SERVICES if s != "recorder"])
 def test_no_node_reads_a_clock_or_the_environment(service: str) -> None:
-    for path in (ROOT / "services" / service).rglob("*.py"):
+    for path in (ROOT / "services" / "mazebot" / service).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 found = {alias.name for alias in node.names} & CLOCKS
@@ -152,7 +152,7 @@ def test_a_generated_schema_is_current(name: str) -> None:
 def test_each_parameter_says_what_it_means(service: str) -> None:
     for name, field in CONFIGS[service].model_fields.items():
         _, meaning = unit_and_meaning(name, field.description or "")
-        assert meaning, f"services/{service}/config.py: {name} needs a description"
+        assert meaning, f"{service}/config.py: {name} needs a description"
 
 
 def test_locks_hold_no_address() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
 
-SERVICES = ROOT / "services"
+SERVICES = ROOT / "services" / "mazebot"
 PACKAGES = (
     "common",
     "worldgen",
@@ -22,7 +22,7 @@ PACKAGES = (
     "bringup",
 )
 EXEMPT = {
-    "common/portable.py": "it is what the others use",
+    "common/maths/portable.py": "it is what the others use",
     "common/recordings": "reads and draws what has been recorded",
     "physics/camera/gl_camera.py": "draws on a GPU, whose pixels are its own",
     "physics/camera/tiny_camera.py": "draws with PyBullet's own renderer, for comparison",
@@ -48,32 +48,32 @@ COMPILED = {"kernel", "shared_kernel", "elementwise", "c_function"}
 POSES = {
     "common/world/footprint.py": 1,
     "common/world/placement.py": 1,
-    "common/node/messages.py": 1,
+    "common/messages/messages.py": 1,
     "localization/beam_model.py": 1,
-    "localization/global_search.py": 2,
-    "localization/hypotheses.py": 2,
+    "localization/global_search/global_search.py": 2,
+    "localization/global_search/hypotheses.py": 2,
     "localization/likelihood_field.py": 1,
     "localization/monte_carlo.py": 16,
     "localization/node.py": 1,
-    "mapping/graph_file.py": 2,
+    "mapping/graph/graph_file.py": 2,
     "mapping/kernels.py": 1,
-    "mapping/landmarks.py": 4,
-    "mapping/loop_closer.py": 3,
-    "mapping/loop_closing.py": 2,
+    "mapping/graph/landmarks.py": 4,
+    "mapping/loops/loop_closer.py": 3,
+    "mapping/loops/loop_closing.py": 2,
     "mapping/node.py": 1,
-    "mapping/occupancy.py": 2,
-    "mapping/optimizer.py": 2,
+    "mapping/matching/occupancy.py": 2,
+    "mapping/graph/optimizer.py": 2,
     "mapping/slam.py": 14,
-    "navigation/control/mppi.py": 1,
-    "navigation/control/mppi_kernels.py": 2,
+    "navigation/control/mppi/mppi.py": 1,
+    "navigation/control/mppi/mppi_kernels.py": 2,
     "localization/particle_set.py": 1,
     "localization/pose_monitor.py": 3,
     "navigation/control/regulated_pure_pursuit.py": 1,
-    "navigation/behavior/dock_estimate.py": 1,
+    "navigation/behavior/docking/dock_estimate.py": 1,
     "navigation/behavior/context.py": 1,
-    "navigation/behavior/docking.py": 9,
-    "navigation/behavior/docks.py": 2,
-    "navigation/behavior/nodes_behaviors.py": 2,
+    "navigation/behavior/docking/docking.py": 9,
+    "navigation/behavior/docking/docks.py": 2,
+    "navigation/behavior/nodes/nodes_behaviors.py": 2,
     "navigation/node.py": 4,
     "navigation/robot.py": 1,
     "physics/bodies/bodies.py": 2,
@@ -122,9 +122,9 @@ def mistakes(tree: ast.AST) -> Iterator[tuple[int, str]]:
             if of == "math" and name in MATH:
                 yield node.lineno, f"math.{name} is the C library's: portable.{name}"
             elif of == "np" and name in NUMPY:
-                yield node.lineno, f"np.{name}: see services/common/portable.py"
+                yield node.lineno, f"np.{name}: see services/mazebot/common/maths/portable.py"
             elif name == "Rodrigues" or (name == "dot" and of != "np"):
-                yield node.lineno, f"{name}: see services/common/portable.py"
+                yield node.lineno, f"{name}: see services/mazebot/common/maths/portable.py"
             elif id(node) in hypots:
                 yield node.lineno, "in a kernel it is the C library's: math.sqrt of the squares"
         elif isinstance(node, ast.ImportFrom) and node.module in (

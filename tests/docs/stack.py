@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from services.cli.loopback_router import running_router
+from mazebot.bench.parts.loopback_router import running_router
 
 FLAGS: dict[str, tuple[str, ...]] = {
     "worldgen": (),
@@ -35,7 +35,7 @@ def running_stack(
         }
 
         def start(name: str, *flags: str) -> subprocess.Popen[bytes]:
-            command = [sys.executable, "-m", f"services.{name}", *flags]
+            command = [sys.executable, "-m", f"mazebot.{name}", *flags]
             return subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
 
         flags_of = {**FLAGS, "physics": ()} if camera else FLAGS

@@ -20,14 +20,14 @@ import cv2
 import numpy as np
 import pytest
 
-from services.cli.loopback_router import running_router
-from services.cli.session import ask
-from services.common.bus.bus import BusConfig, open_session
-from services.common.frames import SE2
-from services.common.node.documents import SimulationControl
-from services.common.node.topics import SIMULATION_CONTROL
-from services.common.root import ROOT
-from services.common.world.map_files import write_map
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.cli.session import ask
+from mazebot.common.bus.bus import BusConfig, open_session
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import SimulationControl
+from mazebot.common.messages.topics import SIMULATION_CONTROL
+from mazebot.common.world.map_files import write_map
 from tests.cli.test_localize import Drive
 from tests.common.nav2_files import shipped
 from tests.docs.pages import Example, blocks, commands
@@ -251,7 +251,7 @@ def test_a_run_is_replayed_on_a_router_as_each_command_says(
 @contextmanager
 def a_service(name: str, **more: str) -> Iterator[None]:
     """A service in a process of its own."""
-    command = [sys.executable, "-m", f"services.{name}"]
+    command = [sys.executable, "-m", f"mazebot.{name}"]
     process = subprocess.Popen(command, env=environment(**more), stdout=subprocess.DEVNULL)
     try:
         yield

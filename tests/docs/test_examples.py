@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
 from tests.docs.pages import Example, blocks
 from tests.docs.stack import running_stack
 
@@ -34,7 +34,7 @@ def run(code: str, folder: Path) -> str:
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(ROOT / "services")},
         capture_output=True,
         text=True,
         timeout=100,

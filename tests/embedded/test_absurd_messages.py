@@ -13,18 +13,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import Topic, read_by
-from services.localization.config import LocalizationConfig
-from services.localization.node import LocalizationNode
-from services.navigation.config import NavigationConfig
-from services.navigation.node import NavigationNode
-from services.perception.config import PerceptionConfig
-from services.perception.node import PerceptionNode
-from services.physics.config import PhysicsConfig
-from services.physics.node import PhysicsNode
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from mazebot.common.messages.topics import Topic, read_by
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.localization.config import LocalizationConfig
+from mazebot.localization.node import LocalizationNode
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.node import NavigationNode
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.node import PerceptionNode
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.node import PhysicsNode
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
 from tests.common.absurd import absurd_bytes
 from tests.common.samples import SAMPLES
 from tests.recorder.synthetic import driving, opening, room

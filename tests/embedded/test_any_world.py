@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from services.bringup.tour import PLACES
-from services.cli import app
-from services.common.config import ConfigError
-from services.embedded.demo import DemoOptions, run
+from mazebot.bringup.tour import PLACES
+from mazebot.cli import app
+from mazebot.common.config import ConfigError
+from mazebot.embedded.demo import DemoOptions, run
 from tests.worldgen import folder
 
 
@@ -151,7 +151,7 @@ def test_a_wrong_override_is_one_line(tmp_path: Path) -> None:
 
 
 def test_the_command_passes_all_of_it_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from services.embedded import demo
+    from mazebot.embedded import demo
 
     taken: list[DemoOptions] = []
 

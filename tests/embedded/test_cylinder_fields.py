@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.embedded.demo import DemoOptions, run
-from services.worldgen.check import findings_of
-from services.worldgen.files import load_any
+from mazebot.embedded.demo import DemoOptions, run
+from mazebot.worldgen.check import findings_of
+from mazebot.worldgen.files import load_any
 from tests.common.cylinder_fields import CELL_M, END_M, SIDE_M, cylinder_field
 
 FIELDS = range(16)

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from services.common.recordings.digests import read_digests
-from services.common.recordings.run_comparison import compare
-from services.common.root import ROOT
-from services.embedded.demo import DemoOptions, run
+from mazebot.common.files.root import ROOT
+from mazebot.common.recordings.comparing.digests import read_digests
+from mazebot.common.recordings.comparing.run_comparison import compare
+from mazebot.embedded.demo import DemoOptions, run
 
 RUNS = 5
 BURN = "import hashlib\nwhile True: hashlib.sha256(bytes(1_000_000))"
@@ -39,7 +39,7 @@ def drive(out_dir: Path, **options: Any) -> dict[str, Any]:
     fields = {"world_name": "enhanced", "out_dir": str(out_dir), **options}
     script = (
         "import sys\nfrom pathlib import Path\n"
-        "from services.embedded.demo import DemoOptions, run\n"
+        "from mazebot.embedded.demo import DemoOptions, run\n"
         f"fields = {fields!r}\nfields['out_dir'] = Path(fields['out_dir'])\n"
         "sys.exit(run(DemoOptions(**fields)))"
     )

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from services.common.root import ROOT
-from services.embedded.session import Session
+from mazebot.common.files.root import ROOT
+from mazebot.embedded.session import Session
 
 _N = r"(-?\d+(?:\.\d+)?)"
 _PATTERNS = (
@@ -20,7 +20,8 @@ _PATTERNS = (
 )
 PAGES = (
     ROOT / "README.md", ROOT / "Makefile", ROOT / "CONTRIBUTING.md",
-    ROOT / "services" / "embedded" / "session.py", *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "services" / "mazebot" / "embedded" / "session.py",
+    *sorted((ROOT / "docs").glob("*.md")),
 )  # fmt: skip
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from services.common.root import ROOT
-from services.embedded.session import Session
+from mazebot.common.files.root import ROOT
+from mazebot.embedded.session import Session
 
 pytestmark = pytest.mark.skipif(
     platform.machine() != "x86_64", reason="PyBullet is compiled otherwise for other machines"
@@ -115,7 +115,7 @@ def test_every_tour_has_the_hash_that_is_written_down(processor: str, tmp_path: 
     for world in GOLDEN_TOURS:
         out_dir = tmp_path / world
         options = ["--world", world, "--seed", str(SEED), "--renderer", "cpu", "--no-record"]
-        run(["-m", "services.cli", "demo", *options, "--out", str(out_dir)], setting)
+        run(["-m", "mazebot.cli", "demo", *options, "--out", str(out_dir)], setting)
         hashes[world] = json.loads((out_dir / "summary.json").read_text())["state_hash"]
     assert hashes == GOLDEN_TOURS
 

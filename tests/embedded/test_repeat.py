@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 import yaml
 
-from services.cli.app import main
-from services.common.node.documents import SimulationControl
-from services.common.node.executive import Executive, MemoryTransport
-from services.common.node.topics import SIMULATION_CONTROL
-from services.common.recordings.digests import read_digests
-from services.common.recordings.run_comparison import compare
-from services.embedded.demo import DemoOptions, build_nodes
+from mazebot.cli.app import main
+from mazebot.common.messages.documents import SimulationControl
+from mazebot.common.messages.topics import SIMULATION_CONTROL
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.common.recordings.comparing.digests import read_digests
+from mazebot.common.recordings.comparing.run_comparison import compare
+from mazebot.embedded.demo import DemoOptions, build_nodes
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.worldgen import folder
 

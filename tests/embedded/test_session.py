@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ConfigError
-from services.common.node import messages as msg
-from services.common.node.documents import BodyEntity, Box, NavigationStatus, Shape
-from services.common.node.topics import (
+from mazebot.common.config import ConfigError
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import BodyEntity, Box, NavigationStatus, Shape
+from mazebot.common.messages.topics import (
     AMCL_POSE,
     CMD_VEL,
     NAVIGATION_RESULT,
@@ -17,7 +17,7 @@ from services.common.node.topics import (
     ODOM,
     SCAN,
 )
-from services.embedded.session import RefusedError, Session
+from mazebot.embedded.session import RefusedError, Session
 from tests.worldgen import folder
 
 WORLD_RESTARTED = 9011

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from services.common.node import messages as msg
-from services.common.node.topics import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import (
     EXPLORATION_STATUS,
     MAP,
     NAVIGATION_RESULT,
     POSE_GRAPH,
 )
-from services.common.world.map_files import write_map
-from services.embedded.session import Session
+from mazebot.common.world.map_files import write_map
+from mazebot.embedded.session import Session
 
 
 def test_a_reset_begins_map_and_drive_anew_and_they_are_the_same_again() -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from services.common.node.documents import SimulationControl
-from services.common.node.executive import Executive, MemoryTransport
-from services.common.node.topics import SIMULATION_CONTROL
-from services.embedded.demo import DemoOptions, build_nodes, run
+from mazebot.common.messages.documents import SimulationControl
+from mazebot.common.messages.topics import SIMULATION_CONTROL
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.embedded.demo import DemoOptions, build_nodes, run
 
 GOALS = ["location1", "location2", "location3", "location4", "home"]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from services.common.root import ROOT
-from services.embedded.demo import DemoOptions, run
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.files.root import ROOT
+from mazebot.embedded.demo import DemoOptions, run
+from mazebot.worldgen.recipe.loader import load_world
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

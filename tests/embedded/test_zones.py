@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2, Array
-from services.common.node import messages as msg
-from services.common.node.action_documents import ClearCostmap
-from services.common.node.topics import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import ClearCostmap
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.topics import (
     CLEAR_COSTMAP,
     GLOBAL_COSTMAP,
     GROUND_TRUTH_ODOM,
     KEEPOUT_FILTER_MASK,
     SPEED_FILTER_MASK,
 )
-from services.embedded.session import Session
+from mazebot.embedded.session import Session
 from tests.worldgen import folder
 
 CONTROLLERS = ["mppi", "regulated_pure_pursuit"]

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.world.costmap import Cells
-from services.explorer.choice import tour_through
-from services.explorer.exploration import Survey, aim, survey
-from services.explorer.floor import floor_from
-from services.explorer.params import ExplorerParams
-from services.explorer.paths import FAR, search, way
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import Cells
+from mazebot.explorer.choice import tour_through
+from mazebot.explorer.exploration import Survey, aim, survey
+from mazebot.explorer.floor import floor_from
+from mazebot.explorer.params import ExplorerParams
+from mazebot.explorer.paths import FAR, search, way
 from tests.explorer.worlds import RESOLUTION_M, plan
 
 ORIGIN = SE2(0.0, 0.0, 0.0)

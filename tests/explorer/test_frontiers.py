@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.world.costmap import Cells
-from services.explorer.floor import Floor, floor_from
-from services.explorer.frontiers import find_frontiers, guessed_m2
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import Cells
+from mazebot.explorer.floor import Floor, floor_from
+from mazebot.explorer.frontiers import find_frontiers, guessed_m2
 from tests.explorer.worlds import RESOLUTION_M, plan
 
 ORIGIN = SE2(0.0, 0.0, 0.0)

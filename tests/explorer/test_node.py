@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.explorer.config import ExplorerConfig
-from services.explorer.exploration import aim, survey
-from services.explorer.floor import floor_from
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.explorer.config import ExplorerConfig
+from mazebot.explorer.exploration import aim, survey
+from mazebot.explorer.floor import floor_from
 from tests.common.samples import WORLD
 from tests.explorer.worlds import RESOLUTION_M, Stage, plan
 

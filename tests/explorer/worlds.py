@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from services.bench.exploration_kernels import reveal
-from services.common.frames import SE2
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.slam_documents import ExplorationStatus
-from services.common.node.topics import Topic
-from services.common.world.costmap import Cells
-from services.explorer.config import STEP_PERIOD_NS, ExplorerConfig
-from services.explorer.floor import floor_from
-from services.explorer.node import ExplorerNode
-from services.explorer.paths import search, way
+from mazebot.bench.slam.exploration_kernels import reveal
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.slam_documents import ExplorationStatus
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.common.world.costmap import Cells
+from mazebot.explorer.config import STEP_PERIOD_NS, ExplorerConfig
+from mazebot.explorer.floor import floor_from
+from mazebot.explorer.node import ExplorerNode
+from mazebot.explorer.paths import search, way
 from tests.common.samples import WORLD
 
 RESOLUTION_M = 0.05

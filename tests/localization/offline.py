@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     LINK_FROM_OPTICAL,
     SE2,
     Array,
@@ -22,11 +22,11 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.common.kernels import kernel
-from services.common.world.footprint import wall_corners
-from services.common.world.furnish import furnish
-from services.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.maths.kernels import kernel
+from mazebot.common.world.footprint import wall_corners
+from mazebot.common.world.furnish import furnish
+from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
+from mazebot.worldgen.recipe.loader import load_world
 
 BEAMS = 360
 RANGE_MIN_M, RANGE_MAX_M = 0.12, 3.5

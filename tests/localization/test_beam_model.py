@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.localization.beam_model import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.localization.beam_model import (
     HIT,
     MISFIT,
     MISSING,
@@ -23,8 +23,8 @@ from services.localization.beam_model import (
     qualities,
     scan_view,
 )
-from services.localization.likelihood_field import likelihood_field
-from services.localization.scan_matching import refine
+from mazebot.localization.global_search.scan_matching import refine
+from mazebot.localization.likelihood_field import likelihood_field
 from tests.localization import offline
 
 ROOM = offline.rectangle(4.0, 3.0)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.localization.beam_model import judge, scan_view
-from services.localization.global_search import global_search, search_map
-from services.localization.monte_carlo import Localization
+from mazebot.common.maths.frames import SE2
+from mazebot.localization.beam_model import judge, scan_view
+from mazebot.localization.global_search.global_search import global_search, search_map
+from mazebot.localization.monte_carlo import Localization
 from tests.localization import offline
 from tests.localization.test_beam_model import rays
 

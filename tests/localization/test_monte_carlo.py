@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     LINK_FROM_OPTICAL,
     SE2,
     Array,
@@ -19,9 +19,9 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.localization.likelihood_field import LikelihoodField, likelihood_field
-from services.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
-from services.localization.particle_filter import (
+from mazebot.localization.likelihood_field import LikelihoodField, likelihood_field
+from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
+from mazebot.localization.particle_filter import (
     OdometryNoise,
     kld_sample_size,
     low_variance_resample,

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.common.node import action_documents as act
-from services.common.node import messages as msg
-from services.common.node.documents import Entities, MappedMarker, World
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.topics import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import Entities, MappedMarker, World
+from mazebot.common.messages.topics import (
     DETECTIONS,
     ENTITIES,
     MAP,
@@ -22,9 +21,10 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.localization.config import LocalizationConfig
-from services.localization.node import LocalizationNode
-from services.navigation.control.collision import STOP
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.localization.config import LocalizationConfig
+from mazebot.localization.node import LocalizationNode
+from mazebot.navigation.control.collision import STOP
 from tests.common.samples import SAMPLES
 from tests.navigation.driving import IDENTITY, START, fixed_frames, odometry, scan
 from tests.navigation.house_tour import BASE_FROM_SCAN, as_ranges, cast, house, wall_segments

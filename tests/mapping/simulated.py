@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import SE2, Array, wrap_angle
-from services.common.kernels import kernel
-from services.mapping.slam import Slam
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.kernels import kernel
+from mazebot.mapping.slam import Slam
 
 SCAN_NS = 100_000_000
 WHEELS_APART_M = 0.287

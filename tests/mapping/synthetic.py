@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from services.common.frames import SE2, Array
-from services.mapping.pose_graph import ODOMETRY, Graph
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.mapping.graph.pose_graph import ODOMETRY, Graph
 
 STEP_M = 0.5
 STEP_COVARIANCE = np.diag([0.01**2, 0.01**2, 0.004**2])

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.node.documents import Marker, Wall
-from services.common.node.slam_documents import GraphLandmark, PoseGraph
-from services.common.world.placement import hang
-from services.mapping.graph_file import (
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import Marker, Wall
+from mazebot.common.messages.slam_documents import GraphLandmark, PoseGraph
+from mazebot.common.world.placement import hang
+from mazebot.mapping.graph.graph_file import (
     NodeScan,
     graph_document,
     graph_of,
@@ -23,10 +23,10 @@ from services.mapping.graph_file import (
     recipe_text,
     save_graph,
 )
-from services.mapping.landmarks import MarkerLandmarks, upright
-from services.mapping.optimizer import Candidate, close_loop, optimize
-from services.mapping.pose_graph import HUBER, MARKER, Graph
-from services.worldgen.check import problems_of
+from mazebot.mapping.graph.landmarks import MarkerLandmarks, upright
+from mazebot.mapping.graph.optimizer import Candidate, close_loop, optimize
+from mazebot.mapping.graph.pose_graph import HUBER, MARKER, Graph
+from mazebot.worldgen.check import problems_of
 from tests.mapping.synthetic import (
     LOOP_COVARIANCE,
     manhattan,

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     LINK_FROM_OPTICAL,
     SE2,
     Array,
@@ -14,9 +14,15 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.mapping.landmarks import MarkerCandidate, MarkerLandmarks, Sighted, flatten, upright
-from services.mapping.landmarks import MarkerNoise as Noise
-from services.mapping.pose_graph import MARKER, ODOMETRY, Graph
+from mazebot.mapping.graph.landmarks import (
+    MarkerCandidate,
+    MarkerLandmarks,
+    Sighted,
+    flatten,
+    upright,
+)
+from mazebot.mapping.graph.landmarks import MarkerNoise as Noise
+from mazebot.mapping.graph.pose_graph import MARKER, ODOMETRY, Graph
 from tests.mapping.synthetic import STEP_COVARIANCE, noisy
 
 CAMERA = transform_matrix(np.eye(3), (0.07, 0.0, 0.1)) @ LINK_FROM_OPTICAL

@@ -3,8 +3,8 @@ import time
 
 import numpy as np
 
-from services.common.frames import SE2, Array
-from services.mapping.loop_check import MOST_CONTRADICTION, contradiction
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.mapping.loops.loop_check import MOST_CONTRADICTION, contradiction
 from tests.mapping.synthetic import HOUSE_M, placed, scan
 
 ROOM = [SE2(1.0, 2.3, 0.4), SE2(1.5, 1.8, 2.0), SE2(2.3, 2.3, -1.0), SE2(0.6, 0.6, 1.0)]

@@ -3,10 +3,10 @@ import time
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.mapping.loop_closer import LoopCloser
-from services.mapping.optimizer import Candidate, Covariances, close_loop
-from services.mapping.pose_graph import LOOP, Graph
+from mazebot.common.maths.frames import SE2
+from mazebot.mapping.graph.optimizer import Candidate, Covariances, close_loop
+from mazebot.mapping.graph.pose_graph import LOOP, Graph
+from mazebot.mapping.loops.loop_closer import LoopCloser
 from tests.mapping.synthetic import (
     LOOP_COVARIANCE,
     errors_m,

@@ -4,8 +4,8 @@ import time
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array, wrap_angle
-from services.mapping.loop_search import LoopMatch, loop_search, search_map
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.mapping.loops.loop_search import LoopMatch, loop_search, search_map
 from tests.mapping.synthetic import HOUSE_M, placed, scan
 
 OLD_M = [SE2(1.0, 2.3, 0.4), SE2(1.5, 1.8, 2.0), SE2(2.3, 2.3, -1.0), SE2(0.6, 0.6, 1.0)]

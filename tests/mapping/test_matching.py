@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.mapping.correlative import correlate
-from services.mapping.local_map import LocalMap, compacted, local_map
-from services.mapping.refine import refine
-from services.mapping.scan_points import scan_points, surface_cloud, thinned
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.mapping.matching.correlative import correlate
+from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
+from mazebot.mapping.matching.refine import refine
+from mazebot.mapping.matching.scan_points import scan_points, surface_cloud, thinned
 from tests.mapping.simulated import LDS, box, error, scan, wall
 
 ROOM = np.concatenate([box(0.0, 0.0, 4.0, 3.0), wall(2.0, 0.0, 2.0, 1.2)])

@@ -9,14 +9,13 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node.documents import SimulationStats
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.slam_documents import PoseGraph
-from services.common.node.topics import (
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import SimulationStats
+from mazebot.common.messages.slam_documents import PoseGraph
+from mazebot.common.messages.topics import (
     AMCL_POSE,
     DETECTIONS,
     LOCALIZATION_STATUS,
@@ -30,9 +29,10 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.mapping.config import STEP_PERIOD_NS, MappingConfig
-from services.mapping.node import MappingNode
-from services.navigation.control.collision import STOP
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
+from mazebot.mapping.node import MappingNode
+from mazebot.navigation.control.collision import STOP
 from tests.common.samples import SAMPLES
 from tests.navigation.driving import IDENTITY, START, fixed_frames, odometry, scan
 from tests.navigation.house_tour import BASE_FROM_SCAN, as_ranges, cast, house, wall_segments

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.mapping.occupancy import MapGrid, Occupancy
-from services.mapping.scan_points import ScanPoints, scan_points
+from mazebot.common.maths.frames import SE2
+from mazebot.mapping.matching.occupancy import MapGrid, Occupancy
+from mazebot.mapping.matching.scan_points import ScanPoints, scan_points
 from tests.mapping.simulated import LDS, box, scan, wall
 
 ORIGIN = SE2(0.0, 0.0, 0.0)

@@ -6,8 +6,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse import linalg
 
-from services.common.frames import SE2, wrap_angle
-from services.mapping.optimizer import (
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.mapping.graph.optimizer import (
     CHI2_99,
     Candidate,
     Covariances,
@@ -16,8 +16,8 @@ from services.mapping.optimizer import (
     optimize,
     relative_covariance,
 )
-from services.mapping.pose_graph import CAUCHY, HUBER, LOOP, MARKER, ODOMETRY, Graph
-from services.mapping.sparse_cholesky import analyse, factorize
+from mazebot.mapping.graph.pose_graph import CAUCHY, HUBER, LOOP, MARKER, ODOMETRY, Graph
+from mazebot.mapping.graph.sparse_cholesky import analyse, factorize
 from tests.mapping.synthetic import (
     LOOP_COVARIANCE,
     STEP_COVARIANCE,

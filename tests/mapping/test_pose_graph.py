@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, wrap_angle
-from services.mapping.pose_graph import (
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.mapping.graph.pose_graph import (
     CAUCHY,
     LOOP,
     MARKER,

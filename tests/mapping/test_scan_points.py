@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.mapping.scan_points import ScanPoints, scan_points, surface_cloud, thinned
+from mazebot.common.maths.frames import SE2
+from mazebot.mapping.matching.scan_points import ScanPoints, scan_points, surface_cloud, thinned
 
 SENSOR = SE2(-0.064, 0.0, 0.0)
 

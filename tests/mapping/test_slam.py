@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from services.common.frames import SE2
-from services.mapping.params import SlamParams
-from services.mapping.slam import Slam
+from mazebot.common.maths.frames import SE2
+from mazebot.mapping.params import SlamParams
+from mazebot.mapping.slam import Slam
 from tests.mapping.simulated import (
     LDS,
     SCAN_NS,

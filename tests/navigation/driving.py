@@ -12,12 +12,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.bus import wire
-from services.common.frames import SE2, Array
-from services.common.node import messages as msg
-from services.common.node.documents import Entities, NavigationResult, World
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Entities, NavigationResult, World
+from mazebot.common.messages.topics import (
     CMD_VEL,
     DETECTIONS,
     ENTITIES,
@@ -31,12 +30,13 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.localization.config import LocalizationConfig
-from services.localization.node import LocalizationNode
-from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.costmap.layered_costmap import LayeredCostmap, frame_of
-from services.navigation.node import NavigationNode
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.localization.config import LocalizationConfig
+from mazebot.localization.node import LocalizationNode
+from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.costmap.layered_costmap import LayeredCostmap, frame_of
+from mazebot.navigation.node import NavigationNode
 from tests.navigation.house_tour import (
     ANGLE_INCREMENT_RAD,
     BASE_FROM_SCAN,

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import SE2, Array, wrap_angle
-from services.common.world.footprint import wall_corners
-from services.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.world.footprint import wall_corners
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
 
 ODOMETRY_NS = 33_333_333
 SCAN_NS = 100_000_000

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from services.common.config import ConfigError
-from services.navigation.config import NavigationConfig
-from services.navigation.costmap.filters import FilterInfo
-from services.navigation.mask_files import masks_of, read_mask
+from mazebot.common.config import ConfigError
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.costmap.filters import FilterInfo
+from mazebot.navigation.mask_files import masks_of, read_mask
 
 GOOD = {
     "image": "mask.pgm", "mode": "trinary", "resolution": "0.1", "origin": "[-1.0, -2.0, 0.0]",

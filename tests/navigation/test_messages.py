@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.behavior import actions
-from services.navigation.behavior.actions import Request, TaskResult, TaskStatus
-from services.navigation.behavior.blackboard import Blackboard
-from services.navigation.behavior.tree import BehaviorTree, Node, NodePlace, NodeStatus
-from services.navigation.behavior.tree_log import TreeLog
-from services.navigation.messages import result_action
-from services.navigation.planning.path import path_through
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior import actions
+from mazebot.navigation.behavior.actions import Request, TaskResult, TaskStatus
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.tree import BehaviorTree, Node, NodePlace, NodeStatus
+from mazebot.navigation.behavior.engine.tree_log import TreeLog
+from mazebot.navigation.messages import result_action
+from mazebot.navigation.planning.path import path_through
 from tests.navigation.behavior.scripted_tree import Scripted
 
 POSE, DOCKED = SE2(1.0, 2.0, 0.5), SE2(3.0, 1.0, -1.0)

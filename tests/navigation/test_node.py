@@ -11,19 +11,18 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.error_codes import ErrorCode
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     SCAN_FRAME,
     SE2,
     quaternion_from_rotation,
     wrap_angle,
 )
-from services.common.node import action_documents as act
-from services.common.node import messages as msg
-from services.common.node.action_documents import BehaviorTreeLog, DockRobot, SendGoal
-from services.common.node.documents import (
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import BehaviorTreeLog, DockRobot, SendGoal
+from mazebot.common.messages.documents import (
     CancelGoal,
     CancelGoalReply,
     Entities,
@@ -32,8 +31,8 @@ from services.common.node.documents import (
     Planar,
     SimulationStats,
 )
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.topics import (
     ACTION_RESULT,
     AMCL_POSE,
     BEHAVIOR_TREE,
@@ -66,13 +65,14 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.common.world.footprint import wall_corners
-from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.control.collision import STOP
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.messages import planar_document
-from services.navigation.node import NavigationNode
-from services.worldgen.map.occupancy import Grid, rasterise
+from mazebot.common.node.node import Envelope
+from mazebot.common.world.footprint import wall_corners
+from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from mazebot.navigation.control.collision import STOP
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.messages import planar_document
+from mazebot.navigation.node import NavigationNode
+from mazebot.worldgen.map.occupancy import Grid, rasterise
 from tests.common.samples import SAMPLES
 from tests.navigation.driving import (
     IDENTITY,

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.common.world.costmap import Cells
-from services.navigation.config import NavigationConfig
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.layered_costmap import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.world.costmap import Cells
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
     frame_of,
     inflate,
 )
-from services.navigation.errors import NavigationError
-from services.navigation.planning.path import PlannedPath
-from services.navigation.planning.planner import Planner
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.planner import Planner
 from tests.navigation.driving import LOCATIONS, START, house_costmap, wall_distance_m
 
 CONFIG = NavigationConfig()

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from services.common.bus.bus import BusConfig, open_session, subscribe
-from services.common.node.node import Envelope
-from services.common.node.topics import SERVICES, TOPICS, Topic
+from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.messages.topics import SERVICES, TOPICS, Topic
+from mazebot.common.node.node import Envelope
 from tests.parity.transport import Record
 
 DEADLINE_S = 100.0
@@ -91,7 +91,7 @@ def running_services(
                 continue
             with (folder / f"{name}.log").open("wb") as output:
                 stack.processes[name] = subprocess.Popen(
-                    [sys.executable, "-m", f"services.{name}"],
+                    [sys.executable, "-m", f"mazebot.{name}"],
                     env=settings, stdout=output, stderr=subprocess.STDOUT,
                 )  # fmt: skip
         yield stack

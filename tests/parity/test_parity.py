@@ -8,15 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.diff import diff_runs
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import BusConfig, ask, open_session
-from services.common.bus.serve import EXIT_OUT_OF_STEP
-from services.common.bus.wire import decode
-from services.common.node import log
-from services.common.node.documents import GetEntities, SimulationControl
-from services.common.node.executive import Executive
-from services.common.node.topics import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.cli.diff import diff_runs
+from mazebot.common.bus.bus import BusConfig, ask, open_session
+from mazebot.common.bus.serve import EXIT_OUT_OF_STEP
+from mazebot.common.messages.documents import GetEntities, SimulationControl
+from mazebot.common.messages.topics import (
     BY_NAME,
     CLOCK,
     EVALUATION,
@@ -27,7 +24,10 @@ from services.common.node.topics import (
     SIMULATION_STATS,
     WORLD,
 )
-from services.embedded.demo import DemoOptions, build_nodes, run
+from mazebot.common.messages.wire import decode
+from mazebot.common.node import log
+from mazebot.common.node.executive import Executive
+from mazebot.embedded.demo import DemoOptions, build_nodes, run
 from tests.parity.processes import DEADLINE_S, busy, running_services
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.loopback_router import running_router
-from services.common.node import log
-from services.common.node.executive import Executive
-from services.common.node.topics import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.messages.topics import (
     EXPLORATION_STATUS,
     GOAL_POSE,
     LOCALIZATION_STATUS,
@@ -18,7 +16,9 @@ from services.common.node.topics import (
     POSE_GRAPH,
     TF,
 )
-from services.embedded.demo import DemoOptions, build_nodes
+from mazebot.common.node import log
+from mazebot.common.node.executive import Executive
+from mazebot.embedded.demo import DemoOptions, build_nodes
 from tests.parity.processes import running_services
 from tests.parity.test_parity import comparable, count_by_topic, differences
 from tests.parity.transport import Record, RecordedMemoryTransport, ZenohTransport

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
-from services.common.bus import wire
-from services.common.bus.bus import Bus, BusConfig, alive, open_session
-from services.common.node.executive import MemoryTransport
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import Topic, owned_by
+from mazebot.common.bus.bus import Bus, BusConfig, alive, open_session
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import Topic, owned_by
+from mazebot.common.node.executive import MemoryTransport
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
 
 DEADLINE_S = 20.0
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import Array
+from mazebot.common.maths.frames import Array
 
 WIDTH, HEIGHT = 640, 480
 FOCAL_PX = 554.0

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.perception.code_check import CodeCheck
-from services.perception.detect import MIN_CLARITY
+from mazebot.perception.code_check import CodeCheck
+from mazebot.perception.detect import MIN_CLARITY
 from tests.perception.scene import MARKER_ID, WIDTH, camera_from_marker, project, render
 
 BOOK = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_100)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.perception.corners import refine_corners
+from mazebot.perception.corners import refine_corners
 from tests.perception.scene import camera_from_marker, project, render
 
 

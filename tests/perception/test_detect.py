@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.perception.config import PerceptionConfig
-from services.perception.detect import (
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.detect import (
     Detector,
     Sighting,
     Threshold,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import LINK_FROM_OPTICAL, transform_matrix
-from services.common.world.placement import upright
-from services.perception.config import PerceptionConfig
-from services.perception.detect import Detector
-from services.perception.find import MarkerFinder
-from services.perception.pose import Camera
+from mazebot.common.maths.frames import LINK_FROM_OPTICAL, transform_matrix
+from mazebot.common.world.placement import upright
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.detect import Detector
+from mazebot.perception.find import MarkerFinder
+from mazebot.perception.pose import Camera
 from tests.perception.scene import CAMERA, MARKER_ID, camera_from_marker, render
 
 BOOK = "DICT_4X4_100"

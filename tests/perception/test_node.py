@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common import png
-from services.common.bus import wire
-from services.common.frames import (
+from mazebot.common.files import png
+from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     BASE_LINK_FRAME,
     CAMERA_OPTICAL_FRAME,
@@ -25,11 +24,11 @@ from services.common.frames import (
     Array,
     transform_matrix,
 )
-from services.common.node import messages as msg
-from services.common.node.action_documents import PhotoRequest
-from services.common.node.documents import Entities, MarkerEntity, Planar, World
-from services.common.node.node import Envelope, Inbox, Outbox, Trigger
-from services.common.node.topics import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.action_documents import PhotoRequest
+from mazebot.common.messages.documents import Entities, MarkerEntity, Planar, World
+from mazebot.common.messages.topics import (
     CAMERA_IMAGE,
     CAMERA_INFO,
     DETECTIONS,
@@ -42,8 +41,9 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.perception.config import PerceptionConfig
-from services.perception.node import PerceptionNode
+from mazebot.common.node.node import Envelope, Inbox, Outbox, Trigger
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.node import PerceptionNode
 from tests.perception.scene import (
     CAMERA,
     HEIGHT,

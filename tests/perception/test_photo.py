@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.perception.photo import markers_in_photo
-from services.perception.pose import Camera
+from mazebot.perception.photo import markers_in_photo
+from mazebot.perception.pose import Camera
 from tests.perception.scene import (
     CAMERA,
     MARKER_ID,

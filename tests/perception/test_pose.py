@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common.frames import Array
-from services.perception.pose import Camera, Solution, solve
+from mazebot.common.maths.frames import Array
+from mazebot.perception.pose import Camera, Solution, solve
 from tests.perception.scene import (
     CAMERA,
     MARKER_SIDE_M,

@@ -11,12 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from services.common.bus import wire
-from services.common.frames import SE2, Array, inverse_matrix, transform_matrix
-from services.common.node import messages as msg
-from services.common.node.documents import Entities, MarkerEntity, Material, Planar, Wall, World
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.topics import (
+from mazebot.common.maths.frames import SE2, Array, inverse_matrix, transform_matrix
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Entities, MarkerEntity, Material, Planar, Wall, World
+from mazebot.common.messages.topics import (
     ASSETS,
     CMD_VEL,
     DESIRED_ENTITIES,
@@ -24,10 +23,11 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.physics.bodies.bodies import Bodies
-from services.physics.config import PhysicsConfig
-from services.physics.node import PhysicsNode
-from services.physics.sensors.raycast import cast_scan, joined, ray_directions, targets_of
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.physics.bodies.bodies import Bodies
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.node import PhysicsNode
+from mazebot.physics.sensors.raycast import cast_scan, joined, ray_directions, targets_of
 
 M = TypeVar("M")
 

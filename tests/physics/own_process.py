@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
 
 
 def figures(module: str, call: str, timeout_s: float) -> list[float]:

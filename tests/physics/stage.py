@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.common.node.documents import (
+from mazebot.common.messages.documents import (
     BodyEntity,
     Box,
     Entities,
@@ -14,8 +14,8 @@ from services.common.node.documents import (
     ScriptedPath,
     Shape,
 )
-from services.common.node.topics import DESIRED_ENTITIES, ENTITIES, SCAN
-from services.physics.bodies.bodies import Bodies
+from mazebot.common.messages.topics import DESIRED_ENTITIES, ENTITIES, SCAN
+from mazebot.physics.bodies.bodies import Bodies
 from tests.physics.driver import Driver, texture, world
 
 OPEN = world(walls=[("Wall", 4.0, 0.0, -2.0, 0.0)])

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from services.common.node.topics import CMD_VEL, SIMULATION_STATS
-from services.physics.config import PhysicsConfig
-from services.physics.drive import Drive
-from services.physics.simulation import drive_limits
+from mazebot.common.messages.topics import CMD_VEL, SIMULATION_STATS
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.drive import Drive
+from mazebot.physics.simulation import drive_limits
 from tests.physics.driver import HOUSE_WALLS, Driver, world
 
 LIMITS = drive_limits(PhysicsConfig())

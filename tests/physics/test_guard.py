@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from services.bench.memory import resident_mb
-from services.common import png
-from services.common.node import messages as msg
-from services.common.node.documents import (
+from mazebot.bench.memory import resident_mb
+from mazebot.common.files import png
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
     BodyEntity,
     Box,
     Capsule,
@@ -36,7 +36,7 @@ from services.common.node.documents import (
     SimulationStats,
     Sphere,
 )
-from services.common.node.topics import (
+from mazebot.common.messages.topics import (
     ASSETS,
     CMD_VEL,
     ENTITIES,
@@ -45,14 +45,14 @@ from services.common.node.topics import (
     SIMULATION_STATS,
     WORLD,
 )
-from services.common.world.geometry import TriangleMesh, mesh_to_bytes, triangles_of
-from services.physics.assets import Assets
-from services.physics.bodies.bullet import pybullet
-from services.physics.bodies.robot_model import ModelError, robot_model_from_urdf
-from services.physics.camera.camera import Intrinsics
-from services.physics.camera.renderers import make_renderer
-from services.physics.camera.scene import build_scene
-from services.physics.config import PhysicsConfig
+from mazebot.common.world.geometry import TriangleMesh, mesh_to_bytes, triangles_of
+from mazebot.physics.assets import Assets
+from mazebot.physics.bodies.bullet import pybullet
+from mazebot.physics.bodies.robot_model import ModelError, robot_model_from_urdf
+from mazebot.physics.camera.camera import Intrinsics
+from mazebot.physics.camera.renderers import make_renderer
+from mazebot.physics.camera.scene import build_scene
+from mazebot.physics.config import PhysicsConfig
 from tests.physics.driver import asset, panel, texture, world
 from tests.physics.own_process import figures
 from tests.physics.stage import (
@@ -238,7 +238,7 @@ def test_a_mesh_where_a_picture_should_be_is_a_plain_colour() -> None:
 def test_only_so_many_assets_are_kept_and_those_in_use_stay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("services.physics.assets.MAX_ASSETS", 4)
+    monkeypatch.setattr("mazebot.physics.assets.MAX_ASSETS", 4)
     assets = Assets()
     files = [texture(shade) for shade in range(1, 9)]
     used = [files[0].header.frame_id, files[2].header.frame_id]
@@ -248,7 +248,7 @@ def test_only_so_many_assets_are_kept_and_those_in_use_stay(
     assert list(assets.files) == [*used, files[6].header.frame_id, files[7].header.frame_id]
     everything = [file.header.frame_id for file in files]
     assert assets.add(texture(100), lambda: everything) == "too many assets"
-    monkeypatch.setattr("services.physics.assets.MAX_BYTES", 10)
+    monkeypatch.setattr("mazebot.physics.assets.MAX_BYTES", 10)
     assert assets.add(texture(101)) == "too many assets"
 
 
@@ -323,7 +323,7 @@ def test_a_huge_mesh_is_refused(stage: Stage, monkeypatch: pytest.MonkeyPatch) -
     assert "triangles in all bodies: at most 500000" in reasons(
         stage.desire(crate(shapes=shapes))
     )["crate"]  # fmt: skip
-    monkeypatch.setattr("services.common.world.geometry.MAX_TRIANGLES", 1000)
+    monkeypatch.setattr("mazebot.common.world.geometry.MAX_TRIANGLES", 1000)
     other = asset(mesh_to_bytes(triangles_of(Sphere(radius_m=99.0), {})))
     other.format = "npz"
     stage.deliver(ASSETS, other)

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, inverse_matrix, wrap_angle
-from services.common.node import messages as msg
-from services.common.node.topics import CMD_VEL, GROUND_TRUTH_ODOM, SIMULATION_STATS
-from services.physics.bodies.robot_model import robot_model_from_urdf
-from services.physics.config import STEPS_PER_SECOND, PhysicsConfig, time_of_step_ns
-from services.physics.simulation import Simulation
+from mazebot.common.maths.frames import SE2, inverse_matrix, wrap_angle
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import CMD_VEL, GROUND_TRUTH_ODOM, SIMULATION_STATS
+from mazebot.physics.bodies.robot_model import robot_model_from_urdf
+from mazebot.physics.config import STEPS_PER_SECOND, PhysicsConfig, time_of_step_ns
+from mazebot.physics.simulation import Simulation
 from tests.physics.driver import Driver, world
 
 

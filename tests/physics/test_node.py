@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.config import ConfigError
-from services.common.frames import LINK_FROM_OPTICAL, transform_matrix
-from services.common.load import load
-from services.common.node import messages as msg
-from services.common.node.documents import Entities, MarkerEntity, SimulationStats, World
-from services.common.node.topics import (
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import LINK_FROM_OPTICAL, transform_matrix
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats, World
+from mazebot.common.messages.topics import (
     ASSETS,
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -33,9 +32,10 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
-from services.physics.bodies.bullet import pybullet
-from services.physics.config import PhysicsConfig
-from services.physics.node import PhysicsNode
+from mazebot.common.settings.load import load
+from mazebot.physics.bodies.bullet import pybullet
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.node import PhysicsNode
 from tests.physics.driver import HOUSE_WALLS, Driver, asset, panel, texture, world
 
 WALL_TEXTURE, PANEL_TEXTURE = texture(200), texture(40)

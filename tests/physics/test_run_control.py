@@ -6,12 +6,18 @@ from typing import Any
 
 import pytest
 
-from services.common.bus import wire
-from services.common.node.documents import SimulationControl, SimulationControlReply
-from services.common.node.messages import TYPESTORE, String, ns_from_time
-from services.common.node.topics import CLOCK, ENTITIES, ODOM, SIMULATION_CONTROL, SIMULATION_STATS
-from services.physics.config import time_of_step_ns
-from services.physics.run_control import first_step_at
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import SimulationControl, SimulationControlReply
+from mazebot.common.messages.messages import TYPESTORE, String, ns_from_time
+from mazebot.common.messages.topics import (
+    CLOCK,
+    ENTITIES,
+    ODOM,
+    SIMULATION_CONTROL,
+    SIMULATION_STATS,
+)
+from mazebot.physics.config import time_of_step_ns
+from mazebot.physics.run_control import first_step_at
 from tests.physics.driver import Driver, world
 
 Answers = list[SimulationControlReply]

@@ -12,10 +12,10 @@ import threading
 import time
 from pathlib import Path
 
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from mazebot.common.messages import topics as table
+from mazebot.common.node.node import Envelope
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, driving, opening, room
 
 SAID = struct.Struct("<qq")

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import SE2, rotation_from_rpy, transform_matrix
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import Topic
-from services.recorder.node import RecorderNode
+from mazebot.common.maths.frames import SE2, rotation_from_rpy, transform_matrix
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
+from mazebot.recorder.node import RecorderNode
 
 Said = tuple[int, Topic[Any], Any]
 

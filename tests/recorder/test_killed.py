@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.recordings.mcap_messages import RecordedMessage, read_messages
-from services.common.recordings.mcap_scan import scan
-from services.common.recordings.run_folder import LOCK, MESSAGES, parts_of
-from services.common.root import ROOT
-from services.recorder.keeping.repair import Repair
+from mazebot.common.files.root import ROOT
+from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
+from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import LOCK, MESSAGES, parts_of
+from mazebot.recorder.keeping.repair import Repair
 from tests.recorder.driven_recorder import SAID
 from tests.recorder.test_node import verify
 

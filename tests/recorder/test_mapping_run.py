@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.slam_documents import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.slam_documents import (
     ExplorationStatus,
     GraphLandmark,
     GraphNode,
     GraphScan,
     PoseGraph,
 )
-from services.common.world.map_files import read_map
-from services.common.world.marker_file import read_markers
-from services.recorder.judging.evaluation import RunEvaluation
-from services.recorder.keeping import map_folder as map_folder_module
-from services.recorder.keeping.map_folder import WRITE_PERIOD_NS, MapFolder
+from mazebot.common.world.map_files import read_map
+from mazebot.common.world.marker_file import read_markers
+from mazebot.recorder.judging.evaluation import RunEvaluation
+from mazebot.recorder.keeping import map_folder as map_folder_module
+from mazebot.recorder.keeping.map_folder import WRITE_PERIOD_NS, MapFolder
 from tests.recorder.synthetic import (
     ERROR_M,
     Bench,

@@ -16,19 +16,19 @@ import pytest
 import rerun as rr
 import yaml
 
-from services.common.bus import wire
-from services.common.config import ConfigError
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.recordings.digests import DigestWriter, read_digests
-from services.common.root import ROOT
-from services.recorder import node as node_module
-from services.recorder.config import RecorderConfig
-from services.recorder.keeping import run as run_module
-from services.recorder.node import RecorderNode
-from services.recorder.stream.rerun_program import rerun_binary
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.comparing.digests import DigestWriter, read_digests
+from mazebot.recorder import node as node_module
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping import run as run_module
+from mazebot.recorder.node import RecorderNode
+from mazebot.recorder.stream.rerun_program import rerun_binary
 from tests.recorder.synthetic import (
     BRICKS,
     ERROR_M,
@@ -161,8 +161,8 @@ def test_without_a_recording_rerun_is_not_even_loaded(tmp_path: Path) -> None:
     script = (
         "import sys\n"
         "from pathlib import Path\n"
-        "from services.recorder.config import RecorderConfig\n"
-        "from services.recorder.node import RecorderNode\n"
+        "from mazebot.recorder.config import RecorderConfig\n"
+        "from mazebot.recorder.node import RecorderNode\n"
         "from tests.recorder.synthetic import Bench, driving, opening, room\n"
         f"config = RecorderConfig(record=False, recordings_dir=Path({str(tmp_path)!r}))\n"
         "node = RecorderNode(config)\n"

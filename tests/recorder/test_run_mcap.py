@@ -14,15 +14,15 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.node.topics import BY_NAME, Delivery
-from services.common.recordings.mcap_messages import RecordedMessage, read_messages
-from services.common.recordings.mcap_scan import scan
-from services.common.recordings.run_folder import MESSAGES, parts_of
-from services.recorder.keeping import run as run_module
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import BY_NAME, Delivery
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
+from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import MESSAGES, parts_of
+from mazebot.recorder.keeping import run as run_module
 from tests.recorder.synthetic import Bench, driving, opening, room
 from tests.recorder.test_node import recorder, summary_of, verify
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.loopback_router import free_port, wait_for_router
-from services.router.guard import EXIT_SILENT, PERIOD_S, START_TICKS, Silence, reachable
+from mazebot.bench.parts.loopback_router import free_port, wait_for_router
+from mazebot.router.guard import EXIT_SILENT, PERIOD_S, START_TICKS, Silence, reachable
 
 DEADLINE_S = 45.0
 
@@ -29,7 +29,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 def router() -> Iterator[tuple[subprocess.Popen[str], int, str]]:
     """The guard, the process id of its router, and where that listens."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    command = [sys.executable, "-m", "services.router", "--listen", endpoint, "--silence-s", "1"]
+    command = [sys.executable, "-m", "mazebot.router", "--listen", endpoint, "--silence-s", "1"]
     guard = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         wait_for_router(endpoint)
@@ -110,7 +110,7 @@ def test_all_addresses_are_reached_by_the_loopback(listen: str, connect: str) ->
 
 
 def test_a_mistake_is_one_line() -> None:
-    command = [sys.executable, "-m", "services.router", "--listen", "nowhere"]
+    command = [sys.executable, "-m", "mazebot.router", "--listen", "nowhere"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("error: router: listen:")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node.executive import Executive, MemoryTransport
-from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import (
     ASSETS,
     DELETE_ENTITY,
     DESIRED_ENTITIES,
@@ -20,8 +18,10 @@ from services.common.node.topics import (
     WORLD,
     Query,
 )
-from services.spawner.config import SpawnerConfig
-from services.spawner.node import SpawnerNode
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
+from mazebot.spawner.config import SpawnerConfig
+from mazebot.spawner.node import SpawnerNode
 from tests.common.house import marker, wall, world
 
 STEP_NS = 4_166_667

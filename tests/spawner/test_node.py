@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.common.bus import wire
-from services.common.frames import SE2, rotation_from_quaternion
-from services.common.node.documents import Entities, Marker, World
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.topics import ASSETS, DESIRED_ENTITIES, WORLD, Topic
-from services.common.world.furnish import MAX_MARKERS, furnish
-from services.spawner.config import SpawnerConfig
-from services.spawner.node import SpawnerNode
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.maths.frames import SE2, rotation_from_quaternion
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Entities, Marker, World
+from mazebot.common.messages.topics import ASSETS, DESIRED_ENTITIES, WORLD, Topic
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.common.world.furnish import MAX_MARKERS, furnish
+from mazebot.spawner.config import SpawnerConfig
+from mazebot.spawner.node import SpawnerNode
+from mazebot.worldgen.recipe.loader import load_world
 from tests.common.house import marker, wall, world
 
 Sent = list[tuple[Topic[object], object, Envelope]]

@@ -11,21 +11,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node.topics import (
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import (
     ASSETS,
     DELETE_ENTITY,
     GET_ENTITIES,
     SET_ENTITY_STATE,
     SPAWN_ENTITY,
 )
-from services.common.world.furnish import furnish
-from services.common.world.geometry import TriangleMesh, mesh_to_bytes
-from services.common.world.marker_picture import draw
-from services.spawner.config import SpawnerConfig
-from services.spawner.desired_set import MAX_ASKED_FOR, MAX_ENTITY_BYTES
-from services.spawner.node import MAX_WAITING, MAX_WAITING_BYTES, SpawnerNode
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.geometry import TriangleMesh, mesh_to_bytes
+from mazebot.common.world.marker_picture import draw
+from mazebot.spawner.config import SpawnerConfig
+from mazebot.spawner.desired_set import MAX_ASKED_FOR, MAX_ENTITY_BYTES
+from mazebot.spawner.node import MAX_WAITING, MAX_WAITING_BYTES, SpawnerNode
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import FORBIDDEN_X_M, HOUSE, Stage, box
 

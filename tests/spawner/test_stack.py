@@ -20,13 +20,11 @@ from typing import TypeVar
 import pytest
 import zenoh
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import BusConfig, ask, open_session, publish, wait_until_alive
-from services.common.bus.bus import pack_attachment as packed
-from services.common.bus.wire import encode
-from services.common.node import documents as doc
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import BusConfig, ask, open_session, publish, wait_until_alive
+from mazebot.common.bus.bus import pack_attachment as packed
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.topics import (
     DELETE_ENTITY,
     GET_ENTITIES,
     SET_ENTITY_STATE,
@@ -35,7 +33,9 @@ from services.common.node.topics import (
     WORLD,
     Query,
 )
-from services.common.world.marker_picture import draw
+from mazebot.common.messages.wire import encode
+from mazebot.common.node.node import Envelope
+from mazebot.common.world.marker_picture import draw
 from tests.cli.test_app import mazebot
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import box
@@ -59,7 +59,7 @@ class Stack:
 
     def start(self, name: str) -> None:
         self.processes[name] = subprocess.Popen(
-            [sys.executable, "-m", f"services.{name}", *FLAGS[name]],
+            [sys.executable, "-m", f"mazebot.{name}", *FLAGS[name]],
             env={**os.environ, "MAZEBOT_BUS_CONNECT": self.endpoint},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from services.worldgen.build import figures
-from services.worldgen.recipe.loader import load_world
-from services.worldgen.world_model import world_glb
+from mazebot.worldgen.build import figures
+from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.world_model import world_glb
 from tests.worldgen import folder
 
 SHEET = "v -0.5 0 0\nv 0.5 0 0\nv 0.5 0 1\nv -0.5 0 1\nf 1 2 3 4\n"

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from services.navigation.config import NavigationConfig
-from services.navigation.costmap.layered_costmap import (
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.costmap.layered_costmap import (
     INSCRIBED_INFLATED_OBSTACLE,
     LayeredCostmap,
     frame_of,
 )
-from services.worldgen.check import findings_of, problems_of
-from services.worldgen.recipe.loader import load_world
+from mazebot.worldgen.check import findings_of, problems_of
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 

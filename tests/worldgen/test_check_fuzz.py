@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from services.worldgen.check import problems_of
+from mazebot.worldgen.check import problems_of
 from tests.worldgen import folder
 
 RECIPES = 500

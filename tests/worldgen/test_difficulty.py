@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node.documents import Location
-from services.worldgen.difficulty import difficulty
-from services.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import Location
+from mazebot.worldgen.difficulty import difficulty
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
 from tests.common.house import wall, world
 
 

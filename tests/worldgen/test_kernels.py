@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-AHEAD = "from services.worldgen.kernels import compile_kernels\ncompile_kernels()"
+AHEAD = "from mazebot.worldgen.kernels import compile_kernels\ncompile_kernels()"
 AFTER = """
-from services.worldgen.build import figures
-from services.worldgen.recipe.loader import load_world
+from mazebot.worldgen.build import figures
+from mazebot.worldgen.recipe.loader import load_world
 for algorithm in ("wilson", "recursive_backtracker", "rooms"):
     for braiding in (0.0, 0.5):
         overrides = (f"maze.algorithm={algorithm}", f"maze.braiding={braiding}")

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.node.documents import Box, Cylinder, Mesh
-from services.common.world.geometry import mesh_from_bytes
-from services.worldgen.markers.marker_model import write_marker_model
-from services.worldgen.model_entity import find_model, lowest_m, read_mesh, read_model
+from mazebot.common.config import ConfigError
+from mazebot.common.messages.documents import Box, Cylinder, Mesh
+from mazebot.common.world.geometry import mesh_from_bytes
+from mazebot.worldgen.model_entity import find_model, lowest_m, read_mesh, read_model
+from mazebot.worldgen.sdf.marker_model import write_marker_model
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 TABLE = """<?xml version="1.0"?>

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 import yaml
 
-from services.common.bus import wire
-from services.common.config import ConfigError
-from services.common.frames import SE2, pose_matrix
-from services.common.node.documents import MappedMarker, World, WorldRequest, WorldStatus
-from services.common.node.messages import OccupancyGrid, cells_from_grid, se2_from_pose
-from services.common.node.node import Envelope, Inbox, Outbox
-from services.common.node.slam_documents import GraphLandmark
-from services.common.node.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
-from services.common.problems import WorldError
-from services.common.world.map_files import write_map
-from services.common.world.marker_file import write_markers
-from services.common.world.placement import hang
-from services.worldgen.config import WorldgenConfig
-from services.worldgen.node import WorldgenNode
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2, pose_matrix
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import MappedMarker, World, WorldRequest, WorldStatus
+from mazebot.common.messages.messages import OccupancyGrid, cells_from_grid, se2_from_pose
+from mazebot.common.messages.slam_documents import GraphLandmark
+from mazebot.common.messages.topics import ASSETS, MAP, WORLD, WORLD_REQUEST, WORLD_STATUS, Topic
+from mazebot.common.node.node import Envelope, Inbox, Outbox
+from mazebot.common.problems import WorldError
+from mazebot.common.world.map_files import write_map
+from mazebot.common.world.marker_file import write_markers
+from mazebot.common.world.placement import hang
+from mazebot.worldgen.config import WorldgenConfig
+from mazebot.worldgen.node import WorldgenNode
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 

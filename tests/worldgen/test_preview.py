@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from services.common.node.documents import (
+from mazebot.common.messages.documents import (
     Body,
     Box,
     Covering,
@@ -24,9 +24,9 @@ from services.common.node.documents import (
     Shape,
     SpeedZone,
 )
-from services.common.world.furnish import furnish
-from services.common.world.geometry import TriangleMesh, triangles_of
-from services.worldgen.preview import (
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.geometry import TriangleMesh, triangles_of
+from mazebot.worldgen.preview import (
     LEFT_PX,
     TOP_PX,
     draw_plan,
@@ -34,8 +34,8 @@ from services.worldgen.preview import (
     plan_png,
     view_of,
 )  # fmt: skip
-from services.worldgen.recipe.loader import LoadedWorld, load_world
-from services.worldgen.world_model import world_glb
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.world_model import world_glb
 
 
 @pytest.fixture(scope="module")

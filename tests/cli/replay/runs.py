@@ -10,12 +10,12 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from services.cli.replay.reading.replayed import Replayed
-from services.cli.replay.reading.run_messages import open_run
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node.topics import MAP, ODOM, SCAN, TF, TF_STATIC, Topic
-from services.embedded.demo import DemoOptions, run
+from mazebot.cli.replay.reading.replayed import Replayed
+from mazebot.cli.replay.reading.run_messages import open_run
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import MAP, ODOM, SCAN, TF, TF_STATIC, Topic
+from mazebot.embedded.demo import DemoOptions, run
 
 HUMBLE = get_typestore(Stores.ROS2_HUMBLE)
 BEGUN_NS = 1_700_000_000_250_000_000

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from services.cli.replay.reading.find import open_recording
-from services.cli.replay.reading.replayed import Replayed, in_time
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node.topics import CLOCK, ODOM, SCAN, TF, WORLD
+from mazebot.cli.replay.reading.find import open_recording
+from mazebot.cli.replay.reading.replayed import Replayed, in_time
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import CLOCK, ODOM, SCAN, TF, WORLD
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
 

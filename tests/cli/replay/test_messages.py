@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.cli.replay.comparison import Comparison
-from services.cli.replay.reading.find import open_recording
-from services.cli.replay.reading.replayed import Replayed, between, in_time
-from services.common.bus import wire
-from services.common.config import ConfigError
-from services.common.node import messages as msg
-from services.common.node.node import Envelope
-from services.common.node.topics import CMD_VEL, NAVIGATION_STATUS, SCAN, TF_STATIC, Topic
+from mazebot.cli.replay.comparison import Comparison
+from mazebot.cli.replay.reading.find import open_recording
+from mazebot.cli.replay.reading.replayed import Replayed, between, in_time
+from mazebot.common.config import ConfigError
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import CMD_VEL, NAVIGATION_STATUS, SCAN, TF_STATIC, Topic
+from mazebot.common.node.node import Envelope
 
 _SECOND_NS = 1_000_000_000
 

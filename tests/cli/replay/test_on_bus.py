@@ -17,12 +17,11 @@ from typing import Any
 
 import pytest
 
-from services.cli.loopback_router import running_router
-from services.cli.replay.reading.replayed import Replayed
-from services.cli.replay.sender import Sender
-from services.common.bus.bus import BusConfig, alive, open_session, subscribe
-from services.common.node.node import Envelope
-from services.common.node.topics import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.cli.replay.reading.replayed import Replayed
+from mazebot.cli.replay.sender import Sender
+from mazebot.common.bus.bus import BusConfig, alive, open_session, subscribe
+from mazebot.common.messages.topics import (
     AMCL_POSE,
     CLOCK,
     CMD_VEL,
@@ -32,6 +31,7 @@ from services.common.node.topics import (
     WORLD,
     Topic,
 )
+from mazebot.common.node.node import Envelope
 from tests.cli.replay import runs
 from tests.cli.test_app import mazebot
 
@@ -82,7 +82,7 @@ def process_of(*arguments: str, endpoint: str, **environment: str) -> subprocess
 
 @contextlib.contextmanager
 def service(name: str, endpoint: str, pace: str) -> Iterator[None]:
-    process = process_of(f"services.{name}", endpoint=endpoint, MAZEBOT_BUS_PACE=pace)
+    process = process_of(f"mazebot.{name}", endpoint=endpoint, MAZEBOT_BUS_PACE=pace)
     try:
         yield
     finally:
@@ -157,7 +157,7 @@ def test_a_router_with_a_simulation_or_a_service_of_the_run_is_refused(
 
 def test_ctrl_c_ends_it_with_one_line(run_folder: Path, endpoint: str) -> None:
     with heard(endpoint) as got:
-        process = process_of("services.cli", "replay", str(run_folder), "--loop", endpoint=endpoint)
+        process = process_of("mazebot.cli", "replay", str(run_folder), "--loop", endpoint=endpoint)
         wait_for(lambda: Counter(name for name, _, _ in got)["/clock"] > 3)
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=DEADLINE_S)

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node.topics import BY_NAME, CAMERA_COMPRESSED, CAMERA_IMAGE
-from services.common.recordings.mcap_channels import definition_of
-from services.common.recordings.mcap_file import McapFile
-from services.common.recordings.mcap_messages import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import BY_NAME, CAMERA_COMPRESSED, CAMERA_IMAGE
+from mazebot.common.recordings.mcap.mcap_channels import definition_of
+from mazebot.common.recordings.mcap.mcap_file import McapFile
+from mazebot.common.recordings.mcap.mcap_messages import (
     MADE_FROM,
     SOURCE,
     WORLD_HASH,

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.cli.loopback_router import running_router
-from services.common.bus.bus import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import (
     Bus,
     BusConfig,
     alive_key,
@@ -29,12 +29,10 @@ from services.common.bus.bus import (
     subscribe,
     unpack_attachment,
 )
-from services.common.bus.linger import stop_lingering
-from services.common.bus.wire import encode
-from services.common.config import ServiceConfig
-from services.common.node import documents as doc
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.common.bus.linger import stop_lingering
+from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.topics import (
     NAVIGATION_RESULT,
     PARAMETERS,
     ROSOUT,
@@ -42,6 +40,8 @@ from services.common.node.topics import (
     WORLD_STATUS,
     Topic,
 )
+from mazebot.common.messages.wire import encode
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
 
 DEADLINE_S = 30.0
 SOURCE = "ab" * 16
@@ -312,7 +312,7 @@ def test_a_service_that_nobody_hears_opens_its_session_anew(
     # A recorder is there, and yet no publisher has a reader: so it looks after some reconnects.
     token = session.liveliness().declare_token(alive_key("recorder", SOURCE))
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.worldgen"],
+        [sys.executable, "-m", "mazebot.worldgen"],
         env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

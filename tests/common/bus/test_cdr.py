@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rosbags.interfaces import Nodetype
 
-from services.common.bus import cdr, wire
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.documents import Document
-from services.common.node.topics import TOPICS, Topic
+from mazebot.common.messages import cdr, wire
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import TOPICS, Topic
 from tests.common.samples import SAMPLES
 
 TYPES = sorted({wire.type_name(topic) for topic in TOPICS})

@@ -5,20 +5,20 @@ import subprocess
 import sys
 import time
 
-from services.cli.loopback_router import free_port, running_router
-from services.common.bus.bus import (
+from mazebot.bench.parts.loopback_router import free_port, running_router
+from mazebot.common.bus.bus import (
     ALIVE_PREFIX,
     BusConfig,
     alive_key,
     open_session,
     wait_until_alive,
 )
-from services.common.bus.health import ALIVE_KEY, is_alive
+from mazebot.common.bus.health import ALIVE_KEY, is_alive
 
 
 def probe(endpoint: str, *services: str) -> int:
     """The exit code of the probe as a process of its own."""
-    command = [sys.executable, "-m", "services.common.bus.health", *services]
+    command = [sys.executable, "-m", "mazebot.common.bus.health", *services]
     return subprocess.run(
         command,
         env={"MAZEBOT_BUS_CONNECT": endpoint},

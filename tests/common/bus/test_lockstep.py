@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.bus import lockstep as steps
-from services.common.bus.lockstep import (
+from mazebot.common.bus import lockstep as steps
+from mazebot.common.bus.lockstep import (
     MAPPERS,
     HeldInbox,
     Ledger,
@@ -22,16 +22,14 @@ from services.common.bus.lockstep import (
     Turn,
     TurnEnd,
 )
-from services.common.config import ServiceConfig
-from services.common.node import messages as msg
-from services.common.node.documents import (
+from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
     GetEntities,
     SimulationControl,
     SimulationControlReply,
 )
-from services.common.node.executive import Executive, MemoryTransport
-from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.common.messages.topics import (
     CMD_VEL,
     DIAGNOSTICS,
     ENTITIES,
@@ -46,6 +44,8 @@ from services.common.node.topics import (
     Delivery,
     Topic,
 )
+from mazebot.common.node.executive import Executive, MemoryTransport
+from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 from tests.common.samples import SAMPLES
 
 STEP_NS = 1_000_000

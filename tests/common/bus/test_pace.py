@@ -1,6 +1,6 @@
 import pytest
 
-from services.common.bus.pace import MAX_LAG_S, Pace
+from mazebot.common.bus.pace import MAX_LAG_S, Pace
 
 STEP_NS = 10_000_000
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from services.cli.loopback_router import free_port, running_router
-from services.common.bus import serve
-from services.common.bus.bus import (
+from mazebot.bench.parts.loopback_router import free_port, running_router
+from mazebot.common.bus import serve
+from mazebot.common.bus.bus import (
     BusConfig,
     alive,
     give_turn,
@@ -27,22 +27,22 @@ from services.common.bus.bus import (
     watch_seats,
     watch_sources,
 )
-from services.common.bus.lockstep import HeldInbox, Turn
-from services.common.bus.serve import _Service
-from services.common.bus.wire import decode
-from services.common.config import ConfigError, ServiceConfig
-from services.common.load import load
-from services.common.node import documents as doc
-from services.common.node.documents import SimulationControl, SimulationControlReply
-from services.common.node.log import RosoutHandler
-from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.common.bus.lockstep import HeldInbox, Turn
+from mazebot.common.bus.serve import _Service
+from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.documents import SimulationControl, SimulationControlReply
+from mazebot.common.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
     SIMULATION_CONTROL,
     WORLD_REQUEST,
     WORLD_STATUS,
 )
+from mazebot.common.messages.wire import decode
+from mazebot.common.node.log import RosoutHandler
+from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
+from mazebot.common.settings.load import load
 
 DEADLINE_S = 30.0
 
@@ -58,7 +58,7 @@ def test_a_watchdog_counts_its_own_ticks_and_not_the_time_in_which_nobody_ran() 
 @contextmanager
 def service(name: str, endpoint: str, *flags: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", f"services.{name}", *flags],
+        [sys.executable, "-m", f"mazebot.{name}", *flags],
         env={**os.environ, "MAZEBOT_BUS_CONNECT": endpoint},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -158,7 +158,7 @@ def test_garbage_is_counted_and_shown_and_the_service_goes_on(endpoint: str) -> 
 
 def test_a_flag_that_is_none_is_one_line() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "services.worldgen", "--nope", "1"],
+        [sys.executable, "-m", "mazebot.worldgen", "--nope", "1"],
         capture_output=True, text=True, timeout=DEADLINE_S, check=False,
     )  # fmt: skip
     assert done.returncode == 2

@@ -5,10 +5,10 @@ import random
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node.documents import Document
-from services.common.node.topics import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import (
     CMD_VEL,
     GOAL_POSE,
     MAP,
@@ -147,7 +147,7 @@ def test_a_scan_may_hold_no_return_but_not_a_nan() -> None:
 
 def test_a_document_with_an_unknown_key_or_a_nan_is_refused() -> None:
     text = '{"world_name": "x", "use_aruco": true, "nope": 1}'
-    from services.common.node.topics import WORLD_REQUEST
+    from mazebot.common.messages.topics import WORLD_REQUEST
 
     data = bytes(msg.TYPESTORE.serialize_cdr(msg.String(text), "std_msgs/msg/String"))
     with pytest.raises(wire.WireError, match="nope"):

@@ -1,11 +1,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from services.common.config import ServiceConfig
-from services.common.node import messages as msg
-from services.common.node.diagnostics import SelfReport
-from services.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
-from services.common.node.topics import CAMERA_IMAGE, DETECTIONS, IMU, PLAN, SCAN, Topic
+from mazebot.common.config import ServiceConfig
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import CAMERA_IMAGE, DETECTIONS, IMU, PLAN, SCAN, Topic
+from mazebot.common.node.diagnostics import SelfReport
+from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 from tests.common.samples import SAMPLES
 
 S = 1_000_000_000

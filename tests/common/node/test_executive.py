@@ -1,9 +1,9 @@
 import pytest
 
-from services.common.config import ServiceConfig
-from services.common.node.executive import Executive, MemoryTransport, StalledError
-from services.common.node.node import ClockNode, Inbox, Node, Outbox
-from services.common.node.topics import CLOCK, CMD_VEL, DIAGNOSTICS, SCAN
+from mazebot.common.config import ServiceConfig
+from mazebot.common.messages.topics import CLOCK, CMD_VEL, DIAGNOSTICS, SCAN
+from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
+from mazebot.common.node.node import ClockNode, Inbox, Node, Outbox
 from tests.common.samples import SAMPLES
 
 STEP_NS = 1_000_000

@@ -1,7 +1,7 @@
 import numpy as np
 
-from services.common.node import messages as msg
-from services.common.node.frame_tree import MAX_FRAMES, FrameTree
+from mazebot.common.messages import messages as msg
+from mazebot.common.node.frame_tree import MAX_FRAMES, FrameTree
 
 
 def tree(*edges: tuple[str, str]) -> msg.TFMessage:

@@ -8,13 +8,11 @@ from contextlib import contextmanager
 
 import pytest
 
-from services.cli.loopback_router import running_router
-from services.common.bus import wire
-from services.common.bus.bus import Bus, BusConfig, open_session
-from services.common.bus.handover import Handover
-from services.common.node.held import HeldMessage, HeldMessages, newest, wanted_by
-from services.common.node.node import Envelope, Inbox, Node, Outbox
-from services.common.node.topics import (
+from mazebot.bench.parts.loopback_router import running_router
+from mazebot.common.bus.bus import Bus, BusConfig, open_session
+from mazebot.common.bus.handover import Handover
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import (
     ASSETS,
     MAP,
     NAVIGATION_STATUS,
@@ -22,6 +20,8 @@ from services.common.node.topics import (
     WORLD,
     WORLD_REQUEST,
 )
+from mazebot.common.node.held import HeldMessage, HeldMessages, newest, wanted_by
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox
 from tests.common.samples import SAMPLES
 
 DEADLINE_S = 10.0

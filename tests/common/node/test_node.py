@@ -6,11 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from services.common.bus.wire import encode
-from services.common.node import messages as msg
-from services.common.node import node as node_module
-from services.common.node.node import Envelope, Inbox, Node, Outbox, Trigger, random_generator
-from services.common.node.topics import CLOCK, CMD_VEL, CONTACTS, GOAL_POSE, IMU, SCAN
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import CLOCK, CMD_VEL, CONTACTS, GOAL_POSE, IMU, SCAN
+from mazebot.common.messages.wire import encode
+from mazebot.common.node import node as node_module
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox, Trigger, random_generator
 from tests.common.samples import SAMPLES
 
 

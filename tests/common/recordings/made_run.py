@@ -7,10 +7,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from services.common.node import documents as doc
-from services.common.node import topics as table
-from services.recorder.config import RecorderConfig
-from services.recorder.node import RecorderNode
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import topics as table
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, driving, opening, room
 
 

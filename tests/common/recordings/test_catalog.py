@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ConfigError
-from services.common.recordings import catalog
-from services.common.recordings.catalog import Catalog, find_run, list_recordings
-from services.common.recordings.run_folder import LOCK, SUMMARY, RunFolder, write_atomically
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings import catalog
+from mazebot.common.recordings.catalog import Catalog, find_run, list_recordings
+from mazebot.common.recordings.run_folder import LOCK, SUMMARY, RunFolder, write_atomically
 
 
 def test_a_file_that_finds_no_room_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from services.common.config import ConfigError
-from services.common.recordings.compare_runs import FigureRow, RunsComparison, compare_runs
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.comparing.compare_runs import FigureRow, RunsComparison, compare_runs
 from tests.cli.test_diff import make_run
 from tests.common.recordings.made_run import listed_run
 

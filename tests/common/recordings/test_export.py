@@ -9,9 +9,9 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 
-from services.common.config import ConfigError
-from services.common.recordings.catalog import list_recordings
-from services.common.recordings.export import Row, rows_of, write_table
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.catalog import list_recordings
+from mazebot.common.recordings.export import Row, rows_of, write_table
 from tests.common.recordings.made_run import listed_run, made_run
 
 

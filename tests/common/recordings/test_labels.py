@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ConfigError
-from services.common.recordings.labels import Labels, read_labels, relabelled, write_labels
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.labels import Labels, read_labels, relabelled, write_labels
 
 
 def test_labels_are_kept_in_the_runs_folder(tmp_path: Path) -> None:

@@ -13,15 +13,15 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 
-from services.common.bus import wire
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.node.topics import TOPICS, Delivery
-from services.common.recordings.mcap_channels import definition_of, qos_profiles_of
-from services.common.recordings.mcap_file import McapFile, Row, repair
-from services.common.recordings.mcap_messages import RecordedMessage, read_messages
-from services.common.recordings.mcap_records import McapError
-from services.common.recordings.mcap_scan import scan
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import TOPICS, Delivery
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.mcap.mcap_channels import definition_of, qos_profiles_of
+from mazebot.common.recordings.mcap.mcap_file import McapFile, Row, repair
+from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
+from mazebot.common.recordings.mcap.mcap_records import McapError
+from mazebot.common.recordings.mcap.mcap_scan import scan
 from tests.common.samples import SAMPLES
 
 ATTACHED = {"config.yaml": ("application/yaml", b"seed: 7\n")}

@@ -13,20 +13,20 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.recordings.labels import Labels, write_labels
-from services.common.recordings.report.plots import Line, plot, ticks
-from services.common.recordings.report.report import write_report
-from services.common.recordings.report.thumbnail import thumbnail_png
-from services.common.recordings.run_folder import RunFolder
-from services.common.recordings.series import (
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.labels import Labels, write_labels
+from mazebot.common.recordings.report.plots import Line, plot, ticks
+from mazebot.common.recordings.report.report import write_report
+from mazebot.common.recordings.report.thumbnail import thumbnail_png
+from mazebot.common.recordings.run_folder import RunFolder
+from mazebot.common.recordings.series import (
     CostRows,
     RunSeries,
     SeriesEvent,
     SeriesGoal,
     read_series,
 )
-from services.common.recordings.summary import RunSummary
+from mazebot.common.recordings.summary import RunSummary
 from tests.common.recordings.made_run import listed_run, made_run
 
 VOID = {"meta", "link", "br", "img", "input"}

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ConfigError
-from services.common.recordings.catalog import RecordingInfo, list_recordings
-from services.common.recordings.retention import (
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.catalog import RecordingInfo, list_recordings
+from mazebot.common.recordings.retention import (
     GIB,
     Kept,
     delete_rest,
     delete_run,
     to_delete,
 )
-from services.common.recordings.run_folder import RunFolder
+from mazebot.common.recordings.run_folder import RunFolder
 from tests.common.recordings.made_run import listed_run, made_run
 
 NOW = datetime(2026, 11, 21, 12, 0, 0)  # noqa: DTZ001 - local

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.node.topics import TOPICS, Topic
-from services.common.recordings.digests import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import TOPICS, Topic
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.comparing.digests import (
     LEFT_OUT,
     DigestError,
     Digests,
@@ -23,7 +23,7 @@ from services.common.recordings.digests import (
     digest_of,
     read_digests,
 )
-from services.common.recordings.run_comparison import Comparison, Difference, compare
+from mazebot.common.recordings.comparing.run_comparison import Comparison, Difference, compare
 from tests.common.samples import SAMPLES
 from tests.recorder.synthetic import Said, driving, opening, room
 
@@ -263,7 +263,7 @@ def test_a_run_over_a_bus_is_held_against_one_in_one_process(tmp_path: Path) -> 
 def test_a_long_run_with_losses_is_compared_in_little_time(tmp_path: Path) -> None:
     import time
 
-    from services.common.recordings.digests import ROW
+    from mazebot.common.recordings.comparing.digests import ROW
 
     count = 400_000
     rows = np.zeros(count, ROW)

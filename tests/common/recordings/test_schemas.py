@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from services.common.recordings.labels import Labels, write_labels
-from services.common.root import ROOT
+from mazebot.common.files.root import ROOT
+from mazebot.common.recordings.labels import Labels, write_labels
 from tests.common.recordings.made_run import made_run
 
 TYPES = {

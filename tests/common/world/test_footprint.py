@@ -7,11 +7,11 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from services.common.frames import Array, rotation_from_rpy, transform_matrix
-from services.common.node import documents as doc
-from services.common.world.footprint import FOOT_M, TOP_M, Footprint, footprint, footprints
-from services.common.world.geometry import TriangleMesh, triangles_of
-from services.worldgen.map.occupancy import Grid, grid_around, occupied_cells
+from mazebot.common.maths.frames import Array, rotation_from_rpy, transform_matrix
+from mazebot.common.messages import documents as doc
+from mazebot.common.world.footprint import FOOT_M, TOP_M, Footprint, footprint, footprints
+from mazebot.common.world.geometry import TriangleMesh, triangles_of
+from mazebot.worldgen.map.occupancy import Grid, grid_around, occupied_cells
 
 MIDDLE_M = (FOOT_M + TOP_M) / 2.0
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import Array, rotation_from_rpy, transform_matrix
-from services.common.node.documents import (
+from mazebot.common.maths.frames import Array, rotation_from_rpy, transform_matrix
+from mazebot.common.messages.documents import (
     Box,
     Capsule,
     Cone,
@@ -24,7 +24,7 @@ from services.common.node.documents import (
     Polyline,
     Sphere,
 )
-from services.common.world.geometry import (
+from mazebot.common.world.geometry import (
     TriangleMesh,
     clipped,
     joined,

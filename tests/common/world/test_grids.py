@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from services.common.world.grids import MAX_CELLS, connected_regions, distance_cells
+from mazebot.common.world.grids import MAX_CELLS, connected_regions, distance_cells
 
 
 @pytest.mark.parametrize("share", [0.0005, 0.01, 0.3, 0.95])

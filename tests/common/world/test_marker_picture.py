@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.world import marker_picture
+from mazebot.common.world import marker_picture
 from tests.common.house import marker
 
 

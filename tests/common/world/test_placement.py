@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, rotation_from_rpy, transform_matrix
-from services.common.node.documents import Body, Box, Ceiling, Marker, Mesh, Shape, Wall
-from services.common.world.furnish import furnish
-from services.common.world.geometry import TriangleMesh
-from services.common.world.placement import Panel, Placement, hang, panel_of
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.maths.frames import SE2, rotation_from_rpy, transform_matrix
+from mazebot.common.messages.documents import Body, Box, Ceiling, Marker, Mesh, Shape, Wall
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.geometry import TriangleMesh
+from mazebot.common.world.placement import Panel, Placement, hang, panel_of
+from mazebot.worldgen.recipe.loader import load_world
 from tests.common.house import marker, wall, world
 
 SIDE_M = 0.4

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import Array
-from services.common.node.documents import (
+from mazebot.common.maths.frames import Array
+from mazebot.common.messages.documents import (
     Body,
     Box,
     Ceiling,
@@ -23,8 +23,8 @@ from services.common.node.documents import (
     Wall,
     World,
 )
-from services.common.world.geometry import TriangleMesh, joined, triangles_of
-from services.common.world.surfaces import Surface, surfaces, wall_corners
+from mazebot.common.world.geometry import TriangleMesh, joined, triangles_of
+from mazebot.common.world.surfaces import Surface, surfaces, wall_corners
 
 SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 

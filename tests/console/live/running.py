@@ -15,10 +15,10 @@ from typing import Any, Self
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
-from services.common.node.executive import Executive
-from services.console.config import ConsoleConfig
-from services.embedded.console import ConsoleBeside
-from services.embedded.demo import DemoOptions, build_nodes
+from mazebot.common.node.executive import Executive
+from mazebot.console.config import ConsoleConfig
+from mazebot.embedded.console import ConsoleBeside
+from mazebot.embedded.demo import DemoOptions, build_nodes
 
 DEADLINE_S = 60.0
 

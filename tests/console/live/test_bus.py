@@ -10,21 +10,21 @@ from pathlib import Path
 
 import pytest
 
-from services.bringup.config import BringupConfig
-from services.bringup.node import BringupNode
-from services.cli.loopback_router import free_port, running_router
-from services.common.bus.bus import BusConfig
-from services.common.node.documents import SimulationControl
-from services.common.node.executive import Executive
-from services.common.node.node import ClockNode
-from services.common.node.topics import SIMULATION_CONTROL
-from services.console.config import ConsoleConfig
-from services.console.live.routes import live_routes
-from services.console.live.stack import StackError
-from services.console.live.zenoh_stack import ZenohStack
-from services.console.server import build_app
-from services.console.serving import ConsoleServer
-from services.embedded.demo import DemoOptions, robot_nodes
+from mazebot.bench.parts.loopback_router import free_port, running_router
+from mazebot.bringup.config import BringupConfig
+from mazebot.bringup.node import BringupNode
+from mazebot.common.bus.bus import BusConfig
+from mazebot.common.messages.documents import SimulationControl
+from mazebot.common.messages.topics import SIMULATION_CONTROL
+from mazebot.common.node.executive import Executive
+from mazebot.common.node.node import ClockNode
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.live.routes import live_routes
+from mazebot.console.live.stack import StackError
+from mazebot.console.live.zenoh_stack import ZenohStack
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
+from mazebot.embedded.demo import DemoOptions, robot_nodes
 from tests.console.live.running import Page
 from tests.parity.transport import ZenohTransport
 

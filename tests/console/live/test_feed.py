@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node import topics as tp
-from services.common.node.documents import Entities, MarkerEntity, SimulationStats
-from services.console.live.feed import MAX_EVENTS, Outgoing
-from services.console.live.frame import Frame, binary_frame, text_frame
-from services.console.live.view import WATCHED, View
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as tp
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats
+from mazebot.console.live.feed import MAX_EVENTS, Outgoing
+from mazebot.console.live.frame import Frame, binary_frame, text_frame
+from mazebot.console.live.view import WATCHED, View
 
 
 def taken(outgoing: Outgoing) -> list[Frame]:

@@ -15,11 +15,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from services.common.node.documents import GetEntities, SetEntityState
-from services.common.node.slam_documents import ExplorationStatus
-from services.common.node.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
-from services.console.live.stack import StackError
-from services.embedded.demo import DemoOptions
+from mazebot.common.messages.documents import GetEntities, SetEntityState
+from mazebot.common.messages.slam_documents import ExplorationStatus
+from mazebot.common.messages.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
+from mazebot.console.live.stack import StackError
+from mazebot.embedded.demo import DemoOptions
 from tests.console.live.running import Page, Run, running, wait_until
 
 pytestmark = pytest.mark.timeout(180)

@@ -7,12 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from services.common.frames import SE2, wrap_angle
-from services.navigation.behavior.context import Dock, MarkerPose
-from services.navigation.behavior.docking import Docker, DockingParams, DockingStep, staging_pose
-from services.navigation.behavior.motion import TimeToCollision
-from services.navigation.config import CONTROL_PERIOD_NS
-from services.navigation.control.collision import STOP, Velocity
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.navigation.behavior.context import Dock, MarkerPose
+from mazebot.navigation.behavior.docking.docking import (
+    Docker,
+    DockingParams,
+    DockingStep,
+    staging_pose,
+)
+from mazebot.navigation.behavior.motions.motion import TimeToCollision
+from mazebot.navigation.config import CONTROL_PERIOD_NS
+from mazebot.navigation.control.collision import STOP, Velocity
 from tests.navigation.driving import Unicycle
 
 PERIOD_S = CONTROL_PERIOD_NS * 1e-9

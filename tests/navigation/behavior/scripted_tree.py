@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-from services.navigation.behavior.blackboard import Blackboard
-from services.navigation.behavior.context import NavigationContext
-from services.navigation.behavior.node_kinds import NODE_KINDS
-from services.navigation.behavior.tree import Node, NodePlace, NodeStatus, TreeRun
+from mazebot.navigation.behavior.context import NavigationContext
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.tree import Node, NodePlace, NodeStatus, TreeRun
+from mazebot.navigation.behavior.nodes.node_kinds import NODE_KINDS
 from tests.navigation.behavior.simulated_robot import SimulatedRobot
 
 ANSWERS = {

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from services.common.frames import SE2, Array
-from services.navigation.behavior.actions import Request, TaskResult
-from services.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
-from services.navigation.behavior.context import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.behavior.actions import Request, TaskResult
+from mazebot.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
+from mazebot.navigation.behavior.context import (
     ClearRequest,
     Dock,
     FollowRequest,
@@ -19,14 +19,14 @@ from services.navigation.behavior.context import (
     PathCheck,
     TrackingFeedback,
 )
-from services.navigation.behavior.docks import Docks
-from services.navigation.behavior.waypoints import WaypointTask
-from services.navigation.build import made_drive
-from services.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.costmap.layered_costmap import frame_of
-from services.navigation.planning.path import PlannedPath
-from services.navigation.robot import View
+from mazebot.navigation.behavior.docking.docks import Docks
+from mazebot.navigation.behavior.waypoints import WaypointTask
+from mazebot.navigation.build import made_drive
+from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.costmap.layered_costmap import frame_of
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.robot import View
 from tests.navigation.driving import START, Unicycle, box_segments
 from tests.navigation.house_tour import (
     ANGLE_INCREMENT_RAD,

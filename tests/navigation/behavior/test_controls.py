@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from services.navigation.behavior.tree import TreeError
+from mazebot.navigation.behavior.engine.tree import TreeError
 from tests.navigation.behavior.scripted_tree import Ticked
 
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.behavior.goals import REQUESTED
-from services.navigation.control.collision import Velocity
-from services.navigation.planning.path import PlannedPath, path_through
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior.nodes.goals import REQUESTED
+from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.planning.path import PlannedPath, path_through
 from tests.navigation.behavior.scripted_tree import Ticked
 from tests.navigation.behavior.simulated_robot import SimulatedRobot
 

@@ -5,19 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.behavior.context import MarkerPose, planar_marker
-from services.navigation.behavior.dock_estimate import DockEstimate, SightingParams
-from services.navigation.behavior.docking import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.context import MarkerPose, planar_marker
+from mazebot.navigation.behavior.docking.dock_estimate import DockEstimate, SightingParams
+from mazebot.navigation.behavior.docking.docking import (
     DockingParams,
     DockState,
     Undocker,
 )
-from services.navigation.behavior.graceful_controller import GracefulParams, graceful_velocity
-from services.navigation.config import CONTROL_PERIOD_NS
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.errors import NavigationError
+from mazebot.navigation.behavior.docking.graceful_controller import (
+    GracefulParams,
+    graceful_velocity,
+)
+from mazebot.navigation.config import CONTROL_PERIOD_NS
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.errors import NavigationError
 from tests.navigation.behavior.docking_robot import PERIOD_S, DockingRobot
 from tests.navigation.driving import Unicycle
 

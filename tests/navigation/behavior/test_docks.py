@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2, position_and_quaternion
-from services.common.node.documents import MarkerEntity
-from services.navigation.behavior.docks import CameraView, DockPlaces, Docks
-from services.navigation.errors import NavigationError
+from mazebot.common.maths.frames import SE2, position_and_quaternion
+from mazebot.common.messages.documents import MarkerEntity
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.docking.docks import CameraView, DockPlaces, Docks
+from mazebot.navigation.errors import NavigationError
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 554.4
 BASE_FROM_CAMERA = np.array(

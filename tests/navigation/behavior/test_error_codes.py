@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from services.common.error_codes import ACTION_CODES, COMMON_CODES, ErrorCode, code_name
+from mazebot.common.messages.error_codes import ACTION_CODES, COMMON_CODES, ErrorCode, code_name
 
 
 @pytest.mark.parametrize(

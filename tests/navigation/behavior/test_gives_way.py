@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.behavior.context import FollowRequest
-from services.navigation.control.collision import STOP, Surroundings, Velocity
-from services.navigation.control.controller import ControllerParams, PathlessController, Robot
-from services.navigation.control.track import Track
-from services.navigation.errors import NavigationError
-from services.navigation.robot import View
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior.context import FollowRequest
+from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
+from mazebot.navigation.control.controller import ControllerParams, PathlessController, Robot
+from mazebot.navigation.control.track import Track
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.robot import View
 from tests.navigation.behavior.simulated_robot import NO_ECHOES, PERIOD_S, SimulatedRobot
 from tests.navigation.driving import LOCATIONS, START
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2, wrap_angle
-from services.navigation.behavior.actions import (
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.actions import (
     FollowPath,
     FollowWaypoints,
     NavigateThroughPoses,
@@ -25,14 +25,14 @@ from services.navigation.behavior.actions import (
     spin,
     wait,
 )
-from services.navigation.behavior.bt_navigator import BtNavigatorParams
-from services.navigation.behavior.context import Dock
-from services.navigation.behavior.nodes_goals import WaypointState
-from services.navigation.behavior.tree import NodeStatus
-from services.navigation.behavior.tree_text import tree_text
-from services.navigation.behavior.waypoints import WaitAtWaypoint
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.errors import NavigationError
+from mazebot.navigation.behavior.bt_navigator import BtNavigatorParams
+from mazebot.navigation.behavior.context import Dock
+from mazebot.navigation.behavior.engine.tree import NodeStatus
+from mazebot.navigation.behavior.engine.tree_text import tree_text
+from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState
+from mazebot.navigation.behavior.waypoints import WaitAtWaypoint
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.errors import NavigationError
 from tests.navigation.behavior.nav2_usage import document
 from tests.navigation.behavior.simulated_robot import Box, Drive, SimulatedRobot
 from tests.navigation.driving import LOCATIONS, START, Unicycle

@@ -6,17 +6,17 @@ from itertools import pairwise
 
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.behavior.assisted_teleop import AssistedTeleop
-from services.navigation.behavior.back_up import BackUp, freer_drive
-from services.navigation.behavior.drive_on_heading import DriveGoal, DriveOnHeading
-from services.navigation.behavior.motion import BehaviorServerParams, Motion
-from services.navigation.behavior.spin import Spin, SpinGoal, freer_turn_rad
-from services.navigation.behavior.wait import Wait
-from services.navigation.config import CONTROL_PERIOD_NS
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.errors import NavigationError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.motions.assisted_teleop import AssistedTeleop
+from mazebot.navigation.behavior.motions.back_up import BackUp, freer_drive
+from mazebot.navigation.behavior.motions.drive_on_heading import DriveGoal, DriveOnHeading
+from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
+from mazebot.navigation.behavior.motions.spin import Spin, SpinGoal, freer_turn_rad
+from mazebot.navigation.behavior.motions.wait import Wait
+from mazebot.navigation.config import CONTROL_PERIOD_NS
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.errors import NavigationError
 from tests.navigation.driving import Unicycle
 
 PARAMS = BehaviorServerParams()

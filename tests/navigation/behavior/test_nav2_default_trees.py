@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.behavior.actions import NavigateThroughPoses, NavigateToPose
-from services.navigation.behavior.tree import NodeStatus
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.actions import NavigateThroughPoses, NavigateToPose
+from mazebot.navigation.behavior.engine.tree import NodeStatus
 from tests.navigation.behavior.nav2_default_trees import NAV_THROUGH_POSES, NAV_TO_POSE
 from tests.navigation.behavior.simulated_robot import Box, Drive, SimulatedRobot
 from tests.navigation.driving import LOCATIONS, START, Unicycle

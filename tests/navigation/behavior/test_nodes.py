@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.behavior.blackboard import Blackboard
-from services.navigation.behavior.context import ClearRequest, TrackingFeedback
-from services.navigation.behavior.goals import REQUESTED
-from services.navigation.behavior.nodes_goals import WaypointState, WaypointStatus
-from services.navigation.control.collision import Velocity
-from services.navigation.planning.path import PlannedPath, path_through
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.context import ClearRequest, TrackingFeedback
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.nodes.goals import REQUESTED
+from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState, WaypointStatus
+from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.planning.path import PlannedPath, path_through
 from tests.navigation.behavior.scripted_tree import Ticked
 from tests.navigation.behavior.simulated_robot import SimulatedRobot
 

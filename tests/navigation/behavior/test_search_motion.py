@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.behavior.search_motion import SearchMotion, SearchMotionParams
-from services.navigation.control.collision import Velocity
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior.motions.search_motion import SearchMotion, SearchMotionParams
+from mazebot.navigation.control.collision import Velocity
 
 
 @pytest.mark.parametrize("free", [1.0, -1.0])

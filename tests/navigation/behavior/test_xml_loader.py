@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from services.common.config import ConfigError
-from services.navigation.behavior.node_kinds import NODE_KINDS, UNSUPPORTED
-from services.navigation.behavior.tree import NodeStatus
-from services.navigation.behavior.xml_loader import (
+from mazebot.common.config import ConfigError
+from mazebot.navigation.behavior.engine.tree import NodeStatus
+from mazebot.navigation.behavior.nodes.node_kinds import NODE_KINDS, UNSUPPORTED
+from mazebot.navigation.behavior.nodes.xml_loader import (
     DEFAULT_NAV_THROUGH_POSES,
     DEFAULT_NAV_TO_POSE,
     read_tree,

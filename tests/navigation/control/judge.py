@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from services.common.frames import SE2, Array
-from services.navigation.config import NavigationConfig
-from services.navigation.control.collision import Surroundings, Velocity
-from services.navigation.control.controller import Controller
-from services.navigation.control.track import Track
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.layered_costmap import Costmap, scan_points
-from services.navigation.planning.path import PlannedPath
-from services.navigation.planning.planner import Planner
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.control.collision import Surroundings, Velocity
+from mazebot.navigation.control.controller import Controller
+from mazebot.navigation.control.track import Track
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.layered_costmap import Costmap, scan_points
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.planner import Planner
 from tests.navigation.driving import Unicycle
 from tests.navigation.house_tour import (
     ANGLE_INCREMENT_RAD,

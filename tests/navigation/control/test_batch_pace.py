@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from services.navigation.control.batch_pace import BatchPace
+from mazebot.navigation.control.mppi.batch_pace import BatchPace
 
 PERIOD_NS = 50_000_000
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
-from services.navigation.costmap.footprint import WAFFLE, signed_distance_m
-from services.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
+from mazebot.navigation.costmap.footprint import WAFFLE, signed_distance_m
+from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
 
 NO_ECHOES: Array = np.empty((0, 2))
 

@@ -5,17 +5,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.navigation.control import braking, collision_kernels
-from services.navigation.control.collision import Surroundings, Velocity, first_contact_s
-from services.navigation.control.collision_monitor import (
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
+from mazebot.navigation.control.safety import braking, collision_kernels
+from mazebot.navigation.control.safety.collision_monitor import (
     CollisionMonitor,
     CollisionMonitorParams,
     SourcePoints,
     moved_points,
 )
-from services.navigation.costmap import footprint, inflation_layer, obstacle_layer, sweep
-from services.navigation.costmap.layered_costmap import (
+from mazebot.navigation.costmap import footprint, inflation_layer, obstacle_layer, sweep
+from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
     LocalCostmap,

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.control.collision_monitor import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.safety.collision_monitor import (
     NOTHING_MOVES,
     Action,
     CollisionMonitor,
@@ -21,8 +21,8 @@ from services.navigation.control.collision_monitor import (
     moved_points,
     moving_in_base,
 )
-from services.navigation.control.track import Track
-from services.navigation.costmap.footprint import WAFFLE, signed_distance_m
+from mazebot.navigation.control.track import Track
+from mazebot.navigation.costmap.footprint import WAFFLE, signed_distance_m
 
 PERIOD_NS = 50_000_000
 RAYS = np.linspace(0.0, math.tau, 360, endpoint=False)

@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array, wrap_angle
-from services.navigation.config import NavigationConfig
-from services.navigation.control.clearance_window import ClearanceWindow
-from services.navigation.control.collision import STOP, Surroundings, Velocity
-from services.navigation.control.controller import Controller, Robot
-from services.navigation.control.controllers import make_controller
-from services.navigation.control.mppi import MPPIController
-from services.navigation.control.track import Track
-from services.navigation.costmap.layered_costmap import Costmap, LayeredCostmap, frame_of
-from services.navigation.planning.path import PlannedPath, path_through, resample
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
+from mazebot.navigation.control.controller import Controller, Robot
+from mazebot.navigation.control.controllers import make_controller
+from mazebot.navigation.control.mppi.clearance_window import ClearanceWindow
+from mazebot.navigation.control.mppi.mppi import MPPIController
+from mazebot.navigation.control.track import Track
+from mazebot.navigation.costmap.layered_costmap import Costmap, LayeredCostmap, frame_of
+from mazebot.navigation.planning.path import PlannedPath, path_through, resample
 from tests.navigation.control.judge import Drive, drive
 from tests.navigation.driving import LOCATIONS, NO_ECHOES, START, Unicycle, house_costmap
 from tests.navigation.house_tour import wall_segments

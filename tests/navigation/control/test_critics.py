@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.control import critics_of_motion, critics_of_obstacles, critics_of_path
-from services.navigation.control.clearance_window import ClearanceWindow, covering_discs
-from services.navigation.control.collision import Surroundings
-from services.navigation.control.critic_params import (
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import Surroundings
+from mazebot.navigation.control.mppi import critics_of_motion, critics_of_obstacles, critics_of_path
+from mazebot.navigation.control.mppi.clearance_window import ClearanceWindow, covering_discs
+from mazebot.navigation.control.mppi.critic_params import (
     ConstraintCriticParams,
     CostCriticParams,
     GoalAngleCriticParams,
@@ -23,12 +23,12 @@ from services.navigation.control.critic_params import (
     TwirlingCriticParams,
     VelocityDeadbandCriticParams,
 )
-from services.navigation.control.critics import Scene
-from services.navigation.control.critics_of_path import furthest_reached, travel
-from services.navigation.control.rollouts import Floats, Limits, Rollouts, roll_out
-from services.navigation.control.track import Track
-from services.navigation.costmap.footprint import WAFFLE, Footprint
-from services.navigation.costmap.layered_costmap import (
+from mazebot.navigation.control.mppi.critics import Scene
+from mazebot.navigation.control.mppi.critics_of_path import furthest_reached, travel
+from mazebot.navigation.control.mppi.rollouts import Floats, Limits, Rollouts, roll_out
+from mazebot.navigation.control.track import Track
+from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
+from mazebot.navigation.costmap.layered_costmap import (
     Costmap,
     InflationParams,
     frame_of,

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.control.goal_checker import GoalChecker, GoalCheckerParams
-from services.navigation.control.path_handler import PathHandler, PathHandlerParams
-from services.navigation.planning.path import path_through
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.goal_checker import GoalChecker, GoalCheckerParams
+from mazebot.navigation.control.path_handler import PathHandler, PathHandlerParams
+from mazebot.navigation.planning.path import path_through
 
 GOAL = SE2(1.0, 0.0, 0.0)
 SLOW, FAST = Velocity(0.005, 0.02), Velocity(0.05, 0.0)

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from services.common.frames import SE2
-from services.navigation import control
-from services.navigation.control.controller import Robot
-from services.navigation.control.controllers import make_controller
-from services.navigation.control.critic_table import critics_in_order
-from services.navigation.control.mppi_kernels import compile_mppi_kernels
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation import control
+from mazebot.navigation.control.controller import Robot
+from mazebot.navigation.control.controllers import make_controller
+from mazebot.navigation.control.mppi.critic_table import critics_in_order
+from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
 from tests.navigation.control.judge import drive
 from tests.navigation.control.test_controllers import line, room
 from tests.navigation.driving import Unicycle

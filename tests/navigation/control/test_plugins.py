@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.navigation.control.controller import Controller, Robot
-from services.navigation.control.controllers import CONTROLLERS, controller_class, make_controller
-from services.navigation.control.critic_params import MPPIParams
-from services.navigation.control.mppi import MPPIController
-from services.navigation.control.plugins import load_plugin
+from mazebot.common.config import ConfigError
+from mazebot.navigation.control.controller import Controller, Robot
+from mazebot.navigation.control.controllers import CONTROLLERS, controller_class, make_controller
+from mazebot.navigation.control.mppi.critic_params import MPPIParams
+from mazebot.navigation.control.mppi.mppi import MPPIController
+from mazebot.navigation.control.plugins import load_plugin
 
 RANDOM = np.random.default_rng(0)
 COMPLETE = """
-from services.navigation.control.controller import PathlessController
-from services.navigation.control.collision import Velocity
+from mazebot.navigation.control.controller import PathlessController
+from mazebot.navigation.control.collision import Velocity
 class Mine(PathlessController):
     def command(self, around):
         return Velocity(0.1, 0.0)

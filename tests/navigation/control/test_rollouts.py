@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from services.navigation.control.rollouts import (
+from mazebot.navigation.control.mppi.rollouts import (
     SAVITZKY_GOLAY,
     Limits,
     Rollouts,

@@ -2,9 +2,13 @@ from __future__ import annotations
 
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.control.stuck_detector import Stuck, StuckDetector, StuckDetectorParams
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.safety.stuck_detector import (
+    Stuck,
+    StuckDetector,
+    StuckDetectorParams,
+)
 
 PERIOD_NS = 50_000_000
 FORWARD, TURN = Velocity(0.2, 0.0), Velocity(0.0, 0.8)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.navigation.control.tracking import ObstacleTracker, TrackerParams
-from services.navigation.costmap.layered_costmap import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.control.tracking import ObstacleTracker, TrackerParams
+from mazebot.navigation.costmap.layered_costmap import (
     Costmap,
     InflationParams,
     frame_of,

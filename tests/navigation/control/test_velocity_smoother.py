@@ -5,8 +5,11 @@ from typing import Any
 
 import pytest
 
-from services.navigation.control.collision import STOP, Velocity
-from services.navigation.control.velocity_smoother import VelocitySmoother, VelocitySmootherParams
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.safety.velocity_smoother import (
+    VelocitySmoother,
+    VelocitySmootherParams,
+)
 
 PERIOD_NS = 50_000_000
 

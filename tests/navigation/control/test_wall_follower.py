@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.root import ROOT
-from services.navigation.control.controller import Robot
-from services.navigation.control.controllers import make_controller
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.controller import Robot
+from mazebot.navigation.control.controllers import make_controller
 from tests.navigation.control.judge import drive
 from tests.navigation.control.test_controllers import line, room
 from tests.navigation.driving import Unicycle

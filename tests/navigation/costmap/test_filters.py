@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.costmap.costmap import GridFrame, frame_of
-from services.navigation.costmap.filters import (
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.costmap.costmap import GridFrame, frame_of
+from mazebot.navigation.costmap.filters import (
     KEEPOUT,
     SPEED_M_S,
     SPEED_PERCENT,
@@ -13,8 +13,8 @@ from services.navigation.costmap.filters import (
     FilterMask,
     keepout_costs,
 )
-from services.navigation.costmap.inflation_layer import InflationParams
-from services.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
+from mazebot.navigation.costmap.inflation_layer import InflationParams
+from mazebot.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
 
 INFLATION = InflationParams(0.153, 0.7, 3.0)
 OBSTACLE = ObstacleParams(2.5, 3.0, 0.1)

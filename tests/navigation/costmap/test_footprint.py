@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from services.common import portable
-from services.common.frames import BASE_FOOTPRINT_FRAME, Array
-from services.common.root import ROOT
-from services.common.world.costmap import clearance_m
-from services.navigation.costmap.footprint import (
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, Array
+from mazebot.common.world.costmap import clearance_m
+from mazebot.navigation.costmap.footprint import (
     WAFFLE,
     Footprint,
     distance_at,
@@ -18,7 +18,7 @@ from services.navigation.costmap.footprint import (
     footprint_in_collision,
     signed_distance_m,
 )
-from services.physics.bodies.robot_model import Shape, robot_model_from_urdf
+from mazebot.physics.bodies.robot_model import Shape, robot_model_from_urdf
 
 RESOLUTION_M = 0.05
 

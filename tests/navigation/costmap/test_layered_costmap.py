@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import SE2
-from services.common.world.costmap import straightened
-from services.navigation.costmap.layered_costmap import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import straightened
+from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
     LocalCostmap,
@@ -19,7 +19,7 @@ from services.navigation.costmap.layered_costmap import (
     inflate,
     scan_points,
 )
-from services.navigation.costmap.static_layer import static_costs
+from mazebot.navigation.costmap.static_layer import static_costs
 
 INFLATION = InflationParams(
     inscribed_radius_m=0.22, inflation_radius_m=0.55, cost_scaling_factor=3.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
-from services.navigation.costmap.path_check import new_collisions
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
+from mazebot.navigation.costmap.path_check import new_collisions
 
 
 def costmap_of(*solid: tuple[int, int]) -> Costmap:

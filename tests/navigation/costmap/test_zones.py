@@ -5,24 +5,24 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node.documents import KeepoutZone, Point2, SpeedZone
-from services.navigation.config import NavigationConfig
-from services.navigation.control.collision import Surroundings, Velocity, first_contact_s
-from services.navigation.costmap.costmap import GridFrame, frame_of
-from services.navigation.costmap.filters import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import KeepoutZone, Point2, SpeedZone
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
+from mazebot.navigation.costmap.costmap import GridFrame, frame_of
+from mazebot.navigation.costmap.filters import (
     KEEPOUT,
     SPEED_M_S,
     SPEED_PERCENT,
     FilterInfo,
     FilterMask,
 )
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.inflation_layer import InflationParams
-from services.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
-from services.navigation.costmap.zones import NamedMask, Zones, cells_of, zones_of
-from services.navigation.errors import NavigationError
-from services.navigation.planners import make_planner
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.inflation_layer import InflationParams
+from mazebot.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
+from mazebot.navigation.costmap.zones import NamedMask, Zones, cells_of, zones_of
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planners import make_planner
 
 FRAME = GridFrame(0.1, -1.0, -1.0, 20, 30)
 SQUARE: tuple[Point2, ...] = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5))

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from services.common.frames import SE2, Array
-from services.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
-from services.navigation.planning.planner import PlannerParams
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
+from mazebot.navigation.planning.planner import PlannerParams
 
 RESOLUTION_M = 0.05
 PARAMS = PlannerParams(

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.costmap.layered_costmap import Costmap
-from services.navigation.errors import NavigationError
-from services.navigation.planning.planner import Planner
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.costmap.layered_costmap import Costmap
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.planner import Planner
 from tests.navigation.planning.grids import PARAMS, Solid, costmap_of
 
 RADIUS_M = 0.2

@@ -10,15 +10,15 @@ import pytest
 import shapely
 import shapely.affinity
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import SE2
-from services.navigation.costmap.footprint import WAFFLE
-from services.navigation.costmap.layered_costmap import Costmap
-from services.navigation.errors import NavigationError
-from services.navigation.planning.footprint_check import hits
-from services.navigation.planning.path import PlannedPath
-from services.navigation.planning.planner import Planner
-from services.navigation.planning.search_grid import SOLID, search_grid
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.layered_costmap import Costmap
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.footprint.footprint_check import hits
+from mazebot.navigation.planning.grid.search_grid import SOLID, search_grid
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.planner import Planner
 from tests.navigation.planning.grids import PARAMS, RESOLUTION_M, costmap_of
 
 NARROW = replace(PARAMS, footprint=WAFFLE)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.navigation.planners import make_planner
-from services.navigation.planning.warm_up import run_planning_kernels
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.planners import make_planner
+from mazebot.navigation.planning.warm_up import run_planning_kernels
 from tests.navigation.planning.grids import PARAMS, costmap_of
 
 FREE = costmap_of(np.zeros((60, 60), bool))
@@ -21,7 +21,7 @@ STRAIGHT = '''
 
 import numpy as np
 
-from services.navigation.planning.path import path_through
+from mazebot.navigation.planning.path import path_through
 
 
 class Straight:

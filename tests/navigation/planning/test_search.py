@@ -9,10 +9,10 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from services.common.frames import Array
-from services.common.world.grids import connected_regions
-from services.navigation.costmap.layered_costmap import Costmap
-from services.navigation.planning.a_star import (
+from mazebot.common.maths.frames import Array
+from mazebot.common.world.grids import connected_regions
+from mazebot.navigation.costmap.layered_costmap import Costmap
+from mazebot.navigation.planning.grid.a_star import (
     FOUND,
     GAVE_UP,
     NO_WAY,
@@ -20,9 +20,9 @@ from services.navigation.planning.a_star import (
     a_star,
     buckets_for,
 )
-from services.navigation.planning.lines import line_cost
-from services.navigation.planning.regions import OF_GOAL, OF_START, Regions, thinnest_place
-from services.navigation.planning.search_grid import (
+from mazebot.navigation.planning.grid.lines import line_cost
+from mazebot.navigation.planning.grid.regions import OF_GOAL, OF_START, Regions, thinnest_place
+from mazebot.navigation.planning.grid.search_grid import (
     BORDER,
     NARROW,
     NO_PRICE,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import shapely
 
-from services.bench.planning_maps import KINDS, random_obstacles
-from services.common.frames import Array
-from services.navigation.errors import NavigationError
-from services.navigation.planning.anya import anya
-from services.navigation.planning.planner import Planner
-from services.navigation.planning.search_grid import NARROW, search_grid
+from mazebot.bench.parts.planning_maps import KINDS, random_obstacles
+from mazebot.common.maths.frames import Array
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.grid.anya import anya
+from mazebot.navigation.planning.grid.search_grid import NARROW, search_grid
+from mazebot.navigation.planning.planner import Planner
 from tests.navigation.planning.grids import PARAMS, RESOLUTION_M, Solid, costmap_of, pose
 
 SIDE = 20

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import quaternion_from_rotation, rotation_from_rpy
-from services.common.node import messages as msg
-from services.common.node.documents import (
+from mazebot.common.maths.frames import quaternion_from_rotation, rotation_from_rpy
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
     Body,
     Box,
     Capsule,
@@ -27,13 +27,13 @@ from services.common.node.documents import (
     Sphere,
     World,
 )
-from services.common.node.topics import ASSETS, CONTACTS, SCAN, SIMULATION_STATS, TF
-from services.common.world.geometry import TriangleMesh, joined, mesh_to_bytes, triangles_of
-from services.physics.bodies.bodies import Bodies
-from services.physics.bodies.collision import inertia_of
-from services.physics.bodies.robot_model import robot_model_from_urdf
-from services.physics.bodies.world_limits import check
-from services.physics.config import PhysicsConfig
+from mazebot.common.messages.topics import ASSETS, CONTACTS, SCAN, SIMULATION_STATS, TF
+from mazebot.common.world.geometry import TriangleMesh, joined, mesh_to_bytes, triangles_of
+from mazebot.physics.bodies.bodies import Bodies
+from mazebot.physics.bodies.collision import inertia_of
+from mazebot.physics.bodies.robot_model import robot_model_from_urdf
+from mazebot.physics.bodies.world_limits import check
+from mazebot.physics.config import PhysicsConfig
 from tests.physics.driver import Driver, hit_distances_m, world
 
 MODEL = robot_model_from_urdf(PhysicsConfig().robot_urdf())
@@ -272,7 +272,7 @@ def test_things_tumble_the_same_each_time_and_count_in_the_state() -> None:
 
 
 def test_a_thing_whose_state_goes_bad_is_built_anew(caplog: pytest.LogCaptureFixture) -> None:
-    from services.physics.bodies.bullet import pybullet
+    from mazebot.physics.bodies.bullet import pybullet
 
     driver = Driver().load(world_of(body("crate", mass_kg=1.0)))
     driver.wait(0.1)

@@ -10,13 +10,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from services.bench.memory import resident_mb
-from services.common.node.documents import Cone, SimulationControl
-from services.common.node.topics import SIMULATION_CONTROL
-from services.physics.bodies.bullet import lent
-from services.physics.camera.camera import Intrinsics
-from services.physics.camera.renderers import make_renderer
-from services.physics.camera.scene import build_scene
+from mazebot.bench.memory import resident_mb
+from mazebot.common.messages.documents import Cone, SimulationControl
+from mazebot.common.messages.topics import SIMULATION_CONTROL
+from mazebot.physics.bodies.bullet import lent
+from mazebot.physics.camera.camera import Intrinsics
+from mazebot.physics.camera.renderers import make_renderer
+from mazebot.physics.camera.scene import build_scene
 from tests.physics.driver import world
 from tests.physics.own_process import figures
 from tests.physics.stage import OPEN, Stage, crate

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from services.common import portable
-from services.physics.bodies import bullet_math
-from services.physics.bodies.bullet import pybullet
+from mazebot.common.maths import portable
+from mazebot.physics.bodies import bullet_math
+from mazebot.physics.bodies.bullet import pybullet
 
 ANGLES = [k / 37.0 for k in range(-400, 400)]
 

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from services.bench.memory import resident_mb
-from services.common.node.documents import (
+from mazebot.bench.memory import resident_mb
+from mazebot.common.messages.documents import (
     BodyEntity,
     Box,
     Cylinder,
@@ -22,7 +22,7 @@ from services.common.node.documents import (
     SimulationControlReply,
     Sphere,
 )
-from services.common.node.topics import (
+from mazebot.common.messages.topics import (
     ASSETS,
     CAMERA_IMAGE,
     CONTACTS,
@@ -33,9 +33,9 @@ from services.common.node.topics import (
     SIMULATION_STATS,
     TF,
 )
-from services.common.world.geometry import triangles_of
-from services.physics.bodies import bodies as bodies_module
-from services.physics.bodies import entities as entities_module
+from mazebot.common.world.geometry import triangles_of
+from mazebot.physics.bodies import bodies as bodies_module
+from mazebot.physics.bodies import entities as entities_module
 from tests.physics.bodies.test_bodies import mesh_asset
 from tests.physics.driver import panel, texture
 from tests.physics.own_process import figures

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import LINK_FROM_OPTICAL
-from services.physics.bodies.robot_model import ModelError, RobotModel, robot_model_from_urdf
-from services.physics.config import PhysicsConfig
+from mazebot.common.maths.frames import LINK_FROM_OPTICAL
+from mazebot.physics.bodies.robot_model import ModelError, RobotModel, robot_model_from_urdf
+from mazebot.physics.config import PhysicsConfig
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from services.common.node.documents import ScriptedPath
-from services.physics.bodies.scripted_path import TURN_RADIUS_M, Floorplan, PathPose, Route, meets
+from mazebot.common.messages.documents import ScriptedPath
+from mazebot.physics.bodies.scripted_path import TURN_RADIUS_M, Floorplan, PathPose, Route, meets
 
 HALF_TURN_M = math.pi * TURN_RADIUS_M
 

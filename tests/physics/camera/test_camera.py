@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.bench.memory import resident_mb
-from services.common import png as png_file
-from services.common.config import ConfigError
-from services.common.frames import (
+from mazebot.bench.memory import resident_mb
+from mazebot.common.config import ConfigError
+from mazebot.common.files import png as png_file
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import (
     LINK_FROM_OPTICAL,
     SE2,
     Array,
@@ -29,7 +30,8 @@ from services.common.frames import (
     rotation_from_rpy,
     transform_matrix,
 )
-from services.common.node.documents import (
+from mazebot.common.maths.opencv import without_ipp
+from mazebot.common.messages.documents import (
     Body,
     Box,
     Ceiling,
@@ -45,14 +47,12 @@ from services.common.node.documents import (
     Wall,
     World,
 )
-from services.common.opencv import without_ipp
-from services.common.root import ROOT
-from services.common.world.geometry import mesh_to_bytes, triangles_of
-from services.physics.camera import renderers
-from services.physics.camera.camera import DepthRange, Intrinsics, Renderer
-from services.physics.camera.cpu_camera import CpuCamera
-from services.physics.camera.renderers import RendererKind, make_renderer
-from services.physics.camera.scene import PANEL_BACK, PLAIN, Scene, build_scene
+from mazebot.common.world.geometry import mesh_to_bytes, triangles_of
+from mazebot.physics.camera import renderers
+from mazebot.physics.camera.camera import DepthRange, Intrinsics, Renderer
+from mazebot.physics.camera.cpu_camera import CpuCamera
+from mazebot.physics.camera.renderers import RendererKind, make_renderer
+from mazebot.physics.camera.scene import PANEL_BACK, PLAIN, Scene, build_scene
 
 Picture = NDArray[np.uint8]
 
@@ -651,7 +651,7 @@ def picture_hash(kind: RendererKind) -> str:
 def test_pixels_are_the_same_in_every_process(kind: RendererKind) -> None:
     # Drawn with as many threads as there are told to be, or with none beside: that must not show.
     code = f"""
-from services.physics.camera import cpu_camera, gl_camera
+from mazebot.physics.camera import cpu_camera, gl_camera
 gl_camera._THREADS_PER_PROCESSOR = 0
 cpu_camera._processors = lambda: 1
 from tests.physics.camera.test_camera import picture_hash
@@ -691,9 +691,9 @@ def test_the_cpus_pixels_do_not_depend_on_its_threads(threads: int) -> None:
 def test_no_kernel_of_the_cpus_is_left_to_compile() -> None:
     code = """
 import numpy as np
-from services.physics.camera import cpu_camera, rasterizer
+from mazebot.physics.camera import cpu_camera, rasterizer
 cpu_camera.compile_kernels()
-from services.physics.camera.camera import Intrinsics
+from mazebot.physics.camera.camera import Intrinsics
 from tests.physics.camera.test_camera import TILTED_VIEW, textured_room
 camera = cpu_camera.CpuCamera(Intrinsics.from_horizontal_fov(64, 48, 1.2), (0.1, 5.0))
 camera.set_scene(textured_room())
@@ -710,10 +710,10 @@ print(*(len(kernel.signatures) for kernel in kernels))
 CHOOSE = """
 import logging
 logging.basicConfig(format="%(levelname)s %(message)s", level="INFO")
-from services.common.config import ConfigError
-from services.physics.camera import renderers
-from services.physics.camera.camera import Intrinsics
-from services.physics.camera.renderers import make_renderer
+from mazebot.common.config import ConfigError
+from mazebot.physics.camera import renderers
+from mazebot.physics.camera.camera import Intrinsics
+from mazebot.physics.camera.renderers import make_renderer
 intrinsics = Intrinsics.from_horizontal_fov(32, 24, 1.0)
 """
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     Array,
     inverse_matrix,
     pose_matrix,
@@ -17,16 +17,16 @@ from services.common.frames import (
     rotation_from_rpy,
     transform_matrix,
 )
-from services.common.node.documents import Body, Box, MarkerEntity, Material, World
-from services.perception.config import PerceptionConfig
-from services.perception.detect import Detector, grey_from_rgb
-from services.physics.camera import visibility
-from services.physics.camera.camera import Intrinsics, Picture
-from services.physics.camera.camera_messages import camera_info
-from services.physics.camera.renderers import RendererKind
-from services.physics.camera.scene import Scene, build_scene
-from services.physics.config import PhysicsConfig
-from services.physics.sensors import occlusion
+from mazebot.common.messages.documents import Body, Box, MarkerEntity, Material, World
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.detect import Detector, grey_from_rgb
+from mazebot.physics.camera import visibility
+from mazebot.physics.camera.camera import Intrinsics, Picture
+from mazebot.physics.camera.camera_messages import camera_info
+from mazebot.physics.camera.renderers import RendererKind
+from mazebot.physics.camera.scene import Scene, build_scene
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.sensors import occlusion
 from tests.physics.camera.test_camera import (
     KINDS,
     TILTED_VIEW,

@@ -12,9 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from services.common.node.documents import SimulationControl, SimulationControlReply
-from services.common.node.node import random_generator
-from services.common.node.topics import (
+from mazebot.common.messages.documents import SimulationControl, SimulationControlReply
+from mazebot.common.messages.topics import (
     CAMERA_COMPRESSED,
     CAMERA_IMAGE,
     CAMERA_INFO,
@@ -24,10 +23,11 @@ from services.common.node.topics import (
     SIMULATION_STATS,
     Topic,
 )
-from services.physics.bodies.bullet import pybullet
-from services.physics.camera.camera_noise import CameraNoise
-from services.physics.camera.image_hash import ImageHash
-from services.physics.config import PhysicsConfig
+from mazebot.common.node.node import random_generator
+from mazebot.physics.bodies.bullet import pybullet
+from mazebot.physics.camera.camera_noise import CameraNoise
+from mazebot.physics.camera.image_hash import ImageHash
+from mazebot.physics.config import PhysicsConfig
 from tests.physics.driver import Driver, world
 
 SMALL: dict[str, Any] = {"renderer": "auto", "camera_width_px": 64, "camera_height_px": 48}

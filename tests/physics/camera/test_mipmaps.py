@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.physics.camera.mipmaps import smaller_levels
+from mazebot.physics.camera.mipmaps import smaller_levels
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from services.common.node.documents import (
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages.documents import (
     Body,
     BodyEntity,
     Box,
@@ -20,12 +21,11 @@ from services.common.node.documents import (
     ScriptedPath,
     Shape,
 )
-from services.common.node.topics import CONTACTS, DESIRED_ENTITIES
-from services.common.root import ROOT
-from services.common.world.geometry import TriangleMesh
-from services.physics.bodies.bodies import Bodies, Touch
-from services.physics.bodies.robot_model import robot_model_from_urdf
-from services.physics.sensors.contacts import ContactEvents
+from mazebot.common.messages.topics import CONTACTS, DESIRED_ENTITIES
+from mazebot.common.world.geometry import TriangleMesh
+from mazebot.physics.bodies.bodies import Bodies, Touch
+from mazebot.physics.bodies.robot_model import robot_model_from_urdf
+from mazebot.physics.sensors.contacts import ContactEvents
 from tests.physics.driver import HOUSE_WALLS, Driver, world
 
 AHEAD = [("Ahead", 2.0, 0.6, 0.0, math.pi / 2)]

@@ -8,13 +8,13 @@ from typing import cast
 import numpy as np
 import pytest
 
-from services.common.frames import SE3, Array, rotation_from_rpy, transform_matrix
-from services.common.node.messages import Imu as Reading
-from services.common.node.node import random_generator
-from services.common.node.topics import IMU
-from services.physics.bodies.bodies import Bodies, Motion
-from services.physics.config import PhysicsConfig
-from services.physics.sensors.imu import Imu
+from mazebot.common.maths.frames import SE3, Array, rotation_from_rpy, transform_matrix
+from mazebot.common.messages.messages import Imu as Reading
+from mazebot.common.messages.topics import IMU
+from mazebot.common.node.node import random_generator
+from mazebot.physics.bodies.bodies import Bodies, Motion
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.sensors.imu import Imu
 from tests.physics.driver import Driver, world
 
 GYRO_RAD_S = PhysicsConfig().gyro_noise_rad_s

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import (
+from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     SCAN_FRAME,
     SE2,
@@ -20,7 +20,7 @@ from services.common.frames import (
     rotation_from_rpy,
     transform_matrix,
 )
-from services.common.node.documents import (
+from mazebot.common.messages.documents import (
     Body,
     BodyEntity,
     Cylinder,
@@ -29,13 +29,13 @@ from services.common.node.documents import (
     Shape,
     World,
 )
-from services.common.node.node import random_generator
-from services.common.node.topics import DESIRED_ENTITIES, SCAN
-from services.physics.bodies.bodies import Bodies
-from services.physics.bodies.robot_model import robot_model_from_urdf
-from services.physics.config import PhysicsConfig
-from services.physics.sensors.lidar import Lidar, lidar_figures
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.messages.topics import DESIRED_ENTITIES, SCAN
+from mazebot.common.node.node import random_generator
+from mazebot.physics.bodies.bodies import Bodies
+from mazebot.physics.bodies.robot_model import robot_model_from_urdf
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.sensors.lidar import Lidar, lidar_figures
+from mazebot.worldgen.recipe.loader import load_world
 from tests.physics.driver import HOUSE_WALLS, Driver, hit_distances_m, world
 
 MODEL = robot_model_from_urdf(PhysicsConfig().robot_urdf())

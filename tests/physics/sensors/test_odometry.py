@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, wrap_angle
-from services.common.node import messages as msg
-from services.common.node.node import random_generator
-from services.common.node.topics import GROUND_TRUTH_ODOM, JOINT_STATES, ODOM, TF
-from services.physics.sensors.odometry import WheelOdometry
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import GROUND_TRUTH_ODOM, JOINT_STATES, ODOM, TF
+from mazebot.common.node.node import random_generator
+from mazebot.physics.sensors.odometry import WheelOdometry
 from tests.physics.driver import Driver, world
 
 

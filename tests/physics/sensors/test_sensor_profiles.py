@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from services.common.config import ConfigError
-from services.common.load import load
-from services.physics.config import PhysicsConfig
-from services.physics.node import PhysicsNode
-from services.physics.sensors.sensor_profiles import (
+from mazebot.common.config import ConfigError
+from mazebot.common.settings.load import load
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.node import PhysicsNode
+from mazebot.physics.sensor_profiles import (
     CAMERA_PROFILES,
     SCAN_PROFILES,
     CameraProfile,

@@ -13,23 +13,23 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
-from services.common.frames import SE2
-from services.common.node import action_documents as act
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.topics import read_by
-from services.common.root import ROOT
-from services.common.world.geometry import mesh_to_bytes, triangles_of
-from services.recorder.drawing.archetypes import DRAW, SERIES, draw_start
-from services.recorder.drawing.canvas import Canvas, Trail
-from services.recorder.drawing.layouts.layouts import run_blueprint
-from services.recorder.drawing.layouts.views import Scene
-from services.recorder.drawing.mesh import robot_from_urdf
-from services.recorder.drawing.scenery import extent_of
-from services.recorder.drawing.text_drawing import draw_evaluation
-from services.recorder.drawing.world_drawing import draw_world
-from services.recorder.stream.recording import Recording
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.topics import read_by
+from mazebot.common.world.geometry import mesh_to_bytes, triangles_of
+from mazebot.recorder.drawing.archetypes import DRAW, SERIES, draw_start
+from mazebot.recorder.drawing.canvas import Canvas, Trail
+from mazebot.recorder.drawing.layouts.layouts import run_blueprint
+from mazebot.recorder.drawing.layouts.views import Scene
+from mazebot.recorder.drawing.mesh import robot_from_urdf
+from mazebot.recorder.drawing.scenery import extent_of
+from mazebot.recorder.drawing.text_drawing import draw_evaluation
+from mazebot.recorder.drawing.world_drawing import draw_world
+from mazebot.recorder.stream.recording import Recording
 from tests.common.samples import SAMPLES
 from tests.recorder import synthetic
 from tests.recorder.synthetic import BRICKS, ERROR_M, FOCAL_PX, Said, driving, opening, room

@@ -12,15 +12,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from services.common.node import messages as msg
-from services.common.node.topics import DIAGNOSTICS, read_by
-from services.recorder.config import LayoutName, RecorderConfig
-from services.recorder.drawing.archetypes import DRAW, draw_start
-from services.recorder.drawing.layouts.layout_file import shown_in_layout
-from services.recorder.drawing.layouts.layouts import LAYOUTS, run_blueprint
-from services.recorder.drawing.layouts.views import Scene
-from services.recorder.stream.recording import Recording
-from services.recorder.stream.rerun_program import rerun_binary
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.topics import DIAGNOSTICS, read_by
+from mazebot.recorder.config import LayoutName, RecorderConfig
+from mazebot.recorder.drawing.archetypes import DRAW, draw_start
+from mazebot.recorder.drawing.layouts.layout_file import shown_in_layout
+from mazebot.recorder.drawing.layouts.layouts import LAYOUTS, run_blueprint
+from mazebot.recorder.drawing.layouts.views import Scene
+from mazebot.recorder.stream.recording import Recording
+from mazebot.recorder.stream.rerun_program import rerun_binary
 from tests.common.samples import SAMPLES
 from tests.recorder.drawing.test_archetypes import canvas_of, column, driven
 from tests.recorder.synthetic import room

@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node import documents as doc
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.recorder.drawing.archetypes import DRAW, draw_start
-from services.recorder.drawing.layouts.layouts import run_blueprint
-from services.recorder.drawing.layouts.views import Scene
-from services.recorder.drawing.mapping_drawing import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.recorder.drawing.archetypes import DRAW, draw_start
+from mazebot.recorder.drawing.layouts.layouts import run_blueprint
+from mazebot.recorder.drawing.layouts.views import Scene
+from mazebot.recorder.drawing.mapping_drawing import (
     SLAM_SERIES,
     draw_map_evaluation,
     draw_true_walls,
 )
-from services.recorder.drawing.text_drawing import draw_evaluation
+from mazebot.recorder.drawing.text_drawing import draw_evaluation
 from tests.common.samples import SAMPLES
 from tests.recorder.drawing.test_archetypes import Paper, canvas_of, column
 from tests.recorder.synthetic import room

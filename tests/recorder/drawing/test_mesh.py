@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import pose_matrix
-from services.common.root import ROOT
-from services.recorder.drawing.mesh import Mesh, panel, robot_from_urdf
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import pose_matrix
+from mazebot.recorder.drawing.mesh import Mesh, panel, robot_from_urdf
 from tests.recorder.synthetic import marker_on_the_east_wall
 
 

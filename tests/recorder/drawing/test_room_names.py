@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from services.recorder.drawing.room_names import name_places_m
+from mazebot.recorder.drawing.room_names import name_places_m
 
 NONE = np.empty((0, 2))
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.error_codes import ErrorCode
-from services.common.frames import (
+from mazebot.common.figures.goal_table import error_lines, failure_lines, goal_rows
+from mazebot.common.maths.frames import (
     BASE_FOOTPRINT_FRAME,
     CAMERA_OPTICAL_FRAME,
     LINK_FROM_OPTICAL,
@@ -24,10 +24,9 @@ from services.common.frames import (
     transform_matrix,
     wrap_angle,
 )
-from services.common.goal_table import error_lines, failure_lines, goal_rows
-from services.common.node import messages as msg
-from services.common.node.action_documents import ActionFeedback, ActionResult
-from services.common.node.documents import (
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import ActionFeedback, ActionResult
+from mazebot.common.messages.documents import (
     BodyEntity,
     Box,
     Contact,
@@ -41,11 +40,12 @@ from services.common.node.documents import (
     Wall,
     World,
 )
-from services.recorder.judging import driven_way, error_summary
-from services.recorder.judging import evaluation as evaluation_module
-from services.recorder.judging.driven_way import DrivenWay
-from services.recorder.judging.error_summary import ErrorSummary
-from services.recorder.judging.evaluation import RunEvaluation
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.recorder.judging import driven_way, error_summary
+from mazebot.recorder.judging import evaluation as evaluation_module
+from mazebot.recorder.judging.driven_way import DrivenWay
+from mazebot.recorder.judging.error_summary import ErrorSummary
+from mazebot.recorder.judging.evaluation import RunEvaluation
 
 PERIOD_NS = 33_333_333
 SPEED_M_S = 0.3

@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from services.common.frames import SE2
-from services.common.node import documents as doc
-from services.common.node.slam_documents import (
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.slam_documents import (
     GraphEdge,
     GraphLandmark,
     GraphNode,
     GraphScan,
     PoseGraph,
 )
-from services.recorder.judging.graph_errors import false_loops, marker_errors
+from mazebot.recorder.judging.map.graph_errors import false_loops, marker_errors
 from tests.recorder.synthetic import marker_on_the_east_wall
 
 ENTITY = marker_on_the_east_wall()

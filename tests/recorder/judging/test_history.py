@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import shapely
 
-from services.common.frames import SE2
-from services.common.node import messages as msg
-from services.common.node.documents import Contact, Evaluation, GoalReport, Planar
-from services.common.recordings.series import MOST_EVENTS, MOST_ROWS, RunSeries, read_series
-from services.recorder.judging.history import RunHistory
-from services.recorder.judging.plan import solid_rings
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import Contact, Evaluation, GoalReport, Planar
+from mazebot.common.recordings.series import MOST_EVENTS, MOST_ROWS, RunSeries, read_series
+from mazebot.recorder.judging.history import RunHistory
+from mazebot.recorder.judging.plan import solid_rings
 from tests.common.recordings.made_run import made_run
 from tests.recorder.synthetic import ERROR_M, room
 

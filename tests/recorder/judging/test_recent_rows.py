@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from services.recorder.judging.recent_rows import RecentRows
+from mazebot.recorder.judging.recent_rows import RecentRows
 
 
 @pytest.mark.parametrize("capacity", [4, 5, 6, 9])

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from services.common.node.documents import (
+from mazebot.common.messages.documents import (
     Body,
     Box,
     Cylinder,
@@ -22,10 +22,10 @@ from services.common.node.documents import (
     Wall,
     World,
 )
-from services.common.world.geometry import TriangleMesh, triangles_of
-from services.recorder.judging.obstacles import obstacles
-from services.recorder.judging.shortest_path import ROBOT_RADIUS_M, ShortestPath
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.world.geometry import TriangleMesh, triangles_of
+from mazebot.recorder.judging.obstacles import obstacles
+from mazebot.recorder.judging.shortest_path import ROBOT_RADIUS_M, ShortestPath
+from mazebot.worldgen.recipe.loader import load_world
 
 
 def wall(x_m: float, y_m: float, length_m: float, yaw_rad: float = 0.0) -> Wall:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from pydantic_core import to_json
 
-from services.common.config import changed_defaults
-from services.common.node.documents import Evaluation, GoalReport, Parameters
-from services.common.node.node import TopicCounts
-from services.common.recordings.summary import RunSummary
-from services.recorder.config import RecorderConfig
-from services.recorder.judging.summary import _changed, build_summary, summary_text
-from services.recorder.judging.wall_time import WallTime
+from mazebot.common.config import changed_defaults
+from mazebot.common.messages.documents import Evaluation, GoalReport, Parameters
+from mazebot.common.node.node import TopicCounts
+from mazebot.common.recordings.summary import RunSummary
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.judging.summary import _changed, build_summary, summary_text
+from mazebot.recorder.judging.wall_time import WallTime
 from tests.recorder.synthetic import room
 
 GOAL = GoalReport(

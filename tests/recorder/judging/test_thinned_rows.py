@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from services.recorder.judging.thinned_rows import ThinnedRows
+from mazebot.recorder.judging.map.thinned_rows import ThinnedRows
 
 SECOND_NS = 1_000_000_000
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from services.common.frames import SE2, Array
-from services.recorder.judging import trajectory as module
-from services.recorder.judging.trajectory import (
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.recorder.judging import trajectory as module
+from mazebot.recorder.judging.trajectory import (
     Trajectory,
     absolute_error_m,
     aligned,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.frames import SE2
-from services.common.node import documents as doc
-from services.recorder.judging.true_map import Lattice, TrueMap, true_map
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import documents as doc
+from mazebot.recorder.judging.map.true_map import Lattice, TrueMap, true_map
 from tests.recorder.synthetic import room
 
 RESOLUTION_M = 0.05

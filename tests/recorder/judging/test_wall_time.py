@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from services.recorder.judging.wall_time import WallTime
+from mazebot.recorder.judging.wall_time import WallTime
 
 S = 1_000_000_000
 

@@ -1,6 +1,6 @@
 """Where one run ends and the next begins."""
 
-from services.recorder.keeping.beginnings import Beginnings
+from mazebot.recorder.keeping.beginnings import Beginnings
 
 S = 1_000_000_000
 

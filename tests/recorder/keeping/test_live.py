@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from services.cli.loopback_router import free_port
-from services.common.config import ConfigError
-from services.recorder.config import RecorderConfig
-from services.recorder.keeping import live as live_module
-from services.recorder.keeping.live import LiveView, WebPage, check_port_free
-from services.recorder.node import RecorderNode
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.common.config import ConfigError
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping import live as live_module
+from mazebot.recorder.keeping.live import LiveView, WebPage, check_port_free
+from mazebot.recorder.node import RecorderNode
 
 
 @pytest.fixture

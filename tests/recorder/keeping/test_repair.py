@@ -14,30 +14,30 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from services.common.node import documents as doc
-from services.common.node import topics as table
-from services.common.node.topics import Delivery
-from services.common.recordings.digests import read_digests
-from services.common.recordings.mcap_messages import read_messages
-from services.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, RunFolder, parts_of
-from services.common.root import ROOT
-from services.recorder.config import RecorderConfig
-from services.recorder.keeping import repair as repair_module
-from services.recorder.keeping.progress import read_progress
-from services.recorder.keeping.repair import Repair, leftovers
-from services.recorder.node import RecorderNode
-from services.recorder.transcoding import job
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import topics as table
+from mazebot.common.messages.topics import Delivery
+from mazebot.common.recordings.comparing.digests import read_digests
+from mazebot.common.recordings.mcap.mcap_messages import read_messages
+from mazebot.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, RunFolder, parts_of
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping import repair as repair_module
+from mazebot.recorder.keeping.progress import read_progress
+from mazebot.recorder.keeping.repair import Repair, leftovers
+from mazebot.recorder.node import RecorderNode
+from mazebot.recorder.transcoding import job
 from tests.recorder.synthetic import Bench, Said, driving, opening, room
 from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
 
 KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from services.common.node import documents as doc
-from services.common.node import topics as table
-from services.recorder.config import RecorderConfig
-from services.common.recordings.digests import read_digests
-from services.recorder.node import RecorderNode
+from mazebot.common.node import documents as doc
+from mazebot.common.node import topics as table
+from mazebot.recorder.config import RecorderConfig
+from mazebot.common.recordings.comparing.digests import read_digests
+from mazebot.recorder.node import RecorderNode
 from tests.recorder.synthetic import Bench, driving, opening, room
 node = RecorderNode(RecorderConfig(recordings_dir=Path(sys.argv[1])))
 bench, world = Bench(node), room()

@@ -10,12 +10,12 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
-from services.cli.loopback_router import free_port
-from services.recorder.config import RecorderConfig
-from services.recorder.keeping import live as live_module
-from services.recorder.keeping.live import LiveView
-from services.recorder.node import RecorderNode
-from services.recorder.stream import live_feed
+from mazebot.bench.parts.loopback_router import free_port
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping import live as live_module
+from mazebot.recorder.keeping.live import LiveView
+from mazebot.recorder.node import RecorderNode
+from mazebot.recorder.stream import live_feed
 from tests.recorder.stream.stalled_viewer import stalled_viewer
 from tests.recorder.synthetic import Bench, driving, opening, room
 from tests.recorder.test_node import verify

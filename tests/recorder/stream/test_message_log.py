@@ -12,20 +12,20 @@ import cv2
 import numpy as np
 import pytest
 
-from services.common.bus import wire
-from services.common.node import messages as msg
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.node.topics import Topic
-from services.common.recordings.mcap_file import McapFile
-from services.common.recordings.mcap_messages import read_messages
-from services.common.recordings.mcap_scan import scan
-from services.common.recordings.run_folder import MESSAGES, part_path, parts_of
-from services.recorder.keeping.latched import Latched
-from services.recorder.stream import message_log as module
-from services.recorder.stream.file_writer import RecordingError
-from services.recorder.stream.message_log import Compressed, MessageLog, Taken
-from services.recorder.stream.pictures import Pictures
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.mcap.mcap_file import McapFile
+from mazebot.common.recordings.mcap.mcap_messages import read_messages
+from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import MESSAGES, part_path, parts_of
+from mazebot.recorder.keeping.latched import Latched
+from mazebot.recorder.stream import message_log as module
+from mazebot.recorder.stream.file_writer import RecordingError
+from mazebot.recorder.stream.message_log import Compressed, MessageLog, Taken
+from mazebot.recorder.stream.pictures import Pictures
 from tests.common.samples import SAMPLES
 
 

@@ -13,8 +13,8 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
-from services.recorder.stream.recording import AGAIN_NS, Recording
-from services.recorder.stream.rerun_program import rerun_binary
+from mazebot.recorder.stream.recording import AGAIN_NS, Recording
+from mazebot.recorder.stream.rerun_program import rerun_binary
 
 STEP_NS = 100_000_000
 STEPS = 2 * AGAIN_NS // STEP_NS

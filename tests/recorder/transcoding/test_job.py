@@ -16,17 +16,17 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from services.common.bus import wire
-from services.common.node import topics as table
-from services.common.node.node import Envelope
-from services.common.recordings.mcap_messages import RecordedMessage, read_messages
-from services.common.recordings.run_folder import LOCK, TO_COMPRESS
-from services.recorder.drawing.picture_drawing import CAMERA_ENTITY
-from services.recorder.transcoding.as_recorded import as_recorded
-from services.recorder.transcoding.depth import compressed_depth, depth_m_of
-from services.recorder.transcoding.job import compress_run, end, start, waiting
-from services.recorder.transcoding.mcap_video import VIDEO_TYPE, read_video
-from services.recorder.transcoding.vp9 import VideoError, decode
+from mazebot.common.messages import topics as table
+from mazebot.common.messages import wire
+from mazebot.common.node.node import Envelope
+from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
+from mazebot.common.recordings.run_folder import LOCK, TO_COMPRESS
+from mazebot.recorder.drawing.picture_drawing import CAMERA_ENTITY
+from mazebot.recorder.transcoding.as_recorded import as_recorded
+from mazebot.recorder.transcoding.depth import compressed_depth, depth_m_of
+from mazebot.recorder.transcoding.job import compress_run, end, start, waiting
+from mazebot.recorder.transcoding.mcap_video import VIDEO_TYPE, read_video
+from mazebot.recorder.transcoding.vp9 import VideoError, decode
 from tests.common.samples import SAMPLES
 from tests.recorder.synthetic import HEIGHT, WIDTH, Bench, Said, driving, opening, room
 from tests.recorder.test_node import recorder, verify

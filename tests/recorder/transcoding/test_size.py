@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from services.recorder.transcoding.job import compress_run
+from mazebot.recorder.transcoding.job import compress_run
 from tests.recorder.test_node import verify
 
 MOST_MB_PER_MINUTE = 15.0
@@ -21,7 +21,7 @@ WORLD_MB = 5.0
 def test_a_compressed_drive_needs_at_most_fifteen_megabytes_a_minute(tmp_path: Path) -> None:
     run = tmp_path / "run"
     goal = ("2.07", "1.82", "-1.57")
-    command = [sys.executable, "-m", "services.cli", "demo", "--goal", *goal, "--out", str(run)]
+    command = [sys.executable, "-m", "mazebot.cli", "demo", "--goal", *goal, "--out", str(run)]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     # Not a terminal: the file is not compressed behind the back of a script.
     assert f"recordings compress {run}" in " ".join(told.stdout.split())

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.recorder.transcoding.vp9 import VideoError, VideoFrame, decode, encode
+from mazebot.recorder.transcoding.vp9 import VideoError, VideoFrame, decode, encode
 from tests.recorder.transcoding.pictures import jpeg, textured
 
 COUNT = 30

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from services.common.config import ConfigError
-from services.common.world.geometry import TriangleMesh
-from services.worldgen.assets import mesh_files, meshes
-from services.worldgen.assets.glb import glb_of
-from services.worldgen.assets.meshes import MeshPart, load_mesh
+from mazebot.common.config import ConfigError
+from mazebot.common.world.geometry import TriangleMesh
+from mazebot.worldgen.assets import mesh_files, meshes
+from mazebot.worldgen.assets.glb import glb_of
+from mazebot.worldgen.assets.meshes import MeshPart, load_mesh
 
 OBJ = """# a house, with a comment at the end of a line
 mtllib house.mtl

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from services.common.node.documents import Marker
-from services.common.png import problem
-from services.common.root import ROOT
-from services.common.world.marker_picture import draw
-from services.perception.config import PerceptionConfig
-from services.perception.detect import Detector
-from services.worldgen.assets.textures import COARSE_STEP, TEXTURES, png_bytes
+from mazebot.common.files.png import problem
+from mazebot.common.files.root import ROOT
+from mazebot.common.messages.documents import Marker
+from mazebot.common.world.marker_picture import draw
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.detect import Detector
+from mazebot.worldgen.assets.textures import COARSE_STEP, TEXTURES, png_bytes
 
 FOLDER = ROOT / "worlds" / "textures"
 MEAN_RGB = {

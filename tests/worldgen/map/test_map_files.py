@@ -10,16 +10,16 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from services.common.config import ConfigError
-from services.common.frames import SE2
-from services.common.world.map_files import (
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.map_files import (
     ImageFormat,
     MapFile,
     Mode,
     read_map,
     write_map,
 )
-from services.worldgen.map.disagreement import disagreement
+from mazebot.worldgen.map.disagreement import disagreement
 
 ORIGIN = SE2(-2.07, -1.64, 0.3)
 META: dict[str, Any] = {

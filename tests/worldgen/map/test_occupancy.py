@@ -9,10 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from services.common.frames import SE2, quaternion_from_yaw
-from services.common.node.documents import Body, Box, Cylinder, Location, Planar, Shape, Wall, World
-from services.common.world.footprint import wall_corners
-from services.worldgen.map.occupancy import (
+from mazebot.common.maths.frames import SE2, quaternion_from_yaw
+from mazebot.common.messages.documents import (
+    Body,
+    Box,
+    Cylinder,
+    Location,
+    Planar,
+    Shape,
+    Wall,
+    World,
+)
+from mazebot.common.world.footprint import wall_corners
+from mazebot.worldgen.map.occupancy import (
     OPEN_CELLS,
     Grid,
     fill,
@@ -22,7 +31,7 @@ from services.worldgen.map.occupancy import (
     occupancy,
     rasterise,
 )
-from services.worldgen.recipe.loader import load_world
+from mazebot.worldgen.recipe.loader import load_world
 
 
 def wall(length_m: float, thickness_m: float, x_m: float, y_m: float, yaw_rad: float) -> Wall:

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from PIL import Image
 
-from services.common.frames import SE2
-from services.common.world.costmap import Cells
-from services.common.world.map_files import ImageFormat, Mode, write_map
-from services.worldgen.check import problems_of
-from services.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import Cells
+from mazebot.common.world.map_files import ImageFormat, Mode, write_map
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
 from tests.worldgen import folder
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import yaml
 
-from services.common.problems import WorldError
-from services.common.world.furnish import furnish
-from services.common.world.marker_picture import own_dictionaries
-from services.perception.config import PerceptionConfig
-from services.perception.find import MarkerFinder
-from services.perception.pose import Camera
-from services.worldgen.check import problems_of
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.problems import WorldError
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_picture import own_dictionaries
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.find import MarkerFinder
+from mazebot.perception.pose import Camera
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.recipe.loader import load_world
 
 CODES = ("1011000111001010010110110", "0110100101110010001011001", "1100110010010111010001101")
 ROOM = {

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from services.common.frames import SE2
-from services.common.world.furnish import furnish
-from services.common.world.placement import panel_of
-from services.worldgen.markers import marker_cover
-from services.worldgen.markers.marker_cover import best_cover, cover
-from services.worldgen.markers.visibility import covered_share
-from services.worldgen.recipe.loader import LoadedWorld, load_world
-from services.worldgen.recipe.recipe import MarkerCoverRecipe
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.placement import panel_of
+from mazebot.worldgen.markers import marker_cover
+from mazebot.worldgen.markers.marker_cover import best_cover, cover
+from mazebot.worldgen.markers.visibility import covered_share
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe_model import MarkerCoverRecipe
 from tests.common.house import marker, wall, world
 
 

@@ -13,11 +13,11 @@ from lxml import etree
 from numpy.typing import NDArray
 from PIL import Image
 
-from services.common.config import ConfigError
-from services.common.frames import Array
-from services.common.root import ROOT
-from services.common.world.marker_dictionary import read_dictionary
-from services.worldgen.markers.marker_model import PANEL_THICKNESS_M, write_marker_model
+from mazebot.common.config import ConfigError
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import Array
+from mazebot.common.world.marker_dictionary import read_dictionary
+from mazebot.worldgen.sdf.marker_model import PANEL_THICKNESS_M, write_marker_model
 
 SIDE_M = 0.3 * 8 / 6
 Pixels = NDArray[np.uint8]

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from services.common.frames import SE2
-from services.common.node.documents import Body, Box, Marker, Shape, Wall, World
-from services.common.world.costmap import FREE, OCCUPIED
-from services.common.world.furnish import furnish
-from services.common.world.placement import panel_of
-from services.worldgen.markers.visibility import Bits, covered_share, reachable, seen_from
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.documents import Body, Box, Marker, Shape, Wall, World
+from mazebot.common.world.costmap import FREE, OCCUPIED
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.placement import panel_of
+from mazebot.worldgen.markers.visibility import Bits, covered_share, reachable, seen_from
 from tests.common.house import marker, wall, world
 
 ORIGIN = SE2(-6.0, -6.0, 0.0)

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from services.common.node.documents import Wall
-from services.worldgen.check import problems_of
-from services.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.common.messages.documents import Wall
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
 
 ROBOT_RADIUS_M = 0.24
 ALGORITHMS = ("wilson", "recursive_backtracker", "rooms")

@@ -10,9 +10,9 @@ import shapely
 from scipy import stats
 from scipy.sparse import coo_array, csgraph
 
-from services.worldgen.maze.maze import Maze, generate
-from services.worldgen.maze.spanning_tree import wilson
-from services.worldgen.recipe.recipe import MazeRecipe
+from mazebot.worldgen.maze.maze import Maze, generate
+from mazebot.worldgen.maze.spanning_tree import wilson
+from mazebot.worldgen.recipe_model import MazeRecipe
 
 ALGORITHMS = ["wilson", "recursive_backtracker", "rooms"]
 THICKNESS_M = 0.15

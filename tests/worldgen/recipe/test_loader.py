@@ -16,9 +16,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from services.common import yaml_source
-from services.common.problems import WorldError
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.files import yaml_source
+from mazebot.common.problems import WorldError
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 LINE = re.compile(r"(?<=\.yaml):\d+")

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.common.frames import rotation_from_quaternion
-from services.common.node.documents import Body, World
-from services.common.problems import WorldError
-from services.common.world.geometry import mesh_from_bytes
-from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.common.maths.frames import rotation_from_quaternion
+from mazebot.common.messages.documents import Body, World
+from mazebot.common.problems import WorldError
+from mazebot.common.world.geometry import mesh_from_bytes
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
 from tests.worldgen import folder
 
 CUBE_OBJ = """\

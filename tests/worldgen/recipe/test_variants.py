@@ -12,15 +12,15 @@ import pytest
 import shapely
 from scipy import ndimage
 
-from services.common.frames import SE2, rotation_from_quaternion
-from services.common.node.documents import Planar, Room, World
-from services.common.root import ROOT
-from services.common.world.costmap import FREE, OCCUPIED
-from services.common.world.furnish import furnish
-from services.common.world.placement import panel_of
-from services.worldgen.check import problems_of
-from services.worldgen.markers.visibility import Sight, covered_share
-from services.worldgen.recipe.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import SE2, rotation_from_quaternion
+from mazebot.common.messages.documents import Planar, Room, World
+from mazebot.common.world.costmap import FREE, OCCUPIED
+from mazebot.common.world.furnish import furnish
+from mazebot.common.world.placement import panel_of
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.markers.visibility import Sight, covered_share
+from mazebot.worldgen.recipe.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
 
 ROBOT_RADIUS_M = 0.24
 NAMES = known_worlds()

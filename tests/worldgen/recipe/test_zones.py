@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from services.common.node.documents import World
-from services.worldgen.check import problems_of
-from services.worldgen.recipe.loader import load_world
+from mazebot.common.messages.documents import World
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 SQUARE = [[0.1, 0.1], [0.5, 0.1], [0.5, 0.5], [0.1, 0.5]]

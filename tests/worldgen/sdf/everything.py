@@ -8,12 +8,12 @@ from typing import Any
 import trimesh
 from lxml import etree
 
-from services.common.node.documents import World
-from services.worldgen.recipe.loader import LoadedWorld, load_file
-from services.worldgen.sdf.convert import to_recipe
-from services.worldgen.sdf.export import export_files, export_world
-from services.worldgen.sdf.read import read_sdf
-from services.worldgen.sdf.recipe_file import ImportedWorld, recipe_yaml, write_recipe
+from mazebot.common.messages.documents import World
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_file
+from mazebot.worldgen.sdf.convert import to_recipe
+from mazebot.worldgen.sdf.export import export_files, export_world
+from mazebot.worldgen.sdf.reading.read import read_sdf
+from mazebot.worldgen.sdf.recipe_file import ImportedWorld, recipe_yaml, write_recipe
 from tests.worldgen import folder
 
 TILTED = [0.18257418583505536, 0.3651483716701107, 0.5477225575051661, 0.7302967433402214]

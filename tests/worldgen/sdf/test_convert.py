@@ -10,15 +10,15 @@ import pytest
 import yaml
 from PIL import Image
 
-from services.common.config import ConfigError
-from services.common.world.furnish import furnish
-from services.worldgen.check import problems_of
-from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
-from services.worldgen.recipe.recipe import Recipe
-from services.worldgen.sdf.convert import MAX_LIGHTS, to_recipe
-from services.worldgen.sdf.export import export_world
-from services.worldgen.sdf.read import read_sdf
-from services.worldgen.sdf.recipe_file import ImportedWorld, recipe_yaml, write_recipe
+from mazebot.common.config import ConfigError
+from mazebot.common.world.furnish import furnish
+from mazebot.worldgen.check import problems_of
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.worldgen.recipe_model import Recipe
+from mazebot.worldgen.sdf.convert import MAX_LIGHTS, to_recipe
+from mazebot.worldgen.sdf.export import export_world
+from mazebot.worldgen.sdf.reading.read import read_sdf
+from mazebot.worldgen.sdf.recipe_file import ImportedWorld, recipe_yaml, write_recipe
 from tests.worldgen import folder
 from tests.worldgen.sdf import everything
 
@@ -385,7 +385,7 @@ def test_a_marker_moved_off_its_wall_is_listed(
 
 def test_a_marker_added_or_taken_away_in_the_file(house: LoadedWorld, tmp_path: Path) -> None:
     file = export_world(house, tmp_path / "sdf")
-    from services.worldgen.markers.marker_model import write_marker_model
+    from mazebot.worldgen.sdf.marker_model import write_marker_model
 
     write_marker_model(file.parent, 7, size_m=0.1)
     text = file.read_text().replace("model://aruco_id_60", "model://aruco_id_7")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from services.common.config import ConfigError
-from services.worldgen.recipe.loader import LoadedWorld, load_file, load_world
-from services.worldgen.sdf.export import MANIFEST, export_files, export_world
-from services.worldgen.sdf.model import MAZEBOT_NAMESPACE
-from services.worldgen.sdf.read import read_sdf
+from mazebot.common.config import ConfigError
+from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.worldgen.sdf.export import MANIFEST, export_files, export_world
+from mazebot.worldgen.sdf.model import MAZEBOT_NAMESPACE
+from mazebot.worldgen.sdf.reading.read import read_sdf
 from tests.worldgen import folder
 from tests.worldgen.sdf import everything
 
@@ -57,7 +57,7 @@ def test_zones_come_back(tmp_path: Path) -> None:
 
 
 def test_a_ready_map_goes_with_its_world(tmp_path: Path) -> None:
-    from services.common.world.map_files import write_map
+    from mazebot.common.world.map_files import write_map
 
     worlds = tmp_path / "worlds"
     made = folder.room()
@@ -176,7 +176,7 @@ def test_each_marker_that_hangs_is_a_model_beside_the_world(loaded: LoadedWorld)
         assert f"aruco_id_{marker_id}/model.sdf" in files
     # What the robot's camera sees of it.
     texture = hashlib.sha256(files["aruco_id_3/materials/textures/3.png"]).hexdigest()
-    from services.common.world.furnish import furnish
+    from mazebot.common.world.furnish import furnish
 
     entities, _ = furnish(loaded.world)
     assert texture == entities.markers[0].texture_sha256

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.common.frames import Array, rotation_from_rpy, transform_matrix
-from services.common.node import documents as doc
-from services.worldgen.sdf.model import MAZEBOT_NAMESPACE, SdfWorld
-from services.worldgen.sdf.read import read_sdf
+from mazebot.common.maths.frames import Array, rotation_from_rpy, transform_matrix
+from mazebot.common.messages import documents as doc
+from mazebot.worldgen.sdf.model import MAZEBOT_NAMESPACE, SdfWorld
+from mazebot.worldgen.sdf.reading.read import read_sdf
 
 BOX = "<geometry><box><size>1 2 3</size></box></geometry>"
 LINK = f'<link name="link"><collision name="c">{BOX}</collision></link>'

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from xacro import XacroException
 
-from services.common.frames import rotation_from_rpy, transform_matrix
-from services.worldgen.sdf.model import SdfWorld
-from services.worldgen.sdf.read import read_sdf
-from services.worldgen.sdf.xacro_process import compiled
+from mazebot.common.maths.frames import rotation_from_rpy, transform_matrix
+from mazebot.worldgen.sdf.files.xacro_process import compiled
+from mazebot.worldgen.sdf.model import SdfWorld
+from mazebot.worldgen.sdf.reading.read import read_sdf
 
 BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
 LINK = f'<link name="link"><collision name="c">{BOX}</collision></link>'

@@ -1,7 +1,0 @@
-"""Runs the service: `python -m services.console`."""
-
-import sys
-
-from services.console.start import main
-
-main(sys.argv[1:])

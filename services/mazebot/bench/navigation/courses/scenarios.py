@@ -1,0 +1,158 @@
+"""The table of scenarios."""
+
+from __future__ import annotations
+
+from mazebot.bench.navigation.courses import bench_worlds, docks, lost, moving, tours
+from mazebot.bench.navigation.courses.bench_worlds import BenchWorld
+from mazebot.bench.navigation.scenario import Scenario
+
+_MAZE = BenchWorld("maze", ("maze.rows=10", "maze.columns=10", "maze.braiding=0.5"))
+
+SCENARIOS: tuple[Scenario, ...] = (
+    Scenario(
+        "tour_original", "the tour of the original world, by lidar alone",
+        tours.tour("original"), 20, 5,
+        "all goals, 0 contacts, SPL 0.93, localisation p95 0.03 m and 0.5 degrees",
+    ),
+    Scenario(
+        "tour_enhanced", "the tour of the enhanced world, with camera and two markers",
+        tours.tour("enhanced", camera=True), 20, 3,
+        "all goals, 0 contacts, SPL 0.93, localisation p95 0.03 m and 0.5 degrees",
+    ),
+    Scenario(
+        "random_goals", "four random goals in each shipped world", tours.random_goals, 20, 2,
+        "all goals, 0 contacts",
+    ),
+    Scenario(
+        "mazes", "a maze of 10 x 10 cells with loops, there and back", tours.maze, 20, 4,
+        "all goals, 0 contacts",
+    ),
+    Scenario(
+        "dropped_boxes", "a box falls on the path 1.2 m ahead", moving.dropped_boxes, 20, 5,
+        "0 contacts of the robot's, 97 % of goals",
+    ),
+    Scenario(
+        "box_removed", "a box in view is taken away", moving.box_removed, 20, 10,
+        "gone from the global costmap within 1 s",
+    ),
+    Scenario(
+        "patrols_yielding", "posts cross the way at 0.2 to 0.5 m/s and stop for the robot",
+        moving.patrols(yields=True), 20, 3, "0 contacts of the robot's, 97 % of goals",
+    ),
+    Scenario(
+        "patrols", "posts cross the way at 0.2 to 0.5 m/s and stop for nobody",
+        moving.patrols(yields=False), 20, 3, "0 contacts of the robot's, 97 % of goals",
+    ),
+    Scenario(
+        "patrols_predicted", "the same by MPPI, which predicts where the posts will be",
+        moving.patrols(yields=False, settings=moving.PREDICTED), 20, 2,
+        "better than `patrols_unpredicted`",
+    ),
+    Scenario(
+        "patrols_unpredicted", "the same by MPPI with no prediction",
+        moving.patrols(yields=False, settings=moving.UNPREDICTED), 20, 2,
+        "what prediction is worth",
+    ),
+    Scenario(
+        "unknown_start_markers", "nobody tells the start; twelve markers",
+        lost.unknown_start(BenchWorld("markers"), True, 20.0), 100, 3, "98 of 100 within 20 s",
+    ),
+    Scenario(
+        "unknown_start_lidar", "nobody tells the start; lidar alone",
+        lost.unknown_start(BenchWorld("original"), False, 60.0), 100, 5, "92 of 100 within 60 s",
+    ),
+    Scenario(
+        "unknown_start_maze", "nobody tells the start in a 10 x 10 maze with loops",
+        lost.unknown_start(_MAZE, False, 90.0), 100, 5, "90 of 100 within 90 s",
+    ),
+    Scenario(
+        "kidnap_markers", "carried away in mid-drive; twelve markers",
+        lost.kidnap("markers", turned=False, camera=True, within_s=15.0), 100, 3,
+        "noticed within 2 s, found within 15 s in 98 of 100",
+    ),
+    Scenario(
+        "kidnap_lidar", "carried away in mid-drive; lidar alone",
+        lost.kidnap("original", turned=False, camera=False, within_s=60.0), 100, 6,
+        "found within 60 s in 92 of 100",
+    ),
+    Scenario(
+        "kidnap_turned", "turned by 90 to 180 degrees in mid-drive; lidar alone",
+        lost.kidnap("original", turned=True, camera=False, within_s=60.0), 100, 6,
+        "found within 60 s in 92 of 100",
+    ),
+    Scenario(
+        "false_alarms", "six minutes of random goals among posts", moving.false_alarms, 20, 0,
+        "no pose near the truth is given up, in 2 h",
+    ),
+    *(
+        Scenario(
+            f"corridors_{round(100 * width_m):03d}", f"a maze with corridors of {width_m} m",
+            tours.narrow(width_m), 20, 6, "all goals, 0 contacts",
+        )
+        for width_m in tours.NARROW_M
+    ),
+    Scenario(
+        "degraded_sensors", "lidar noise x 5, 30 % of rays lost, slip of 10 %, no camera",
+        tours.tour("original", **tours.DEGRADED), 20, 5, "95 % of goals, 0 contacts",
+    ),
+    Scenario(
+        "unreachable_goal", "the only door closes: for good, or for 8 s",
+        moving.unreachable_goal, 20, 6, "the code and the place within 20 s; arrives if it opens",
+    ),
+    Scenario(
+        "door_closed_15s", "the only door is closed for 15 s", moving.door_closed_15s, 10, 5,
+        "waited for and passed, 10 of 10",
+    ),
+    Scenario(
+        "start_in_inflation", "a start 1 to 6 cm from a wall", tours.start_in_inflation, 50, 10,
+        "all leave",
+    ),
+    Scenario(
+        "occupied_goals", "goals in walls", moving.occupied_goals, 5, 5,
+        "refused within 100 ms with code, place and nearest free pose",
+    ),
+    Scenario(
+        "corridor_30x2", "a corridor of 30 x 2 m",
+        tours.wide(bench_worlds.corridor_30x2, tours.CORRIDOR_GOALS), 5, 2,
+        "all goals, the truth inside the 95 % ellipse for 90 % of the time",
+    ),
+    Scenario(
+        "hall_20m", "an empty hall of 20 m",
+        tours.wide(lambda: bench_worlds.hall(pillars=False), tours.HALL_GOALS), 5, 2,
+        "all goals, the truth inside the 95 % ellipse for 90 % of the time",
+    ),
+    Scenario(
+        "hall_20m_pillars", "a hall of 20 m with nine pillars",
+        tours.wide(lambda: bench_worlds.hall(pillars=True), tours.HALL_GOALS), 5, 2,
+        "all goals, the truth inside the 95 % ellipse for 90 % of the time",
+    ),
+    Scenario(
+        "yard", "the yard of 20 m round a house",
+        tours.wide(bench_worlds.yard, tours.YARD_GOALS), 5, 2,
+        "all goals, the truth inside the 95 % ellipse for 90 % of the time",
+    ),
+    Scenario(
+        "near_things", "goals 0.25 to 0.31 m from things", tours.near_things, 20, 5,
+        "60 of 60, at most 5 recoveries",
+    ),
+    Scenario(
+        "docking", "docking at a marker", docks.docking, 60, 3,
+        "0.02 m sideways, 0.03 m in all, 1.5 degrees, 60 of 60",
+    ),
+    Scenario(
+        "docking_shipped", "docking at the markers of the shipped worlds",
+        docks.docking_shipped, 60, 3, "0.02 m sideways, 0.03 m in all, 1.5 degrees, 60 of 60",
+    ),
+)  # fmt: skip
+
+BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
+GROUPS = {
+    "tours": ("tour_original", "tour_enhanced"),
+    "kidnap": ("kidnap_markers", "kidnap_lidar", "kidnap_turned"),
+    "corridors": ("corridors_050", "corridors_060", "corridors_070"),
+    "halls": ("corridor_30x2", "hall_20m", "hall_20m_pillars", "yard"),
+    "unknown_start": ("unknown_start_markers", "unknown_start_lidar", "unknown_start_maze"),
+    "moving": ("dropped_boxes", "box_removed", "patrols_yielding", "patrols"),
+    "doors": ("unreachable_goal", "door_closed_15s"),
+}
+"""Short names of several scenarios"""

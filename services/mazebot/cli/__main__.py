@@ -1,0 +1,5 @@
+"""Runs the command: `python -m mazebot.cli`."""
+
+from mazebot.cli.app import main
+
+main()

@@ -1,0 +1,430 @@
+"""The `mazebot` command."""
+
+from __future__ import annotations
+
+import functools
+import math
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+
+import typer
+
+from mazebot.cli import console, entities, plan, sim, world
+from mazebot.cli.drive import behaviors, teleop, waypoints
+from mazebot.cli.localize import localize
+from mazebot.cli.map import group as map_group
+from mazebot.cli.markers import markers
+from mazebot.cli.parsing import known
+from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
+from mazebot.cli.parsing.completion import topic_names, world_names, written_topic_names
+from mazebot.cli.parsing.options import ROUTER as _ROUTER
+from mazebot.cli.parsing.options import Connect, Json, model_folders, xacro_arguments
+from mazebot.cli.recordings import group as recordings_group
+from mazebot.cli.recordings.group import RecordingsDir, RunName
+from mazebot.cli.replay import command as replay
+from mazebot.common.config import ConfigError
+from mazebot.common.garbage import collections_held_off
+
+if TYPE_CHECKING:
+    from mazebot.console.config import ConsoleConfig
+
+app = App(
+    name="mazebot",
+    help="A TurtleBot house maze simulator without ROS or Gazebo.",
+    pretty_exceptions_enable=False,
+)
+topics_app = App(help="Inspect the topics of a running stack, and publish to them.")
+app.add_typer(topics_app, name="topic")
+app.add_typer(recordings_group.app, name="recordings")
+app.add_typer(world.app, name="world")
+app.add_typer(map_group.app, name="map")
+app.add_typer(markers.app, name="markers")
+app.add_typer(sim.app, name="sim")
+
+TopicName = Annotated[
+    str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
+]
+_TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"mazebot {version('mazebot')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _begin(
+    context: typer.Context,
+    _: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_print_version, help="print the version"),
+    ] = False,
+) -> None:
+    overview(context)
+    if context.invoked_subcommand is not None and "--help" not in sys.argv:
+        known.check_environment()
+
+
+@app.command()
+def demo(
+    world_name: Annotated[
+        str | None,
+        typer.Option(
+            "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
+            autocompletion=world_names,
+            help="enhanced (sim_house_enhanced), original (sim_house), another of the worlds, or a "
+            "file: recipe, SDF, URDF or xacro [default: enhanced]",
+        ),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="field=value, overrides the world's recipe; repeatable"),
+    ] = None,
+    arguments: Annotated[
+        list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
+    ] = None,
+    path: Annotated[
+        list[Path] | None,
+        typer.Option("--path", help="folder of models, searched before GZ_SIM_RESOURCE_PATH"),
+    ] = None,
+    worlds_dir: Annotated[
+        Path | None, typer.Option(help="folder of the worlds [default: worlds]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="the run's seed [default: 7]")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="a YAML file of settings; a run's own config.yaml repeats that run"),
+    ] = None,
+    params: Annotated[
+        Path | None,
+        typer.Option(help="a nav2_params.yaml of Nav2; --config and the environment win over it"),
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="mppi, regulated_pure_pursuit, or your own: FILE.py:Class or package.module:Class"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="the run's folder [default: recordings/<time>_<world>]"),
+    ] = None,
+    goal: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="x, y (m) and yaw (rad) in the map: one goal instead of the tour"),
+    ] = None,
+    slam: Annotated[
+        bool | None,
+        typer.Option(
+            "--slam/--no-slam",
+            help="the robot gets no map: it explores the world and makes one [default: no-slam]",
+        ),
+    ] = None,
+    explore: Annotated[
+        bool | None,
+        typer.Option("--explore/--no-explore", help="with --slam: or drive to --goal only"),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="YAML file of a map to drive in, instead of the world's own; with "
+            "markers.yaml beside it, the robot knows these markers",
+        ),
+    ] = None,
+    use_aruco: Annotated[
+        str | None,
+        typer.Option(
+            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
+        ),
+    ] = None,
+    texture_base: Annotated[
+        Path | None,
+        typer.Option(
+            "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
+            help="folder of the wall textures [default: worlds/textures]",
+        ),
+    ] = None,
+    renderer: Annotated[
+        Literal["auto", "gl", "cpu", "tiny", "none"] | None,
+        typer.Option(help="renderer of the camera images [default: auto]"),
+    ] = None,
+    camera: Annotated[
+        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
+    ] = None,
+    record: Annotated[
+        bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
+    ] = None,
+    console: Annotated[
+        bool,
+        typer.Option(
+            "--console", help="serve the console beside the run, which is in real time then and "
+            "goes on after the tour until Ctrl-C",
+        ),
+    ] = False,
+    console_port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="its port [default: 8080]")
+    ] = None,
+    tour: Annotated[
+        bool, typer.Option("--tour/--no-tour", help="with --console: or wait for goals from it")
+    ] = True,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
+    possible.
+    """
+    said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
+    known.check_not_for_make([option for option, value in said.items() if value])
+    if goal is not None and not all(map(math.isfinite, goal)):
+        raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
+    if slam and map_file is not None:
+        raise ConfigError(f"--map: {map_file}: must be given without --slam, which makes the map")
+    if explore is not None and not slam:
+        raise ConfigError("--explore: must be given with --slam")
+    if slam and goal is not None and explore is None:
+        explore = False
+    if slam and explore and goal is not None:
+        raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
+    if slam and explore is False and goal is None:
+        raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
+    if not console and (console_port is not None or not tour):
+        option = "--no-tour" if console_port is None else "--console-port"
+        raise ConfigError(f"{option}: must be given with --console")
+    if not tour and goal is not None:
+        raise ConfigError("--no-tour: must be given without --goal")
+    if config is not None:
+        known.check_file(config)
+    with collections_held_off():
+        world.refuse_unused(world_name or "enhanced", arguments, path)
+        from mazebot.common.recordings.run_folder import check_free  # noqa: PLC0415
+        from mazebot.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
+
+        if out is not None:
+            check_free("--out", out)
+        options = embedded.DemoOptions(
+            world_name=world_name,
+            seed=seed,
+            out_dir=out,
+            camera=camera,
+            record=record,
+            use_aruco=None if use_aruco is None else parse_bool("--use_aruco", use_aruco),
+            texture_base=texture_base,
+            renderer=renderer,
+            goal=goal,
+            slam=slam,
+            explore=explore,
+            map_file=map_file,
+            overrides=tuple(overrides or ()),
+            worlds_dir=worlds_dir,
+            controller=controller,
+            settings=config,
+            params=params,
+            as_json=as_json,
+            arguments=xacro_arguments(arguments),
+            roots=model_folders("--path", path),
+            console=_console_config(config, console_port) if console else None,
+            tour=tour,
+        )
+        code = embedded.run(options)
+    raise typer.Exit(code)
+
+
+def _console_config(settings: Path | None, port: int | None) -> ConsoleConfig:
+    """Environment, settings file and defaults, and the port as given. Raises ConfigError."""
+    from mazebot.common.settings.load import config_flag, load  # noqa: PLC0415
+    from mazebot.console.config import ConsoleConfig  # noqa: PLC0415
+
+    given = {} if port is None else {"port": port}
+    return load(ConsoleConfig, "console", config_flag(settings), given)
+
+
+@app.command()
+def params(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="a nav2_params.yaml of Nav2")],
+    as_json: Json = False,
+    as_settings: Annotated[
+        bool, typer.Option("--settings", help="print the settings that come of it, for --config")
+    ] = False,
+) -> None:
+    """Say of each parameter of a Nav2 file whether it is used, mapped, unsupported or unknown."""
+    from mazebot.cli.params import tell_params  # noqa: PLC0415
+
+    if as_json and as_settings:
+        raise ConfigError("--settings: prints YAML: must be given without --json")
+    tell_params(file, as_json, as_settings)
+
+
+@app.command()
+def diff(
+    first: RunName,
+    second: RunName,
+    directory: RecordingsDir = None,
+    as_json: Json = False,
+) -> None:
+    """Print the first message in which two runs differ; exit code 0 if there is none, else 1."""
+    from mazebot.cli.diff import diff_runs  # noqa: PLC0415
+
+    code = diff_runs(directory or Path("recordings"), first, second, as_json)
+    raise typer.Exit(code)
+
+
+@app.command()
+def goal(
+    x: Annotated[float, typer.Argument(metavar="X", help="in the map, m")],
+    y: Annotated[float, typer.Argument(metavar="Y", help="in the map, m")],
+    yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", min=0.1, help="seconds until the goal is cancelled"),
+    ] = None,
+    as_json: Json = False,
+    connect: Connect = _ROUTER,
+) -> None:
+    """Send the robot of a running stack to a pose in the map, and wait for the result.
+
+    Ctrl-C cancels the goal, and so does the end of --timeout: the robot stops.
+    """
+    from mazebot.cli.drive.goal import send_goal  # noqa: PLC0415
+
+    raise typer.Exit(send_goal(connect, (x, y, yaw), timeout_s, as_json))
+
+
+@app.command()
+def cancel(as_json: Json = False, connect: Connect = _ROUTER) -> None:
+    """Cancel the current goal of a running stack: the robot stops."""
+    from mazebot.cli.drive.goal import cancel_goal  # noqa: PLC0415
+
+    cancel_goal(connect, as_json)
+
+
+@topics_app.command("list")
+def topic_list(
+    connect: Connect = _ROUTER,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="with types")] = False,
+    as_json: Json = False,
+) -> None:
+    """List the topics whose publishers are running."""
+    from mazebot.cli.topics.topic import list_topics  # noqa: PLC0415
+
+    list_topics(connect, verbose, as_json)
+
+
+@topics_app.command("info")
+def topic_info(name: TopicName, as_json: Json = False, connect: Connect = _ROUTER) -> None:
+    """Print a topic's type, publishers and subscribers, and which of them are running."""
+    from mazebot.cli.topics.topic import tell_topic  # noqa: PLC0415
+
+    tell_topic(connect, name, as_json)
+
+
+@topics_app.command("hz")
+def topic_hz(
+    name: TopicName,
+    connect: Connect = _ROUTER,
+    window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to count")] = 5.0,
+    as_json: Json = False,
+) -> None:
+    """Measure the rate of a topic."""
+    from mazebot.cli.topics.topic import measure_rate  # noqa: PLC0415
+
+    measure_rate(connect, name, window_s, as_json)
+
+
+@topics_app.command("echo")
+def topic_echo(
+    name: TopicName,
+    connect: Connect = _ROUTER,
+    once: Annotated[bool, typer.Option("--once", help="stop after one message")] = False,
+    timeout_s: Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait")] = 10.0,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print a JSON object a line, arrays in full")
+    ] = False,
+) -> None:
+    """Print a topic's messages as YAML."""
+    from mazebot.cli.topics.topic import echo  # noqa: PLC0415
+
+    echo(connect, name, once, timeout_s, as_json)
+
+
+@topics_app.command("pub")
+def topic_pub(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="TOPIC", help="/cmd_vel, /goal_pose, /initialpose or /explore/resume",
+            autocompletion=written_topic_names,
+        ),
+    ],
+    message: Annotated[
+        str, typer.Argument(metavar="MESSAGE", help="JSON or YAML; missing fields are zero")
+    ] = "{}",
+    rate_hz: Annotated[
+        float, typer.Option("--rate", "-r", min=0.01, max=1000.0, help="messages a second")
+    ] = 1.0,
+    once: Annotated[bool, typer.Option("--once", "-1", help="send one message")] = False,
+    times: Annotated[
+        int | None, typer.Option("--times", "-t", min=1, help="send this number of messages")
+    ] = None,
+    connect: Connect = _ROUTER,
+) -> None:  # fmt: skip
+    """Publish messages to a topic until Ctrl-C, like `ros2 topic pub`.
+
+    A missing stamp is set to the simulation time, a missing frame to the topic's frame.
+    """
+    from mazebot.cli.topics.publishing import publish_messages  # noqa: PLC0415
+
+    publish_messages(connect, name, message, rate_hz, 1 if once else times)
+
+
+entities.register(app)
+app.command()(console.console)
+app.command()(replay.replay)
+app.command()(plan.plan)
+app.command()(localize.localize)
+app.command()(waypoints.waypoints)
+app.command()(behaviors.dock)
+app.command()(behaviors.undock)
+app.command()(behaviors.spin)
+app.command()(behaviors.backup)
+app.command()(teleop.teleop)
+
+
+def parse_bool(option: str, text: str) -> bool:
+    """True or False as ROS launch files write it.
+
+    Raises ConfigError where the text is neither.
+    """
+    if text.lower() in _TRUE:
+        return True
+    if text.lower() in _FALSE:
+        return False
+    raise ConfigError(f"{option}: {text!r} is neither True nor False")
+
+
+@functools.cache
+def _command() -> Callable[..., object]:
+    """The command with all its options, built once."""
+    return typer.main.get_command(app)
+
+
+def main() -> NoReturn:
+    """Run the command; an error is one line on standard error and a nonzero exit code."""
+    code: object = 0
+    try:
+        code = _command()(prog_name="mazebot", standalone_mode=False)
+    except UsageMistake as error:
+        sys.stderr.write(f"error: {in_one_line(error)}\n")
+        code = 2
+    except ConfigError as error:
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        code = 2
+    except (KeyboardInterrupt, typer.Abort):
+        code = 130
+    except BrokenPipeError:
+        code = 0
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,533 @@
+"""`mazebot spawn`, `move`, `remove` and `entities`: the entities of a running stack."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import numpy as np
+import typer
+from pydantic import ValidationError
+
+from mazebot.cli import session as stack
+from mazebot.cli.parsing.number_options import NumbersCommand, numbers
+from mazebot.cli.parsing.options import ROUTER, Connect, Json, model_folders, print_json
+from mazebot.common.config import ConfigError, one_line
+from mazebot.common.maths.frames import (
+    Array,
+    position_and_quaternion,
+    quaternion_from_rotation,
+    quaternion_from_yaw,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    transform_matrix,
+    yaw_from_quaternion,
+)
+from mazebot.common.messages import documents as doc
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from mazebot.worldgen.model_entity import Model
+
+S = TypeVar("S", bound=doc.Document)
+
+_TILTED = 1e-6
+"""Sine of the tilt angle from which an entity is not upright."""
+
+Timeout = Annotated[float, typer.Option("--timeout", min=0.1, help="seconds to wait for a reply")]
+At = Annotated[str | None, typer.Option("--at", metavar="X Y [Z]", help="metres in the map")]
+Yaw = Annotated[float | None, typer.Option(help="heading, rad; for a marker, of its face")]
+Rpy = Annotated[
+    str | None, typer.Option(metavar="R P Y", help="roll, pitch and yaw, rad, instead of --yaw")
+]
+Wall = Annotated[str | None, typer.Option(help="wall on which to place the marker")]
+Side = Annotated[str, typer.Option(help="left (towards the wall's +y axis) or right")]
+Offset = Annotated[float, typer.Option(help="along the wall's x axis, from its centre, m")]
+Height = Annotated[float, typer.Option(help="of the marker's centre above the floor, m")]
+
+
+def spawn(
+    name: Annotated[str, typer.Argument(help="name of the entity")],
+    box: Annotated[str | None, typer.Option(metavar="X Y Z", help="sides, m")] = None,
+    cylinder: Annotated[
+        str | None, typer.Option(metavar="R L", help="radius and length, m")
+    ] = None,
+    sphere: Annotated[str | None, typer.Option(metavar="R", help="radius, m")] = None,
+    mesh: Annotated[Path | None, typer.Option(help=".dae, .obj, .stl, .glb or .gltf")] = None,
+    scale: Annotated[str, typer.Option(metavar="S | X Y Z", help="of the mesh")] = "1",
+    model: Annotated[
+        str | None,
+        typer.Option(help="folder of a model, its name, or an SDF, URDF or xacro file"),
+    ] = None,
+    models: Annotated[
+        list[Path] | None,
+        typer.Option(help="folder of models, as in GZ_SIM_RESOURCE_PATH; repeatable"),
+    ] = None,
+    marker: Annotated[int | None, typer.Option(min=0, help="id of an ArUco marker")] = None,
+    size_m: Annotated[float, typer.Option("--size", help="side of its black square, m")] = 0.3,
+    dictionary: Annotated[str, typer.Option(help="OpenCV's dictionary name")] = "DICT_4X4_100",
+    at: At = None,
+    yaw: Yaw = None,
+    rpy: Rpy = None,
+    wall: Wall = None,
+    side: Side = "left",
+    offset: Offset = 0.0,
+    height: Height = 0.4,
+    mass: Annotated[
+        float | None, typer.Option(help="kg; 0: static [default: 0, or the model's]")
+    ] = None,
+    colour: Annotated[str | None, typer.Option(metavar="R G B", help="0 to 1 each")] = None,
+    texture: Annotated[Path | None, typer.Option(help="PNG, once over each face")] = None,
+    path: Annotated[
+        str | None,
+        typer.Option(metavar="X Y X Y ...", help="waypoints of a path to follow repeatedly"),
+    ] = None,
+    speed: Annotated[float, typer.Option(help="speed on the path, m/s")] = 0.5,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="close the path, instead of going back along it")
+    ] = False,
+    yields: Annotated[
+        bool, typer.Option("--yield/--no-yield", help="stop while the robot blocks the path")
+    ] = True,
+    allow_renaming: Annotated[
+        bool, typer.Option("--allow-renaming", help="if the name is taken, use a similar one")
+    ] = False,
+    timeout_s: Timeout = 10.0,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Spawn an entity in the world of a running stack, and print its pose."""
+    what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
+            "--model": model, "--marker": marker}  # fmt: skip
+    given = [option for option, value in what.items() if value is not None]
+    if not given:
+        raise ConfigError(f"spawn: must be given one of {', '.join(what)}")
+    if len(given) > 1:
+        raise ConfigError(f"spawn: {' and '.join(given)}: must be given one of them only")
+    made: Model | None = None
+    on_panel = _MarkerAsked(marker, size_m, dictionary, 1) if marker is not None else None
+    if mesh is not None or model is not None:
+        made = _from_files(mesh, scale, model, models)
+        if made.marker:
+            on_panel = _marker_of_model(made.marker)
+    pose = _Pose.of(at, yaw, rpy)
+    if on_panel is not None:
+        for option, value in {
+            "--mass": mass, "--colour": colour, "--texture": texture, "--path": path
+        }.items():  # fmt: skip
+            if value is not None:
+                raise ConfigError(f"{option}: must not be given for a marker")
+        place = _WallPlace(wall, side, offset, height)
+        on_panel.marker(pose, place)
+        with stack.connected(connect) as session:
+            panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
+            reply = _ask_spawn(session, panel, assets, allow_renaming, timeout_s)
+            _tell(reply, as_json, is_marker=True)
+        return
+    if wall is not None:
+        raise ConfigError("--wall: is for markers: must be --at")
+    if made is None:
+        made = _primitive(box, cylinder, sphere)
+    made = _painted(made, colour, texture)
+    route = None if path is None else _route(path, speed, loop, yields)
+    if mass is not None or route is not None:
+        made = replace(made, mass_kg=mass or 0.0)
+    entity = _body(name, made, pose, route)
+    with stack.connected(connect) as session:
+        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s), as_json)
+
+
+def move(
+    name: str,
+    at: At = None,
+    yaw: Yaw = None,
+    rpy: Rpy = None,
+    wall: Wall = None,
+    side: Side = "left",
+    offset: Offset = 0.0,
+    height: Height = 0.4,
+    timeout_s: Timeout = 10.0,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Move an entity of a running stack; values that are not given stay as they are."""
+    from mazebot.common.messages.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
+
+    pose = _Pose.of(at, yaw, rpy)
+    if pose == _Pose() and wall is None:
+        raise ConfigError("move: must be given --at, --yaw, --rpy or --wall")
+    with stack.connected(connect) as session:
+        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+        entity = next((one for one in standing.entities if one.name == name), None)
+        if entity is None:
+            raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
+        if wall is not None:
+            if not isinstance(entity, doc.MarkerEntity):
+                raise ConfigError("--wall: is for markers: must be --at")
+            place = _WallPlace(wall, side, offset, height)
+            matrix = place.map_from_panel(
+                stack.world_that_runs(session, timeout_s), entity.marker_size_m
+            )
+        else:
+            matrix = pose.map_from_thing(entity)
+        position_m, orientation_xyzw = position_and_quaternion(matrix)
+        state = _document(
+            doc.SetEntityState,
+            name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
+        )  # fmt: skip
+        reply = stack.ask(session, SET_ENTITY_STATE, state, timeout_s)
+        _tell(reply, as_json, isinstance(entity, doc.MarkerEntity))
+
+
+def remove(
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="all entities except the world's own markers")
+    ] = False,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """Delete entities from the world of a running stack."""
+    from mazebot.common.messages.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
+
+    if bool(names) == everything:
+        raise ConfigError("remove: must be given names, or --all")
+    wrong = []
+    with stack.connected(connect) as session:
+        if everything:
+            standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+            own = {one.name for one in stack.world_that_runs(session, timeout_s).markers}
+            names = [one.name for one in standing.entities if one.name not in own]
+        for name in names or ():
+            reply = stack.ask(session, DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
+            if reply.error:
+                wrong.append(reply.error)
+            else:
+                sys.stdout.write(f"{name}: removed\n")
+    if wrong:
+        raise ConfigError("; ".join(wrong))
+
+
+def entities(
+    as_json: Json = False,
+    timeout_s: Timeout = 10.0,
+    connect: Connect = ROUTER,
+) -> None:
+    """List the entities in the world of a running stack, and those that were refused."""
+    from mazebot.common.messages.topics import GET_ENTITIES  # noqa: PLC0415
+
+    with stack.connected(connect) as session:
+        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    if as_json:
+        print_json(standing.model_dump(mode="json"))
+        return
+    rows: list[tuple[str, ...]] = [
+        ("name", "kind", "x m", "y m", "z m", "yaw rad", "mass kg", "path")
+    ]
+    rows += [_row(one) for one in standing.entities]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        sys.stdout.write("  ".join(cells).rstrip() + "\n")
+    for refusal in standing.refused:
+        sys.stdout.write(f"refused: {refusal.name}: {refusal.reason}\n")
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the app."""
+    for command in (spawn, move, remove, entities):
+        app.command(cls=NumbersCommand)(command)
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """A pose as given by the user; None: not given."""
+
+    at_m: tuple[float, ...] | None = None
+    yaw_rad: float | None = None
+    rpy_rad: tuple[float, ...] | None = None
+
+    @classmethod
+    def of(cls, at: str | None, yaw: float | None, rpy: str | None) -> _Pose:
+        if yaw is not None and rpy is not None:
+            raise ConfigError("--yaw: must not be given with --rpy")
+        if yaw is not None and not math.isfinite(yaw):
+            raise ConfigError(f"--yaw: {yaw}: must be a finite number")
+        return cls(
+            numbers("--at", at, 2, 3) if at is not None else None,
+            yaw,
+            numbers("--rpy", rpy, 3) if rpy is not None else None,
+        )
+
+    def rotation(self, is_marker: bool) -> Array | None:
+        """(3, 3) map_from_thing; None where no rotation is given."""
+        if self.rpy_rad is not None:
+            return rotation_from_rpy(*self.rpy_rad)
+        if self.yaw_rad is None:
+            return None
+        if not is_marker:
+            return rotation_from_quaternion(*quaternion_from_yaw(self.yaw_rad))
+        from mazebot.common.world.placement import upright  # noqa: PLC0415
+
+        return upright(self.yaw_rad)
+
+    def map_from_thing(self, entity: doc.Entity) -> Array:
+        """(4, 4): as given, the rest from the entity's pose."""
+        rotation = self.rotation(isinstance(entity, doc.MarkerEntity))
+        if rotation is None:
+            rotation = rotation_from_quaternion(*entity.orientation_xyzw)
+        x, y, z = (*(self.at_m or ()), *entity.position_m[len(self.at_m or ()) :])
+        return transform_matrix(rotation, (x, y, z))
+
+
+@dataclass(frozen=True)
+class _WallPlace:
+    """A position on a wall, given as for a recipe's markers."""
+
+    wall: str | None
+    side: str
+    offset_m: float
+    height_m: float
+
+    def marker(self, id_: int, size_m: float, dictionary: str, quiet_zone: int) -> doc.Marker:
+        """The marker there. Raises ConfigError."""
+        return _document(
+            doc.Marker, id=id_, size_m=size_m, dictionary=dictionary, side=self.side,
+            quiet_zone_modules=quiet_zone, wall=self.wall or "", offset_m=self.offset_m,
+            height_m=self.height_m,
+        )  # fmt: skip
+
+    def map_from_panel(self, world: doc.World, size_m: float) -> Array:
+        """(4, 4). Raises ConfigError if the wall does not exist."""
+        from mazebot.common.world.furnish import PanelStyle  # noqa: PLC0415
+        from mazebot.common.world.placement import hang  # noqa: PLC0415
+
+        host = next((one for one in world.walls if one.name == self.wall), None)
+        if host is None:
+            known = ", ".join(one.name for one in world.walls)
+            raise ConfigError(f"--wall: {self.wall!r:.60}: must be one of {known:.300}")
+        marker = self.marker(0, size_m, "DICT_4X4_100", 1)
+        return hang("", marker, host, size_m, PanelStyle().gap_m).map_from_panel
+
+
+@dataclass(frozen=True)
+class _MarkerAsked:
+    """A requested ArUco marker."""
+
+    id: int
+    size_m: float
+    dictionary: str
+    quiet_zone: int
+
+    def marker(self, pose: _Pose, place: _WallPlace) -> doc.Marker:
+        """The marker. Raises ConfigError where it does not exist, or its pose is not given."""
+        from mazebot.common.world import marker_picture  # noqa: PLC0415
+
+        marker = place.marker(self.id, self.size_m, self.dictionary, self.quiet_zone)
+        problem = marker_picture.identity_problem(marker)
+        if problem:
+            raise ConfigError(f"spawn: {problem}")
+        if place.wall is not None:
+            if pose != _Pose():
+                raise ConfigError(f"--wall: {place.wall}: must not be given with a pose")
+        elif pose.at_m is None or len(pose.at_m) != 3 or pose.rotation(is_marker=True) is None:
+            raise ConfigError(f"--marker: {self.id}: must be given --wall, or --at X Y Z and --yaw")
+        return marker
+
+    def entity(
+        self, name: str, pose: _Pose, place: _WallPlace, session: zenoh.Session, timeout_s: float
+    ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
+        """The entity and its texture. Raises ConfigError."""
+        from mazebot.common.world import marker_picture  # noqa: PLC0415
+        from mazebot.common.world.furnish import PanelStyle, marker_entity  # noqa: PLC0415
+        from mazebot.common.world.placement import Panel  # noqa: PLC0415
+
+        marker = self.marker(pose, place)
+        if place.wall is not None:
+            matrix = place.map_from_panel(stack.world_that_runs(session, timeout_s), self.size_m)
+        else:
+            rotation = pose.rotation(is_marker=True)
+            assert rotation is not None
+            assert pose.at_m is not None
+            x, y, z = pose.at_m
+            matrix = transform_matrix(rotation, (x, y, z))
+        side_m = marker_picture.panel_side_m(marker)
+        texture = marker_picture.draw(marker, PanelStyle().module_px)
+        sha256 = hashlib.sha256(texture).hexdigest()
+        return marker_entity(marker, Panel(name, matrix, side_m), sha256), {sha256: texture}
+
+
+def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:
+    try:
+        return _MarkerAsked(
+            int(noted["marker"]),
+            float(noted["size_m"]),
+            noted["dictionary"],
+            int(noted.get("quiet_zone_modules", "1")),
+        )
+    except (KeyError, ValueError) as error:
+        raise ConfigError(
+            "--model: is a marker's, but does not say of which size and id"
+        ) from error
+
+
+def _from_files(
+    mesh: Path | None, scale: str, model: str | None, models: list[Path] | None
+) -> Model:
+    from mazebot.worldgen.model_entity import find_model, read_mesh, read_model  # noqa: PLC0415
+
+    if mesh is not None:
+        factors = numbers("--scale", scale, 1, 3)
+        return read_mesh(mesh, factors * 3 if len(factors) == 1 else factors)
+    roots = model_folders("--models", models)
+    return read_model(find_model(model or "", roots), roots)
+
+
+def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Model:
+    from mazebot.worldgen.model_entity import Model  # noqa: PLC0415
+
+    geometry: doc.Geometry
+    if box is not None:
+        geometry = _document(doc.Box, "--box", size_m=numbers("--box", box, 3))
+    elif cylinder is not None:
+        radius_m, length_m = numbers("--cylinder", cylinder, 2)
+        geometry = _document(doc.Cylinder, "--cylinder", radius_m=radius_m, length_m=length_m)
+    else:
+        (radius_m,) = numbers("--sphere", sphere or "", 1)
+        geometry = _document(doc.Sphere, "--sphere", radius_m=radius_m)
+    shape = doc.Shape(name=geometry.kind, geometry=geometry, material="plain")
+    plain = doc.Material(name="plain", ambient=(0.7, 0.7, 0.7, 1.0), diffuse=(0.7, 0.7, 0.7, 1.0))
+    return Model((shape,), (plain,), 0.0, {}, {}, {})
+
+
+def _painted(made: Model, colour: str | None, texture: Path | None) -> Model:
+    """The model with one material for all visuals, if a colour or a texture is given."""
+    from mazebot.worldgen.model_entity import texture_asset  # noqa: PLC0415
+
+    if colour is None and texture is None:
+        return made
+    red, green, blue = numbers("--colour", colour or "1 1 1", 3)
+    if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
+        raise ConfigError(f"--colour: {colour!r:.60}: must be 0 to 1 each")
+    files: dict[str, bytes] = {}
+    sha256 = ""
+    if texture is not None:
+        data = texture_asset(texture)
+        sha256 = hashlib.sha256(data).hexdigest()
+        files[sha256] = data
+    rgba = red, green, blue, 1.0
+    paint = doc.Material(
+        name="paint", texture_sha256=sha256, texture_name=texture.name if texture else "",
+        texture_side_m=0.0, ambient=rgba, diffuse=rgba,
+    )  # fmt: skip
+    shapes = tuple(
+        shape.model_copy(update={"material": "paint"}) if shape.material else shape
+        for shape in made.shapes
+    )
+    meshes = {sha: data for sha, data in made.assets.items() if sha in made.meshes}
+    return replace(made, shapes=shapes, materials=(paint,), assets=meshes | files)
+
+
+def _route(path: str, speed: float, loop: bool, yields: bool) -> doc.ScriptedPath:
+    values = numbers("--path", path)
+    if not values or len(values) % 2:
+        raise ConfigError(f"--path: {len(values)} numbers: must be pairs of x and y")
+    places = tuple(zip(values[::2], values[1::2], strict=True))
+    return _document(
+        doc.ScriptedPath, "--path", waypoints_m=places, speed_m_s=speed, loop=loop, yields=yields
+    )
+
+
+def _body(name: str, made: Model, pose: _Pose, route: doc.ScriptedPath | None) -> doc.BodyEntity:
+    """The entity, on the floor if no height is given. Raises ConfigError."""
+    from mazebot.worldgen.model_entity import lowest_m  # noqa: PLC0415
+
+    if pose.at_m is None:
+        raise ConfigError("spawn: must be given --at X Y [Z]")
+    rotation = pose.rotation(is_marker=False)
+    orientation = quaternion_from_rotation(np.eye(3) if rotation is None else rotation)
+    x, y = pose.at_m[:2]
+    z = pose.at_m[2] if len(pose.at_m) > 2 else -lowest_m(made.shapes, made.meshes, orientation)
+    return _document(
+        doc.BodyEntity,
+        name=name, position_m=(x, y, z), orientation_xyzw=orientation, mass_kg=made.mass_kg,
+        shapes=made.shapes, materials=made.materials, path=route,
+    )  # fmt: skip
+
+
+def _document(kind: type[S], option: str = "spawn", **values: Any) -> S:
+    """Raises ConfigError, in one line, where a value is wrong."""
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        raise ConfigError(f"{option}: {one_line(error)}") from error
+
+
+def _ask_spawn(
+    session: zenoh.Session,
+    entity: doc.Entity,
+    assets: dict[str, bytes],
+    allow_renaming: bool,
+    timeout_s: float,
+) -> doc.EntityReply:
+    from mazebot.common.messages.topics import SPAWN_ENTITY  # noqa: PLC0415
+
+    encoded = {sha256: base64.b64encode(data).decode() for sha256, data in assets.items()}
+    request = doc.SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=encoded)
+    return stack.ask(session, SPAWN_ENTITY, request, timeout_s)
+
+
+def _none_of(standing: doc.Entities) -> str:
+    names = ", ".join(one.name for one in standing.entities)
+    return f"there is none of this name: must be one of {names:.300}" if names else "nothing stands"
+
+
+def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
+    """Heading of a body's x axis, or of a marker's face, in the map."""
+    if is_marker:
+        normal = rotation_from_quaternion(*orientation_xyzw)[:, 2]
+        return math.atan2(normal[1], normal[0])
+    return yaw_from_quaternion(*orientation_xyzw)
+
+
+def _row(entity: doc.Entity) -> tuple[str, ...]:
+    is_marker = isinstance(entity, doc.MarkerEntity)
+    yaw_rad = _heading(entity.orientation_xyzw, is_marker)
+    what, mass, path = "body", "", ""
+    if isinstance(entity, doc.MarkerEntity):
+        what = f"marker {entity.marker_id} ({entity.dictionary})"
+    else:
+        mass = f"{entity.mass_kg:g}"
+        if entity.path is not None:
+            kind = "loop" if entity.path.loop else "to and fro"
+            count = len(entity.path.waypoints_m)
+            path = f"{count} place{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
+    place = map(_short, (*entity.position_m, yaw_rad))
+    return (entity.name, what, *place, mass, path)
+
+
+def _tell(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
+    """Print an entity's pose. Raises ConfigError where the request failed."""
+    if reply.error:
+        named = reply.error.startswith("name:")
+        raise ConfigError(reply.error if named else f"{reply.name}: {reply.error}")
+    if as_json:
+        print_json(reply.model_dump(mode="json"))
+        return
+    x, y, z = (_short(value) for value in reply.position_m)
+    up = rotation_from_quaternion(*reply.orientation_xyzw)[2]
+    turned = f"yaw {_short(_heading(reply.orientation_xyzw, is_marker))} rad"
+    if math.hypot(up[0], up[1] - 1.0 if is_marker else up[1]) > _TILTED:
+        turned = "quaternion ({:.4f}, {:.4f}, {:.4f}, {:.4f})".format(*reply.orientation_xyzw)
+    sys.stdout.write(f"{reply.name}: ({x}, {y}, {z}) m, {turned}\n")
+
+
+def _short(value: float) -> str:
+    """Three decimals, and no -0.000."""
+    return f"{round(value, 3) + 0.0:.3f}"

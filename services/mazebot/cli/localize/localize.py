@@ -1,0 +1,108 @@
+"""`mazebot localize`: localisation on a recorded log, as in the running robot."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mazebot.cli.localize.localize_run import HEADER, run
+from mazebot.cli.logs.log import Topics
+from mazebot.cli.logs.options import (
+    AngleIncrement,
+    AngleMin,
+    Lidar,
+    LogFile,
+    OdomTopic,
+    RangeMax,
+    RangeMin,
+    ScanTopic,
+    finite_pose,
+    scan_form,
+)
+from mazebot.cli.logs.read import read_log
+from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
+from mazebot.common.config import ConfigError
+
+
+def localize(
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="the map's YAML file, as Nav2's")
+    ] = None,
+    log_file: LogFile = None,
+    everywhere: Annotated[
+        bool,
+        typer.Option(
+            "--global",
+            help="start from nothing; without --map and --log: the robot of a running stack",
+        ),
+    ] = False,
+    start: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="x, y (m) and yaw (rad) in the map at the log's begin"),
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option(help="a PNG of map, trajectory and 95 % ellipses")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the filter")] = 0,
+    lidar: Lidar = None,
+    angle_min: AngleMin = None,
+    angle_increment: AngleIncrement = None,
+    range_min: RangeMin = None,
+    range_max: RangeMax = None,
+    scan_topic: ScanTopic = "/scan",
+    odom_topic: OdomTopic = "/odom",
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", min=0.1, help="seconds to wait for a running robot's pose"),
+    ] = None,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Localise on a recorded log, or let the robot of a running stack find itself.
+
+    With --map and --log, print the pose at each scan, and whether it is trusted.
+
+    With --global alone, let the robot of a running stack find itself on the whole map, and wait
+    until it has. It moves if it has to. Ctrl-C ends the waiting, not the search.
+    """
+    if map_file is None and log_file is None:
+        if not everywhere:
+            raise ConfigError(
+                "localize: must be given --map and --log, or --global for a running robot"
+            )
+        for option, value in (("--start", start), ("--draw", draw), ("--lidar", lidar)):
+            if value is not None:
+                raise ConfigError(f"{option}: must be given with --map and --log")
+        from mazebot.cli.drive.find_robot import find_robot  # noqa: PLC0415 - loads Zenoh
+
+        raise typer.Exit(find_robot(connect, timeout_s, as_json))
+    if map_file is None or log_file is None:
+        missing, given = ("--map", "--log") if map_file is None else ("--log", "--map")
+        raise ConfigError(f"{missing}: must be given beside {given}")
+    if timeout_s is not None:
+        raise ConfigError("--timeout: must be given without --map and --log")
+    from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
+
+    if everywhere and start is not None:
+        raise ConfigError("--global: start from nothing, or at --start: not both")
+    form = scan_form(angle_min, angle_increment, range_min, range_max)
+    chart = read_map(map_file)
+    begin = None if start is None else finite_pose("--start", start)
+    base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
+    if draw is not None and not draw.parent.is_dir():
+        raise ConfigError(f"--draw: {draw}: {draw.parent} is no folder")
+    log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    fixes = list(run(chart, log, begin, base_from_scan, seed))
+    if not fixes:
+        raise ConfigError(f"--log: {log_file}: has no scan with odometry at its time")
+    if draw is not None:
+        from mazebot.cli.localize.localize_drawing import draw_fixes  # noqa: PLC0415 - loads OpenCV
+
+        draw_fixes(draw, chart, fixes)
+    if as_json:
+        print_json([fix.document() for fix in fixes])
+    else:
+        sys.stdout.write("\n".join([HEADER, *(fix.row() for fix in fixes)]) + "\n")

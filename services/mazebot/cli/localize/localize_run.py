@@ -1,0 +1,94 @@
+"""Localisation on a log: the pose at each scan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2, Array
+
+if TYPE_CHECKING:
+    from mazebot.common.world.map_files import MapFile
+    from mazebot.localization.monte_carlo import Localization
+
+HEADER = "time_s,state,quality,x_m,y_m,yaw_rad,std_x_m,std_y_m,std_yaw_rad"
+_START_STD = (0.2, 0.2, 0.2)
+
+
+@dataclass(frozen=True)
+class Fix:
+    """The pose at one scan."""
+
+    time_s: float
+    state: str
+    quality: float
+    pose: SE2 | None
+    covariance: Array | None
+    """(3, 3) of x, y, yaw"""
+
+    def row(self) -> str:
+        """As CSV."""
+        begin = f"{self.time_s:.3f},{self.state},{self.quality:.3f}"
+        if self.pose is None or self.covariance is None:
+            return f"{begin},,,,,,"
+        std = np.sqrt(np.diag(self.covariance))
+        values = ",".join(f"{value:.4f}" for value in (*self.pose, *std))
+        return f"{begin},{values}"
+
+    def document(self) -> dict[str, Any]:
+        """For JSON."""
+        known = self.pose is not None and self.covariance is not None
+        return {
+            "time_s": self.time_s,
+            "state": self.state,
+            "quality": self.quality,
+            "pose": list(self.pose) if known and self.pose else None,
+            "covariance": self.covariance.tolist() if self.covariance is not None else None,
+        }
+
+
+def run(
+    chart: MapFile, log: Log, start: SE2 | None, base_from_scan: SE2 | None, seed: int
+) -> Iterator[Fix]:
+    """The pose at each scan of a log. None as `start`: from nothing.
+
+    Raises ConfigError if the map cannot be used.
+    """
+    from mazebot.localization.monte_carlo import (  # noqa: PLC0415 - loads Numba
+        Localization,
+        LocalizationParams,
+    )
+
+    rng = np.random.default_rng(seed)
+    try:
+        localization = Localization(
+            LocalizationParams(), chart.cells, chart.resolution_m, chart.origin, rng
+        )
+    except ValueError as error:
+        raise ConfigError(f"--map: {error}") from error
+    if start is None:
+        localization.global_localization()
+    else:
+        std = np.array(_START_STD)
+        localization.initialize(start, np.diag(std * std))
+    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    for step in log.steps():
+        if step.odom_from_base is not None:
+            localization.odometry(step.stamp_ns, step.odom_from_base)
+        if step.scan is not None:
+            scan = step.scan
+            localization.scan(
+                step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
+                scan.range_min_m, scan.range_max_m, place,
+            )  # fmt: skip
+            yield _fix(step.stamp_ns * 1e-9, localization)
+
+
+def _fix(time_s: float, localization: Localization) -> Fix:
+    pose, covariance = localization.pose() if localization.initialized else (None, None)
+    return Fix(time_s, localization.state, localization.quality, pose, covariance)

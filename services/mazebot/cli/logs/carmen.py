@@ -1,0 +1,268 @@
+"""Logs of CARMEN, as most of the public ones of robots with a SICK scanner are.
+
+A line holds a message: FLASER and ROBOTLASER1 a scan with the laser's and the robot's pose in
+odometry, RAWLASER1 a scan alone, ODOM odometry alone. What FLASER does not say follows CARMEN's
+readlog.c.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.cli.logs.log import Entry, Log, LoggedScan, ScanForm, Where
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+
+_SCANS = ("ROBOTLASER1", "FLASER", "RAWLASER1")
+"""The first kind of which a log has any is used."""
+_KEYWORDS = {
+    *_SCANS, "ODOM", "PARAM", "SYNC", "RLASER", "ROBOTLASER2", "RAWLASER2", "TRUEPOS", "LASER3",
+}  # fmt: skip
+_OFFSET = "robot_frontlaser_offset"
+_MOST_BEAMS = 20_000
+_LARGEST = 1e10
+_FARTHEST_M = 80.0
+"""CARMEN's maximum range of a SICK; 81.83 and more are its codes for no return, dazzling, etc."""
+_RANGE_MIN_M = 0.05
+_TOP = 0.0015
+_TOP_SHARE = 0.01
+"""So many of all readings within so little of the longest one are a code, not walls."""
+_SAME_OFFSET = 0.01
+_CLOCK_SET_S = 10.0
+_AFTER_CLOCK_SET_S = 0.1
+
+
+@dataclass(frozen=True)
+class _Sweep:
+    time_s: float
+    ranges_m: NDArray[np.float32]
+    start_rad: float
+    step_rad: float
+    farthest_m: float
+    laser: SE2 | None
+    robot: SE2 | None
+
+
+@dataclass
+class _Found:
+    """What the lines say."""
+
+    sweeps: dict[str, list[_Sweep]] = field(default_factory=lambda: {kind: [] for kind in _SCANS})
+    odometry: list[tuple[float, SE2]] = field(default_factory=list)
+    offset_m: float | None = None
+
+
+def is_carmen(text: str) -> bool:
+    """Whether the begin of a file holds a line of CARMEN."""
+    return any(
+        line.startswith("# CARMEN") or line.split(maxsplit=1)[0] in _KEYWORDS
+        for line in text.splitlines()
+        if line.strip()
+    )
+
+
+def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
+    """Read a log; a last line that is cut off is left out, and scans whose time has been are.
+
+    The scans of some logs are not in the order of their times. They are sorted where the odometry
+    is a shorter way then; else the file's order holds.
+
+    Raises ConfigError with one line that names file, line and value, and what is wrong.
+    """
+    found, where, damage = _Found(), Where(path, 0), None
+    for line in lines:
+        where.line += 1
+        words = line.split()
+        if not words:
+            continue
+        if damage is not None:
+            raise damage
+        try:
+            _add(found, where, words, whole=line.endswith("\n"))
+        except ConfigError as error:
+            damage = error
+    kind = next((kind for kind in _SCANS if found.sweeps[kind]), None)
+    if kind is None:
+        raise damage or ConfigError(f"--log: {path}: has no line {', '.join(_SCANS)}")
+    sweeps = found.sweeps[kind]
+    if kind == "RAWLASER1" and not found.odometry:
+        raise ConfigError(f"--log: {path}: has RAWLASER1 without ODOM: must have both")
+    entries, skipped = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry)
+    return Log(entries, _base_from_scan(sweeps, found.offset_m), skipped + (damage is not None))
+
+
+def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
+    keyword = words[0]
+    if keyword == "PARAM" and len(words) > 2 and words[1] == _OFFSET:
+        (found.offset_m,) = _numbers(where, _OFFSET, words[2:3])
+    elif keyword == "ODOM":
+        pose = _pose(where, "pose", words[1:4])
+        found.odometry.append((_time_s(where, words[7:10], whole), pose))
+    elif keyword == "FLASER":
+        ranges, rest = _readings(where, words, 1)
+        step, fov = _sick_form(len(ranges))
+        laser, robot = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
+        time_s = _time_s(where, rest[6:9], whole)
+        found.sweeps[keyword].append(
+            _Sweep(time_s, ranges, -fov / 2.0, step, _FARTHEST_M, laser, robot)
+        )
+    elif keyword in _SCANS:
+        start, fov, step, farthest = _numbers(where, "laser", words[2:6], 4)
+        ranges, rest = _readings(where, words, 8)
+        (remissions,) = _numbers(where, "num_remissions", rest[:1])
+        rest = rest[1 + max(0, int(remissions)) :]
+        poses: tuple[SE2, SE2] | tuple[None, None] = (None, None)
+        if keyword == "ROBOTLASER1":
+            poses = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
+            rest = rest[11:]
+        time_s = _time_s(where, rest[:3], whole)
+        if step <= 0.0:
+            step = fov / max(1, len(ranges) - 1)
+        if not 0.0 < step <= math.pi:
+            raise where.wrong(f"angular_resolution: {words[4]!r:.40}: must be radians > 0")
+        found.sweeps[keyword].append(_Sweep(time_s, ranges, start, step, farthest, *poses))
+
+
+def _sick_form(beams: int) -> tuple[float, float]:
+    """Angle between two beams and the field of view they are centred in, by their number.
+
+    Of 180, 360 and 400 beams it is the last of 181, 361 and 401 that is missing.
+    """
+    for whole, fov in ((181, math.pi), (361, math.pi), (401, math.radians(100.0))):
+        if beams in (whole, whole - 1):
+            return fov / (whole - 1), fov
+    return math.pi / max(1, beams - 1), math.pi
+
+
+def _readings(where: Where, words: list[str], at: int) -> tuple[NDArray[np.float32], list[str]]:
+    """The ranges after their number at words[at], and the words after them."""
+    (count,) = _numbers(where, "num_readings", words[at : at + 1])
+    if count != int(count) or not 1 <= count <= _MOST_BEAMS:
+        raise where.wrong(f"num_readings: {words[at]!r:.40}: must be 1 to {_MOST_BEAMS}")
+    texts = words[at + 1 : at + 1 + int(count)]
+    if len(texts) < count:
+        raise where.wrong(f"{len(texts)} readings: must be {int(count)}, as num_readings says")
+    try:
+        return np.array(texts, np.float32), words[at + 1 + int(count) :]
+    except ValueError:
+        wrong = next(i for i, text in enumerate(texts) if not _is_number(text))
+        raise where.wrong(f"reading {wrong}: {texts[wrong]!r:.40}: must be metres") from None
+
+
+def _pose(where: Where, name: str, texts: list[str]) -> SE2:
+    x_m, y_m, yaw_rad = _numbers(where, name, texts, 3)
+    return SE2(x_m, y_m, wrap_angle(yaw_rad))
+
+
+def _time_s(where: Where, texts: list[str], whole: bool) -> float:
+    """The IPC's time, of the measurement; the logger's where the former is not set."""
+    if len(texts) < 3 and not whole:
+        raise where.wrong(f"timestamp: {' '.join(texts)!r:.40}: must have a host and a time after")
+    (time_s,) = _numbers(where, "ipc_timestamp", texts[:1])
+    if time_s <= 0.0 and len(texts) > 2:
+        (time_s,) = _numbers(where, "logger_timestamp", texts[2:3])
+    return time_s
+
+
+def _numbers(where: Where, name: str, texts: Sequence[str], count: int = 1) -> list[float]:
+    if len(texts) < count:
+        raise where.wrong(f"{name}: {' '.join(texts)!r:.40}: must be {count} numbers")
+    values = []
+    for text in texts[:count]:
+        value = float(text) if _is_number(text) else math.nan
+        if not abs(value) <= _LARGEST:
+            raise where.wrong(f"{name}: {text!r:.40}: must be a finite number")
+        values.append(value)
+    return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _in_time(
+    sweeps: list[_Sweep], form: ScanForm, odometry: list[tuple[float, SE2]]
+) -> tuple[list[Entry], int]:
+    """Entries with times that grow, and how many scans were left out for it."""
+    ordered = sorted(sweeps, key=lambda sweep: sweep.time_s)
+    if ordered != sweeps and _way(ordered) > _way(sweeps):
+        ordered = sweeps
+    limit_m = _no_return_m(ordered)
+    entries = []
+    last_s, offset_s, skipped = -math.inf, 0.0, 0
+    for sweep in ordered:
+        time_s = sweep.time_s + offset_s
+        if time_s < last_s - _CLOCK_SET_S:
+            offset_s += last_s + _AFTER_CLOCK_SET_S - time_s
+            time_s = sweep.time_s + offset_s
+        if time_s <= last_s:
+            skipped += 1
+            continue
+        last_s = time_s
+        entries.append(Entry(round(time_s * 1e9), sweep.robot, _scan(sweep, limit_m, form)))
+    entries += [Entry(round(time_s * 1e9), pose, None) for time_s, pose in odometry]
+    entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
+    return entries, skipped
+
+
+def _way(sweeps: list[_Sweep]) -> float:
+    """Metres and radians from pose to pose, summed up; 0 where the scans have no poses."""
+    poses = np.array([sweep.robot for sweep in sweeps if sweep.robot is not None])
+    if not len(poses):
+        return 0.0
+    steps = np.diff(poses, axis=0)
+    turns = (steps[:, 2] + math.pi) % math.tau - math.pi
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum() + np.abs(turns).sum())
+
+
+def _no_return_m(sweeps: list[_Sweep]) -> float:
+    """Readings from here on are codes for no return, in all scans."""
+    values = np.concatenate([sweep.ranges_m for sweep in sweeps])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return _FARTHEST_M
+    top = float(values.max()) * (1.0 - _TOP)
+    if np.count_nonzero(values >= top) < _TOP_SHARE * len(values):
+        return _FARTHEST_M
+    return min(_FARTHEST_M, top)
+
+
+def _scan(sweep: _Sweep, limit_m: float, form: ScanForm) -> LoggedScan:
+    """A SICK's no return may be dark or dazzled: it measured nothing, not even free space."""
+    farthest = min(limit_m, sweep.farthest_m) if sweep.farthest_m > 0.0 else limit_m
+    ranges = sweep.ranges_m.copy()
+    with np.errstate(invalid="ignore"):
+        ranges[~((ranges > 0.0) & (ranges < farthest))] = np.nan
+    least, longest = form.ranges_m(_RANGE_MIN_M, farthest)
+    return LoggedScan(
+        ranges,
+        sweep.start_rad if form.angle_min_rad is None else form.angle_min_rad,
+        sweep.step_rad if form.angle_increment_rad is None else form.angle_increment_rad,
+        least,
+        longest,
+    )
+
+
+def _base_from_scan(sweeps: list[_Sweep], offset_m: float | None) -> SE2:
+    """The laser's pose on the robot: between the two poses of a line where it is always the same.
+
+    In a log whose laser poses were corrected afterwards, or that has none, it is what PARAM says.
+    """
+    between: Array = np.array(
+        [s.robot.inverse() @ s.laser for s in sweeps if s.robot is not None and s.laser is not None]
+    ).reshape(-1, 3)
+    if len(between) and (np.ptp(between, axis=0) <= _SAME_OFFSET).all():
+        middle = SE2(*np.median(between, axis=0).tolist())
+        if any(abs(value) > 1e-6 for value in middle):
+            return middle
+    return SE2(offset_m or 0.0, 0.0, 0.0)

@@ -1,0 +1,104 @@
+"""What a recorded log holds, whatever file it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+
+WAFFLE_LIDAR = SE2(-0.064, 0.0, 0.0)
+"""base_from_scan of a log that does not tell."""
+
+
+@dataclass(frozen=True)
+class LoggedScan:
+    """A scan as `Localization.scan` takes it; NaN is a beam that measured nothing."""
+
+    ranges_m: NDArray[np.float32]
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the log has at one time: odometry, a scan, or both."""
+
+    stamp_ns: int
+    odom_from_base: SE2 | None
+    scan: LoggedScan | None
+
+
+@dataclass
+class Log:
+    """All entries, the earliest first, and the lidar's pose where the log has it."""
+
+    entries: list[Entry]
+    base_from_scan: SE2 | None = None
+    skipped: int = 0
+    """Lines left out: their time is not after that of the line before, or the last is cut off."""
+
+    def steps(self) -> Iterator[Entry]:
+        """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
+        lies between two then.
+        """
+        waiting: list[Entry] = []
+        for entry in self.entries:
+            if entry.odom_from_base is not None:
+                yield Entry(entry.stamp_ns, entry.odom_from_base, None)
+            if entry.scan is not None:
+                waiting.append(Entry(entry.stamp_ns, None, entry.scan))
+            if entry.odom_from_base is not None:
+                yield from waiting
+                waiting = []
+
+
+@dataclass(frozen=True)
+class ScanForm:
+    """What the caller says of the scans; None: what the log says, or else the format's default."""
+
+    angle_min_rad: float | None = None
+    angle_increment_rad: float | None = None
+    range_min_m: float | None = None
+    range_max_m: float | None = None
+
+    def ranges_m(self, default_min_m: float, default_max_m: float) -> tuple[float, float]:
+        """The least and the longest range.
+
+        Raises ConfigError where the longest is not longer.
+        """
+        least = default_min_m if self.range_min_m is None else self.range_min_m
+        longest = default_max_m if self.range_max_m is None else self.range_max_m
+        if not least < longest:
+            raise ConfigError(
+                f"--range-max: {longest:g}: must be > --range-min, {least:g}, which is >= 0"
+            )
+        return least, longest
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of a bag's topics."""
+
+    scan: str = "/scan"
+    odom: str = "/odom"
+
+
+@dataclass
+class Where:
+    """A line of a file, to name in an error."""
+
+    path: Path
+    line: int = field(default=1)
+
+    def wrong(self, said: str) -> ConfigError:
+        """The error to raise about this line."""
+        return ConfigError(f"--log: {self.path}:{self.line}: {said}")

@@ -1,0 +1,79 @@
+"""Options of the commands that read a log."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mazebot.cli.logs.log import WAFFLE_LIDAR, ScanForm
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
+
+LogFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--log",
+        help="CSV with the header time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,...; "
+        "CARMEN's FLASER or ROBOTLASER1; *.mcap or a folder of rosbag2 with /odom and /scan",
+    ),
+]
+ScanTopic = Annotated[str, typer.Option(help="LaserScan of a bag")]
+OdomTopic = Annotated[str, typer.Option(help="Odometry of a bag; without it: /tf")]
+Lidar = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        help="x, y (m) and yaw (rad) of the lidar on the robot [default: the log's, "
+        f"else {WAFFLE_LIDAR.x_m} 0 0]"
+    ),
+]
+AngleMin = Annotated[
+    float | None,
+    typer.Option(help="rad; direction of the first range of a CSV or CARMEN log, 0 is ahead"),
+]
+AngleIncrement = Annotated[
+    float | None,
+    typer.Option(help="rad between its ranges [default: a full turn in all; CARMEN: the log's]"),
+]
+RangeMin = Annotated[
+    float | None, typer.Option(help="m; its least range [default: 0.12; CARMEN: 0.05]")
+]
+RangeMax = Annotated[
+    float | None, typer.Option(help="m; its longest range [default: 3.5; CARMEN: the log's]")
+]
+
+
+def scan_form(
+    angle_min: float | None,
+    angle_increment: float | None,
+    range_min: float | None,
+    range_max: float | None,
+) -> ScanForm:
+    """The options in one.
+
+    Raises ConfigError where one is out of its range.
+    """
+    if angle_min is not None and not math.isfinite(angle_min):
+        raise ConfigError(f"--angle-min: {angle_min}: must be a finite number of radians")
+    if angle_increment is not None and not 0.0 < abs(angle_increment) <= math.pi:
+        raise ConfigError(f"--angle-increment: {angle_increment}: must be radians, not 0")
+    if range_min is not None and not 0.0 <= range_min < 1e4:
+        raise ConfigError(f"--range-min: {range_min}: must be metres, 0 or more")
+    least = range_min or 0.0
+    if range_max is not None and not least < range_max < 1e4:
+        raise ConfigError(
+            f"--range-max: {range_max}: must be > --range-min, {least}, which is >= 0"
+        )
+    return ScanForm(angle_min, angle_increment, range_min, range_max)
+
+
+def finite_pose(option: str, values: tuple[float, float, float]) -> SE2:
+    """A pose from an option's numbers.
+
+    Raises ConfigError where one is not finite.
+    """
+    if not all(math.isfinite(value) for value in values):
+        raise ConfigError(f"{option}: {' '.join(map(str, values))}: must be finite numbers")
+    return SE2(*values)

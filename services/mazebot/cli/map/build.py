@@ -1,0 +1,173 @@
+"""`mazebot map build`: a map from a recorded log."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazebot.cli.drive.progress import ProgressLine
+from mazebot.cli.logs.log import Topics
+from mazebot.cli.logs.options import (
+    AngleIncrement,
+    AngleMin,
+    Lidar,
+    LogFile,
+    OdomTopic,
+    RangeMax,
+    RangeMin,
+    ScanTopic,
+    finite_pose,
+    scan_form,
+)
+from mazebot.cli.logs.read import read_log
+from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
+from mazebot.cli.parsing.options import Json, print_json
+from mazebot.common.config import ConfigError
+
+if TYPE_CHECKING:
+    from mazebot.cli.map.build_run import Built
+    from mazebot.mapping.params import SlamParams
+
+MAP, GRAPH = "map", "pose_graph.json"
+TRAJECTORY, TRAJECTORY_TUM = "trajectory.csv", "trajectory.tum"
+
+
+def build(
+    log_file: LogFile = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder for map.yaml, map.pgm, pose_graph.json and the trajectory"),
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option(help="a PNG of the map, the trajectory and the loops")
+    ] = None,
+    relations: Annotated[
+        Path | None,
+        typer.Option(
+            help="known relations of poses, timestamp1 timestamp2 x y z roll pitch yaw: print the "
+            "trajectory's error by them"
+        ),
+    ] = None,
+    params: Annotated[
+        Path | None,
+        typer.Option(help="YAML: parameters of mapping, or a file of slam_toolbox"),
+    ] = None,
+    lidar: Lidar = None,
+    angle_min: AngleMin = None,
+    angle_increment: AngleIncrement = None,
+    range_min: RangeMin = None,
+    range_max: RangeMax = None,
+    scan_topic: ScanTopic = "/scan",
+    odom_topic: OdomTopic = "/odom",
+    as_json: Json = False,
+) -> None:
+    """Build a map from a recorded log, as mapping does on the robot, and print figures of it."""
+    if log_file is None or out is None:
+        missing = "--log" if log_file is None else "--out"
+        raise ConfigError(f"{missing}: must be given")
+    form = scan_form(angle_min, angle_increment, range_min, range_max)
+    base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
+    _check_folder(out)
+    if draw is not None and not draw.parent.is_dir():
+        raise ConfigError(f"--draw: {draw}: {draw.parent} is no folder")
+    known = None if relations is None else read_relations(relations)
+    slam_params = _params(params)
+    log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+
+    from mazebot.cli.map.build_run import run  # noqa: PLC0415 - loads Numba
+
+    with ProgressLine(wanted=not as_json) as progress:
+        built = run(
+            log, slam_params, base_from_scan,
+            lambda done, scans, slam: progress.show(
+                f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
+            ),
+        )  # fmt: skip
+    errors = None if known is None else relation_errors(built.times_s, built.poses, known)
+    files = _write(out, built)
+    if draw is not None:
+        from mazebot.cli.map.build_drawing import draw_built  # noqa: PLC0415 - loads OpenCV
+
+        draw_built(draw, built)
+    figures = {**built.figures(), "scans_left_out": log.skipped}
+    if errors is not None:
+        figures["relations"] = errors.document()
+    if as_json:
+        print_json({**figures, "files": [str(file) for file in files]})
+    else:
+        sys.stdout.write("".join(f"{line}\n" for line in _lines(figures, errors, files)))
+
+
+def _params(path: Path | None) -> SlamParams:
+    from mazebot.cli.map.slam_params import read_slam_params  # noqa: PLC0415
+    from mazebot.mapping.params import SlamParams  # noqa: PLC0415
+
+    if path is None:
+        return SlamParams()
+    read, others = read_slam_params(path)
+    if others:
+        sys.stderr.write(f"{path}: not used: {', '.join(others)}\n")
+    return read
+
+
+def _check_folder(out: Path) -> None:
+    """Raises ConfigError where no files can be written: before the work, not after it."""
+    there = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise ConfigError(f"--out: {out}: must be a folder, or a new one in one")
+    if not os.access(there, os.W_OK):
+        raise ConfigError(f"--out: {out}: cannot be written: Permission denied")
+
+
+def _write(out: Path, built: Built) -> list[Path]:
+    from mazebot.common.files.folder_writing import write_file  # noqa: PLC0415
+    from mazebot.common.world.map_files import write_map  # noqa: PLC0415
+
+    grid = built.slam.grid()
+    written = write_map(out, MAP, grid.cells, grid.resolution_m, grid.origin)
+    texts = {
+        GRAPH: built.graph.model_dump_json(),
+        TRAJECTORY: built.trajectory_csv(),
+        TRAJECTORY_TUM: built.trajectory_tum(),
+    }
+    try:
+        for name, text in texts.items():
+            write_file(out / name, text.encode())
+    except OSError as error:
+        raise ConfigError(f"--out: {out}: cannot be written: {error.strerror}") from error
+    return [written, written.with_suffix(".pgm"), *(out / name for name in texts)]
+
+
+def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]) -> list[str]:
+    scan_ms, size = figures["scan_ms"], figures["map"]
+    left_out = figures["scans_left_out"]
+    rows = [
+        ("log", f"{figures['scans']} scans in {figures['log_s']:.0f} s, "
+         f"{figures['driven_m']:.0f} m by odometry" + (f", {left_out} left out" * bool(left_out))),
+        ("map", f"{size['columns']} x {size['rows']} cells of {size['resolution_m']:g} m, "
+         f"{size['known_m2']:.0f} m2 known"),
+        ("keyframes", f"{figures['keyframes']}"),
+        ("loops", f"{figures['loops']} closed, {figures['loops_rejected']} rejected"),
+        *((f"{kind} edges", f"{edges['count']}, mean chi2 {edges['mean_chi2']:.3f}")
+          for kind, edges in figures["edges"].items()),
+        ("time per scan", f"median {scan_ms['median']:.2f} ms, p99 {scan_ms['p99']:.1f}, "
+         f"longest {scan_ms['max']:.0f}"),
+        ("time", f"{figures['elapsed_s']:.1f} s, {figures['times_real']:.0f} times as fast as "
+         "the log"),
+    ]  # fmt: skip
+    if errors is not None:
+        (m, m_std), (deg, deg_std) = errors.translation_m, errors.rotation_deg
+        (m2, m2_std), (deg2, deg2_std) = errors.translation_squared_m2, errors.rotation_squared_deg2
+        rows += [
+            ("relations", f"{errors.used} used, {errors.left_out} outside of the log"),
+            ("translation", f"{m:.4f} +- {m_std:.4f} m, squared {m2:.5f} +- {m2_std:.5f} m2"),
+            ("rotation", f"{deg:.3f} +- {deg_std:.3f} deg, "
+             f"squared {deg2:.3f} +- {deg2_std:.3f} deg2"),
+        ]  # fmt: skip
+    rows += [("file" if i else "files", str(file)) for i, file in enumerate(files)]
+    width = max(len(name) for name, _ in rows) + 2
+    return [f"{name if name != 'file' else '':{width}}{text}" for name, text in rows]

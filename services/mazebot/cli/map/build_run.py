@@ -1,0 +1,142 @@
+"""Mapping on a log: all scans through `Slam`, the final pose of each, and figures."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2, Array
+
+if TYPE_CHECKING:
+    from mazebot.common.messages.slam_documents import PoseGraph
+    from mazebot.mapping.params import SlamParams
+    from mazebot.mapping.slam import Slam
+
+_TOLD_EVERY = 50
+
+
+@dataclass(frozen=True)
+class Built:
+    """A map made of a log."""
+
+    slam: Slam
+    graph: PoseGraph
+    times_s: Array
+    """(n,) of the scans that were used."""
+    poses: Array
+    """(n, 3) map_from_base at these times, by the graph as it is at the end."""
+    scans: int
+    """Scans in the log."""
+    step_ms: Array
+    """(m,) time that each scan took."""
+    elapsed_s: float
+    driven_m: float
+    """By odometry."""
+
+    @property
+    def log_s(self) -> float:
+        """The log's own time."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+    def trajectory_csv(self) -> str:
+        """time_s, x_m, y_m, yaw_rad of each scan."""
+        rows = zip(self.times_s.tolist(), self.poses.tolist(), strict=True)
+        lines = [f"{t:.6f},{x:.6f},{y:.6f},{yaw:.6f}" for t, (x, y, yaw) in rows]
+        return "\n".join(["time_s,x_m,y_m,yaw_rad", *lines]) + "\n"
+
+    def trajectory_tum(self) -> str:
+        """The same as the TUM benchmark has it: time, position, orientation as a quaternion."""
+        lines = []
+        for t, (x, y, yaw) in zip(self.times_s.tolist(), self.poses.tolist(), strict=True):
+            qz, qw = math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+            lines.append(f"{t:.6f} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n")
+        return "".join(lines)
+
+    def figures(self) -> dict[str, Any]:
+        """What there is to say of it, for JSON."""
+        grid = self.slam.grid()
+        rows, columns = grid.cells.shape
+        edges: dict[str, list[float]] = {}
+        for edge in self.graph.edges:
+            edges.setdefault(edge.kind, []).append(edge.residual)
+        return {
+            "scans": self.scans,
+            "scans_used": len(self.times_s),
+            "log_s": round(self.log_s, 3),
+            "driven_m": round(self.driven_m, 2),
+            "keyframes": len(self.graph.nodes),
+            "loops": self.slam.loops,
+            "loops_rejected": self.slam.loops_rejected,
+            "edges": {
+                kind: {"count": len(values), "mean_chi2": round(float(np.mean(values)), 4)}
+                for kind, values in sorted(edges.items())
+            },
+            "map": {
+                "rows": rows,
+                "columns": columns,
+                "resolution_m": grid.resolution_m,
+                "known_m2": round(float((grid.cells >= 0).sum()) * grid.resolution_m**2, 1),
+            },
+            "elapsed_s": round(self.elapsed_s, 3),
+            "times_real": round(self.log_s / self.elapsed_s, 1),
+            "scan_ms": {
+                "median": round(float(np.median(self.step_ms)), 3),
+                "p99": round(float(np.percentile(self.step_ms, 99)), 3),
+                "max": round(float(self.step_ms.max()), 3),
+            },
+        }
+
+
+def run(
+    log: Log,
+    params: SlamParams,
+    base_from_scan: SE2 | None = None,
+    told: Callable[[int, int, Slam], None] = lambda *_: None,
+) -> Built:
+    """Map a log; `told` hears of the scans done, of all scans, and the state, now and then.
+
+    Raises ConfigError where no scan could be used.
+    """
+    from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
+
+    slam = Slam(params, SE2(0.0, 0.0, 0.0))
+    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    scans = sum(entry.scan is not None for entry in log.entries)
+    stamps_ns, anchors, step_ms = [], [], []
+    done, driven_m = 0, 0.0
+    last: SE2 | None = None
+    began = time.perf_counter()
+    for step in log.steps():
+        if step.odom_from_base is not None:
+            slam.odometry(step.stamp_ns, step.odom_from_base)
+            driven_m += 0.0 if last is None else last.distance_m(step.odom_from_base)
+            last = step.odom_from_base
+        if step.scan is None:
+            continue
+        scan = step.scan
+        begin = time.perf_counter()
+        used = slam.scan(
+            step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
+            scan.range_min_m, scan.range_max_m, place,
+        )  # fmt: skip
+        step_ms.append((time.perf_counter() - begin) * 1e3)
+        if used:
+            stamps_ns.append(step.stamp_ns)
+            anchors.append(slam.anchor())
+        done += 1
+        if done % _TOLD_EVERY == 0:
+            told(done, scans, slam)
+    if not stamps_ns:
+        raise ConfigError("--log: has no scan with odometry at its time")
+    graph = slam.document(stamps_ns[-1])
+    elapsed_s = time.perf_counter() - began
+    poses = np.array([slam.graph.pose(node) @ of_node for node, of_node in anchors])
+    times_s = np.array(stamps_ns, np.float64) * 1e-9
+    return Built(slam, graph, times_s, poses, scans, np.array(step_ms), elapsed_s, driven_m)

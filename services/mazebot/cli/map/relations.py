@@ -1,0 +1,149 @@
+"""The error of a trajectory by the relations of its poses, as the public logs are judged by.
+
+Kuemmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009: what
+is known is not where the robot was, but how poses close to each other lay. The errors are those of
+Cartographer's compute_relations_metrics, so that they can be held against its figures.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import Array
+
+_COLUMNS = 8
+_OUTSIDE_S = 0.5
+"""A relation this far beyond the trajectory's ends is held against the pose at the end."""
+
+
+@dataclass(frozen=True)
+class Relations:
+    """Known poses of the robot at `to_s` in its frame at `from_s`."""
+
+    from_s: Array
+    to_s: Array
+    relative: Array
+    """(n, 3) x, y, yaw"""
+
+
+@dataclass(frozen=True)
+class RelationErrors:
+    """Means and standard deviations of the errors of `used` relations."""
+
+    used: int
+    left_out: int
+    """Relations at times that the trajectory does not have."""
+    translation_m: tuple[float, float]
+    translation_squared_m2: tuple[float, float]
+    rotation_deg: tuple[float, float]
+    rotation_squared_deg2: tuple[float, float]
+
+    def document(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "used": self.used,
+            "left_out": self.left_out,
+            **{
+                name: {"mean": mean, "std": std}
+                for name, (mean, std) in (
+                    ("translation_m", self.translation_m),
+                    ("translation_squared_m2", self.translation_squared_m2),
+                    ("rotation_deg", self.rotation_deg),
+                    ("rotation_squared_deg2", self.rotation_squared_deg2),
+                )
+            },
+        }
+
+
+def read_relations(path: Path) -> Relations:
+    """Read a file of relations: `timestamp1 timestamp2 x y z roll pitch yaw` on each line.
+
+    Raises ConfigError with one line that names file, line and what is wrong.
+    """
+    rows = []
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise ConfigError(f"--relations: {path}: {error.strerror}") from error
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            values = []
+        if len(values) != _COLUMNS or not all(map(math.isfinite, values)):
+            raise ConfigError(
+                f"--relations: {path}:{number}: {line.strip()!r:.60}: must be 8 numbers: "
+                "timestamp1 timestamp2 x y z roll pitch yaw"
+            )
+        rows.append(values)
+    if not rows:
+        raise ConfigError(f"--relations: {path}: has no relations")
+    table = np.array(rows)
+    return Relations(table[:, 0], table[:, 1], table[:, [2, 3, 7]])
+
+
+def relation_errors(times_s: Array, poses: Array, relations: Relations) -> RelationErrors:
+    """The errors of a trajectory: (n,) growing times and (n, 3) poses x, y, yaw.
+
+    Poses between two are interpolated. Raises ConfigError where fewer than two relations lie within
+    the trajectory's times.
+    """
+    begin, end = times_s[0] - _OUTSIDE_S, times_s[-1] + _OUTSIDE_S
+    both = np.stack([relations.from_s, relations.to_s])
+    within = ((both >= begin) & (both <= end)).all(axis=0)
+    used = int(within.sum())
+    if used < 2:
+        raise ConfigError(
+            f"--relations: {used} of {len(within)} lie in the log's time, {times_s[0]:.3f} to "
+            f"{times_s[-1]:.3f} s: must be at least 2"
+        )
+    a = _at(times_s, poses, relations.from_s[within])
+    b = _at(times_s, poses, relations.to_s[within])
+    error = _joined(_joined(_inverse(a), b), _inverse(relations.relative[within]))
+    translation = np.hypot(error[:, 0], error[:, 1])
+    rotation = np.degrees(np.abs(_wrapped(error[:, 2])))
+    return RelationErrors(
+        used,
+        len(within) - used,
+        _mean_and_std(translation),
+        _mean_and_std(translation**2),
+        _mean_and_std(rotation),
+        _mean_and_std(rotation**2),
+    )
+
+
+def _at(times_s: Array, poses: Array, wanted_s: Array) -> Array:
+    yaws = np.unwrap(poses[:, 2])
+    columns = (poses[:, 0], poses[:, 1], yaws)
+    return np.stack([np.interp(wanted_s, times_s, column) for column in columns], axis=1)
+
+
+def _joined(a: Array, b: Array) -> Array:
+    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
+    x = a[:, 0] + c * b[:, 0] - s * b[:, 1]
+    y = a[:, 1] + s * b[:, 0] + c * b[:, 1]
+    return np.stack([x, y, a[:, 2] + b[:, 2]], axis=1)
+
+
+def _inverse(a: Array) -> Array:
+    c, s = np.cos(a[:, 2]), np.sin(a[:, 2])
+    x = -c * a[:, 0] - s * a[:, 1]
+    y = s * a[:, 0] - c * a[:, 1]
+    return np.stack([x, y, -a[:, 2]], axis=1)
+
+
+def _wrapped(angles: Array) -> Array:
+    return (angles + math.pi) % math.tau - math.pi
+
+
+def _mean_and_std(values: Array) -> tuple[float, float]:
+    return float(values.mean()), float(values.std(ddof=1))

@@ -1,0 +1,54 @@
+"""`mazebot recordings view`."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import threading
+import webbrowser
+from pathlib import Path
+
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.catalog import LATEST, find_run
+from mazebot.common.recordings.run_folder import RECORDING, parts_of
+from mazebot.recorder.config import LayoutName
+
+
+def view_run(
+    directory: Path, name: str, web_port: int, open_browser: bool, layout: LayoutName | None = None
+) -> None:
+    """Serve a run to browsers on this machine until Ctrl-C, and optionally open it in one.
+
+    Raises ConfigError where there is no such run or the port is taken.
+    """
+    run = find_run("recordings view", directory, name or LATEST, RECORDING)
+    if run.recording is None:
+        raise ConfigError(f"recordings view: {run.path}: has no {RECORDING}: nothing was recorded")
+    recording = run.recording
+    # These load Rerun.
+    from mazebot.recorder.drawing.layouts.layout_file import shown_in_layout  # noqa: PLC0415
+    from mazebot.recorder.keeping.live import WebPage  # noqa: PLC0415
+
+    parts = parts_of(recording.parent)
+    with tempfile.TemporaryDirectory(prefix="mazebot-view-") as scratch:
+        if layout is not None:
+            parts = shown_in_layout(parts, layout, Path(scratch))
+        page = WebPage("127.0.0.1", web_port, recording=parts)
+        url = f"http://localhost:{web_port}"
+        opened = open_browser and _opened(url)
+        told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
+        sys.stdout.write(f"{recording}: {told} (Ctrl-C ends)\n")
+        sys.stdout.flush()
+        try:
+            threading.Event().wait()
+        finally:
+            page.close()
+
+
+def _opened(url: str) -> bool:
+    """Whether a browser was started. This machine must have a screen: a text browser cannot show a
+    recording.
+    """
+    shows = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    return (shows or sys.platform == "darwin") and webbrowser.open(url)

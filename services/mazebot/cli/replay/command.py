@@ -1,0 +1,116 @@
+"""`mazebot replay`: a recorded run again, on the bus or through one service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mazebot.cli.parsing.completion import run_names, service_names, topic_names
+from mazebot.cli.parsing.options import ROUTER, Connect, Json
+from mazebot.common.config import ConfigError
+
+
+def replay(
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN",
+            help="a run's folder or name, `latest`, an MCAP file, or a folder of rosbag2",
+            autocompletion=run_names,
+        ),
+    ],
+    service: Annotated[
+        str | None,
+        typer.Option(
+            help="run this service in this process against the recording, and print what differs",
+            autocompletion=service_names,
+        ),
+    ] = None,
+    speed: Annotated[
+        float,
+        typer.Option(min=0.0, max=1000.0, help="simulated seconds a second; 0: as fast as it can"),
+    ] = 1.0,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="publish this topic, and the clock; repeatable", autocompletion=topic_names
+        ),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="leave out what this service sent: one that runs takes its place; repeatable",
+            autocompletion=service_names,
+        ),
+    ] = None,
+    start_s: Annotated[
+        float, typer.Option("--start", min=0.0, help="seconds after the recording's beginning")
+    ] = 0.0,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration", min=0.001, help="seconds [default: to its end]")
+    ] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="again and again, until Ctrl-C")] = False,
+    lockstep: Annotated[
+        bool,
+        typer.Option(
+            "--lockstep", help="in turns with the services that run with MAZEBOT_BUS_PACE=lockstep"
+        ),
+    ] = False,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="print what those of --without do otherwise than recorded"),
+    ] = False,
+    config: Annotated[
+        Path | None, typer.Option(help="with --service: a YAML file of settings over the recorded")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="with --service: name=value, one of its settings; repeatable"),
+    ] = None,
+    directory: Annotated[
+        Path, typer.Option("--dir", help="folder of recordings")
+    ] = Path("recordings"),
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:  # fmt: skip
+    """Publish a recorded run on the bus, with its clock; or run one service against it.
+
+    With --service the exit code is 0 if all its messages are as recorded, to the last bit, else 1.
+    """
+    of_bus: dict[str, object] = {
+        "--speed": speed != 1.0, "--only": only, "--without": without, "--loop": loop,
+        "--lockstep": lockstep, "--compare": compare,
+    }  # fmt: skip
+    of_service: dict[str, object] = {"--config": config, "--set": overrides}
+    for option, given in (of_bus if service is not None else of_service).items():
+        if given:
+            how = "without" if service is not None else "with"
+            raise ConfigError(f"{option}: must be given {how} --service")
+    if as_json and service is None and not compare:
+        raise ConfigError("--json: must be given with --service or --compare")
+    # Zenoh, and the services, take long to load.
+    from mazebot.cli.replay.reading.find import open_recording  # noqa: PLC0415
+
+    if service is not None:
+        from mazebot.cli.replay.settings import check_service  # noqa: PLC0415
+        from mazebot.cli.replay.through_service import compare_service  # noqa: PLC0415
+
+        check_service(service)
+        recording = open_recording(directory, run, slam=service in ("mapping", "explorer"))
+        span_ns = recording.span_ns(start_s, duration_s)
+        raise typer.Exit(
+            compare_service(recording, service, span_ns, config, overrides or [], as_json)
+        )
+    from mazebot.cli.replay.on_bus import Choice, publish_recording  # noqa: PLC0415
+
+    choice = Choice.of(only or (), without or ())
+    choice.check(compare, lockstep)
+    recording = open_recording(directory, run)
+    span_ns = recording.span_ns(start_s, duration_s)
+    raise typer.Exit(
+        publish_recording(
+            recording, connect, choice, span_ns, speed, loop, lockstep, compare, as_json
+        )
+    )

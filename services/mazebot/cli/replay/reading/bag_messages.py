@@ -1,0 +1,232 @@
+"""Reads a bag of another robot: an MCAP file or a folder of rosbag2."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.rosbag2 import Reader
+
+from mazebot.cli.replay.reading.bag_definitions import Decode, UnfitError, decoder_of
+from mazebot.cli.replay.reading.bag_time import BagTime, stamp_of
+from mazebot.cli.replay.reading.recording import Recording
+from mazebot.cli.replay.reading.replayed import CLOCK_SERVICE, Replayed
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import MAP_FRAME, ODOM_FRAME
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import (
+    BY_NAME,
+    CAMERA_IMAGE,
+    CLOCK,
+    EDGE,
+    GOAL_POSE,
+    INITIAL_POSE,
+    MAP,
+    SIMULATION_STATS,
+    TF,
+    WORLD,
+    Topic,
+)
+from mazebot.common.node.node import Envelope
+
+_HEAD_MESSAGES = 5000
+"""So many tell how the bag's time is related to the stamps."""
+_CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
+_OF_PEOPLE = (GOAL_POSE.name, INITIAL_POSE.name)
+_STEP_S = 1.0 / 240.0
+
+
+class _Channel(NamedTuple):
+    topic: Topic[Any]
+    decode: Decode | None
+    """Where the bag's definition is another one."""
+
+
+def open_bag(path: Path, slam: bool = False) -> Recording:
+    """A bag, with what is needed besides for Mazebot's services to run against it: the world, of
+    which nothing is known, and the clock. With `slam`, the robot gets no map, though there is one.
+
+    Raises ConfigError where it cannot be read, or nothing in it fits.
+    """
+    recording = Recording(path.stem, 0, 0, lambda: iter(()), is_run=False, in_one_process=False)
+    try:
+        reader = Reader(path)
+        reader.open()
+        try:
+            channels = _channels(reader.connections, recording)
+            time, end_ns = _timed(reader, channels)
+        finally:
+            reader.close()
+    except ConfigError:
+        raise
+    except Exception as error:
+        # Each storage has errors of its own.
+        raise _unreadable(path, error) from error
+    if not channels:
+        others = "; ".join(recording.lines_of_unfit()) or "it has no messages"
+        raise ConfigError(f"replay: {path}: nothing in it fits: {others}")
+    names = {channel.topic.name for channel in channels.values()}
+    recording.end_ns = end_ns
+    recording.pictures = "raw" if CAMERA_IMAGE.name in names else "none"
+    services = {_service_of(channel.topic, None) for channel in channels.values()}
+    recording.services = frozenset(services - {EDGE}) | {"worldgen", CLOCK_SERVICE}
+    has_map = MAP.name in names and not slam
+
+    def read() -> Iterator[Replayed]:
+        recording.unfit.clear()
+        messages = _read(path, recording, channels, time)
+        yield from _clocked(_beginning(recording.name, not has_map), messages)
+
+    recording.read = read
+    return recording
+
+
+def _unreadable(path: Path, error: Exception) -> ConfigError:
+    return ConfigError(f"replay: {path}: is no bag that can be read: {error}")
+
+
+def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channel]:
+    """The connections that fit, by their id; of the others the reason is kept."""
+    channels = {}
+    for connection in connections:
+        topic = BY_NAME.get(connection.topic)
+        if topic is None:
+            recording.left_out[connection.topic] = "no topic of Mazebot"
+        elif topic is CLOCK:
+            continue
+        elif connection.msgtype != wire.type_name(topic):
+            recording.left_out[connection.topic] = (
+                f"is {connection.msgtype}: must be {wire.type_name(topic)}"
+            )
+        else:
+            try:
+                channels[connection.id] = _Channel(topic, decoder_of(connection))
+            except UnfitError as error:
+                recording.left_out[connection.topic] = str(error)
+    return channels
+
+
+def _timed(reader: Reader, channels: dict[int, _Channel]) -> tuple[dict[str, Any], int]:
+    """What BagTime is made of, and the end of the bag in it."""
+    logged: list[tuple[int, int]] = []
+    clock_ns: int | None = None
+    first_ns: int | None = None
+    for connection, log_ns, data in itertools.islice(reader.messages(), _HEAD_MESSAGES):
+        if connection.topic == CLOCK.name and clock_ns is None:
+            clock_ns = _clock_of(connection, bytes(data))
+        if connection.id in channels:
+            first_ns = log_ns if first_ns is None else min(first_ns, log_ns)
+            stamp_ns = stamp_of(connection.msgtype, bytes(data))
+            if stamp_ns is not None:
+                logged.append((log_ns, stamp_ns))
+    made = {"logged": logged, "clock_ns": clock_ns, "first_ns": first_ns or 0}
+    time = BagTime(logged, clock_ns)
+    time.begin(made["first_ns"])  # type: ignore[arg-type]
+    if clock_ns is None:
+        return made, time.at(reader.end_time, None)
+    return made, max(reader.end_time - reader.start_time, 0)
+
+
+def _clock_of(connection: Any, data: bytes) -> int | None:
+    try:
+        if connection.msgtype == wire.type_name(CLOCK):
+            return msg.ns_from_time(wire.decode(CLOCK, data).clock)
+    except wire.WireError:
+        pass
+    return None
+
+
+def _read(
+    path: Path, recording: Recording, channels: dict[int, _Channel], made: dict[str, Any]
+) -> Iterator[Replayed]:
+    time = BagTime(made["logged"], made["clock_ns"])
+    time.begin(made["first_ns"])
+    sequences: Counter[tuple[str, str]] = Counter()
+    try:
+        reader = Reader(path)
+        reader.open()
+        try:
+            for connection, log_ns, raw in reader.messages():
+                data = bytes(raw)
+                if connection.topic == CLOCK.name:
+                    clock_ns = _clock_of(connection, data)
+                    if clock_ns is not None:
+                        time.take_clock(clock_ns)
+                    continue
+                channel = channels.get(connection.id)
+                if channel is None:
+                    continue
+                time_ns = time.at(log_ns, stamp_of(connection.msgtype, data))
+                try:
+                    message = _fitted(channel, data, time)
+                except wire.WireError as error:
+                    recording.unfit[connection.topic, error.reason] += 1
+                    continue
+                topic = channel.topic
+                service = _service_of(topic, message)
+                envelope = Envelope(service, sequences[service, topic.name], time_ns, "")
+                sequences[service, topic.name] += 1
+                yield Replayed(topic, wire.encode(topic, message), service, envelope, time_ns)
+        finally:
+            reader.close()
+    except Exception as error:
+        raise _unreadable(path, error) from error
+
+
+def _fitted(channel: _Channel, data: bytes, time: BagTime) -> Any:
+    """A bag's message, valid, with its stamps from 0. Raises WireError where it is not valid."""
+    if channel.decode is None:
+        message = wire.decode(channel.topic, data)
+    else:
+        try:
+            message = channel.decode(data)
+        except Exception as error:
+            raise wire.WireError("malformed", str(error)) from error
+    wire.validate(channel.topic, message)
+    time.shift(message, wire.type_name(channel.topic))
+    return message
+
+
+def _service_of(topic: Topic[Any], message: Any) -> str:
+    """The service that sends such a message in Mazebot."""
+    if topic is TF and message is not None:
+        frames = {(one.header.frame_id, one.child_frame_id) for one in message.transforms}
+        return "localization" if frames == {(MAP_FRAME, ODOM_FRAME)} else CLOCK_SERVICE
+    return EDGE if topic.name in _OF_PEOPLE else topic.owners[0]
+
+
+def _beginning(name: str, slam: bool) -> Iterator[Replayed]:
+    """A world of which nothing is known, and that its simulation has begun."""
+    world = doc.World(
+        name=name, recipe="", hash="", walls=(), materials=(), slam=slam,
+        start=doc.Planar(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+    )  # fmt: skip
+    world = world.model_copy(update={"hash": world.content_hash()})
+    stats = doc.SimulationStats(
+        world_hash=world.hash, sim_time_s=0.0, iterations=0, step_size_s=_STEP_S, renderer="none",
+        state_hash="",
+    )  # fmt: skip
+    told: tuple[tuple[Topic[Any], Any, str], ...] = (
+        (WORLD, world, "worldgen"),
+        (SIMULATION_STATS, stats, CLOCK_SERVICE),
+    )
+    for topic, message, service in told:
+        yield Replayed(topic, wire.encode(topic, message), service, Envelope(service, 0, 0, ""), 0)
+
+
+def _clocked(beginning: Iterator[Replayed], messages: Iterator[Replayed]) -> Iterator[Replayed]:
+    """All messages, and those of the clock among them."""
+    yield from beginning
+    ticks = 0
+    for message in messages:
+        while (time_ns := ticks * _CLOCK_PERIOD_NS) <= message.time_ns:
+            data = wire.encode(CLOCK, msg.Clock(clock=msg.time_from_ns(time_ns)))
+            envelope = Envelope(CLOCK_SERVICE, ticks, time_ns, "")
+            yield Replayed(CLOCK, data, CLOCK_SERVICE, envelope, time_ns)
+            ticks += 1
+        yield message

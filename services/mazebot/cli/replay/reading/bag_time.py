@@ -1,0 +1,109 @@
+"""The time of a bag's messages: that of their stamps, from 0."""
+
+from __future__ import annotations
+
+import functools
+import statistics
+import struct
+from collections.abc import Sequence
+from typing import Any, cast
+
+from rosbags.interfaces import Nodetype
+
+from mazebot.common.messages import messages as msg
+
+_NEAR_NS = 5_000_000_000
+_AHEAD_NS = 1_000_000_000
+_SECOND_NS = 1_000_000_000
+_TIME, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
+_STAMP = struct.Struct("<iI")
+_PREAMBLE_BYTES = 4
+
+
+def stamp_of(type_name: str, data: bytes) -> int | None:
+    """The stamp in ns of a message in little-endian CDR that begins with a header; None: it has
+    none, or that is 0.
+    """
+    fields = msg.TYPESTORE.fielddefs[type_name][1]
+    if not fields or fields[0][1] != (Nodetype.NAME, _HEADER) or data[1:2] != b"\x01":
+        return None
+    if len(data) < _PREAMBLE_BYTES + _STAMP.size:
+        return None
+    seconds, nanoseconds = _STAMP.unpack_from(data, _PREAMBLE_BYTES)
+    return int(seconds * _SECOND_NS + nanoseconds) or None
+
+
+class BagTime:
+    """Time by the clock that stamps the messages.
+
+    That is the bag's /clock where it has one, as from a simulator. Otherwise the clock of the
+    machine that recorded it is taken to be ahead of the stamps by what it was ahead of the freshest
+    of them, so that no message comes before its own time.
+    """
+
+    def __init__(self, logged: Sequence[tuple[int, int]], first_clock_ns: int | None) -> None:
+        """`logged` are the times of logging and the stamps of the bag's first messages, in ns."""
+        self._clock_ns = first_clock_ns
+        self._lag_ns = 0
+        delays = [log_ns - stamp_ns for log_ns, stamp_ns in logged]
+        if delays:
+            middle = statistics.median_low(delays)
+            self._lag_ns = min(delay for delay in delays if abs(delay - middle) <= _NEAR_NS)
+        self._begun_ns: int | None = None
+        self._now_ns = 0
+
+    def take_clock(self, clock_ns: int) -> None:
+        """A message of the bag's clock."""
+        self._clock_ns = clock_ns
+
+    def begin(self, log_ns: int) -> None:
+        """The first message was logged then: time is 0 at the whole second before."""
+        first_ns = log_ns - self._lag_ns if self._clock_ns is None else self._clock_ns
+        self._begun_ns = first_ns // _SECOND_NS * _SECOND_NS
+
+    def at(self, log_ns: int, stamp_ns: int | None) -> int:
+        """The time of a message in ns, by the time of logging and its stamp; it never goes back."""
+        assert self._begun_ns is not None
+        if self._clock_ns is None:
+            now_ns = log_ns - self._lag_ns
+        else:
+            now_ns = self._clock_ns
+            if stamp_ns is not None and now_ns < stamp_ns <= now_ns + _AHEAD_NS:
+                # Simulators send their clock less often than their sensors' data.
+                now_ns = stamp_ns
+        self._now_ns = max(self._now_ns, now_ns - self._begun_ns)
+        return self._now_ns
+
+    def shift(self, message: Any, type_name: str) -> None:
+        """Let the stamps in a message count from 0; those of before are 0."""
+        assert self._begun_ns is not None
+        _shift(message, type_name, self._begun_ns)
+
+
+def _shift(message: Any, type_name: str, by_ns: int) -> None:
+    for name, kind, inner in _stamped(type_name):
+        value = getattr(message, name)
+        if inner == _TIME and kind == Nodetype.NAME:
+            stamp_ns = msg.ns_from_time(value)
+            if stamp_ns:
+                setattr(message, name, msg.time_from_ns(max(stamp_ns - by_ns, 0)))
+        elif kind == Nodetype.NAME:
+            _shift(value, inner, by_ns)
+        else:
+            for one in value:
+                _shift(one, inner, by_ns)
+
+
+@functools.cache
+def _stamped(type_name: str) -> tuple[tuple[str, Nodetype, str], ...]:
+    """The fields of a type in which there is a stamp: name, kind, and type of it or its items."""
+    found = []
+    for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name][1]:
+        is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        item_kind, item = cast("tuple[Nodetype, Any]", what[0] if is_list else (kind, what))
+        if item_kind != Nodetype.NAME:
+            continue
+        inner = str(item)
+        if (name == "stamp" and inner == _TIME) or (inner != _TIME and _stamped(inner)):
+            found.append((name, kind, inner))
+    return tuple(found)

@@ -1,0 +1,82 @@
+"""Finds the recording that the user names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mazebot.cli.replay.reading.recording import Recording
+from mazebot.common.config import ConfigError
+from mazebot.common.recordings.catalog import LATEST, find_run
+from mazebot.common.recordings.mcap.mcap_records import McapError
+from mazebot.common.recordings.mcap.mcap_scan import scan
+from mazebot.common.recordings.run_folder import CONFIG, MESSAGES, SUMMARY, parts_of
+
+_ROSBAG_1, _SQLITE = b"#ROSBAG V", b"SQLite format 3\0"
+METADATA = "metadata.yaml"
+_OF_A_RUN = "mazebot"
+"""Name of a metadata record in the MCAP files of a run."""
+
+
+def open_recording(directory: Path, name: str, slam: bool = False) -> Recording:
+    """A run by its name in `directory`, by its folder, or `latest`, the newest one that holds its
+    messages; an MCAP file, or a folder of rosbag2. With `slam`, the robot of a bag gets no map,
+    though one was recorded.
+
+    Raises ConfigError where there is none, or it cannot be read.
+    """
+    if name == LATEST:
+        return _open_folder(find_run("replay", directory, name, MESSAGES).path, slam)
+    for path in (Path(name), directory / name):
+        if path.is_dir():
+            return _open_folder(path, slam)
+        if path.exists():
+            return _open_file(path, slam)
+    raise ConfigError(
+        f"replay: {name!r}: must be a run in {directory}, its folder, an MCAP file, or a folder of "
+        "rosbag2"
+    )
+
+
+def _open_folder(folder: Path, slam: bool) -> Recording:
+    # Reading a bag needs other libraries than reading a run.
+    parts = parts_of(folder, MESSAGES)
+    if parts:
+        from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
+
+        return open_run(folder.resolve().name, parts)
+    if (folder / METADATA).is_file():
+        from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
+
+        return open_bag(folder, slam)
+    if any((folder / file).is_file() for file in (SUMMARY, CONFIG)):
+        raise ConfigError(f"replay: {folder} has no {MESSAGES}: it was made without its messages")
+    raise ConfigError(f"replay: {folder}: must hold {MESSAGES} of a run, or {METADATA} of rosbag2")
+
+
+def _open_file(path: Path, slam: bool) -> Recording:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(16)
+    except OSError as error:
+        raise ConfigError(f"replay: {path}: {error.strerror}") from error
+    if begin.startswith(_SQLITE):
+        from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
+
+        return open_bag(path, slam)
+    if begin.startswith(_ROSBAG_1):
+        raise ConfigError(
+            f"replay: {path}: is a bag of ROS 1: must be rosbag2's, as rosbags-convert makes of it"
+        )
+    try:
+        is_run = _OF_A_RUN in scan(path).texts
+    except McapError as error:
+        raise ConfigError(f"replay: {path}: must be an MCAP file: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"replay: {path}: {error.strerror}") from error
+    if is_run:
+        from mazebot.cli.replay.reading.run_messages import open_run  # noqa: PLC0415
+
+        return open_run(path.stem, [path])
+    from mazebot.cli.replay.reading.bag_messages import open_bag  # noqa: PLC0415
+
+    return open_bag(path, slam)

@@ -1,0 +1,224 @@
+"""`mazebot sim`: pause, resume, step, reset, and the state of a running stack's simulation."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from mazebot.cli import session as stack
+from mazebot.cli.parsing.command import App
+from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
+from mazebot.common.config import ConfigError, one_line
+from mazebot.common.messages.documents import SimulationControl, SimulationStats
+
+if TYPE_CHECKING:
+    import zenoh
+
+
+PATIENCE_S = 5.0
+"""Time to wait for an immediate reply."""
+PAUSED_PATIENCE_S = 1.0
+"""Time to wait for the reply that explains why no other message was received."""
+ALL_DAY_S = 86_400.0
+"""Time to wait for the end of a run of steps: practically unlimited."""
+RATES_WINDOW_S = 1.0
+"""Time between two readings of the clock, and the period of /diagnostics."""
+RATES_PATIENCE_S = 0.5
+PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
+SPEEDS = {"real_time": 1.0, "fast": 0.0}
+
+app = App(help="Control the time of a running stack's simulation.")
+
+
+@app.command()
+def pause(as_json: Json = False, connect: Connect = ROUTER) -> None:
+    """Pause the simulation."""
+    _control(connect, as_json, pause=True)
+
+
+@app.command()
+def resume(as_json: Json = False, connect: Connect = ROUTER) -> None:
+    """Resume the simulation."""
+    _control(connect, as_json, pause=False)
+
+
+@app.command()
+def step(
+    steps: Annotated[int, typer.Argument(metavar="[N]", help="number of steps of 1/240 s")] = 1,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Advance by N steps, then pause."""
+    _control(connect, as_json, step=steps)
+
+
+@app.command("run-until")
+def run_until(
+    time_s: Annotated[float, typer.Argument(metavar="T", help="simulation time, seconds")],
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Advance to a simulation time, then pause."""
+    _control(connect, as_json, run_until_s=time_s)
+
+
+@app.command()
+def reset(
+    time_only: Annotated[bool, typer.Option("--time-only", help="reset only the clock")] = False,
+    seed: Annotated[
+        int | None, typer.Option(help="new seed of the random streams [default: unchanged]")
+    ] = None,
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Reset the simulation to time 0 and its initial state."""
+    _control(connect, as_json, reset="time" if time_only else "all", seed=seed)
+
+
+@app.command()
+def speed(
+    factor: Annotated[
+        str, typer.Argument(metavar="X", help="simulated seconds a second, or fast, or real_time")
+    ],
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Set the speed of simulation time; 0 is as fast as possible."""
+    _control(connect, as_json, speed=SPEEDS.get(factor, factor))
+
+
+@app.command()
+def stats(
+    as_json: Json = False,
+    connect: Connect = ROUTER,
+) -> None:
+    """Print time, real time factor, hashes and the rates of the sensors."""
+    from mazebot.common.bus.bus import subscribed  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.messages.topics import DIAGNOSTICS  # noqa: PLC0415
+
+    told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    with (
+        stack.connected(connect) as session,
+        subscribed(session, DIAGNOSTICS, lambda payload, _: told.put(payload)),
+    ):
+        first, first_s = stats_now(session, "sim stats"), time.monotonic()
+        time.sleep(RATES_WINDOW_S)
+        last, last_s = stats_now(session, "sim stats"), time.monotonic()
+        rates_hz = _rates(told)
+    factor: float | None = None
+    if first.epoch == last.epoch and first.world_hash == last.world_hash:
+        factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)
+    if as_json:
+        content = last.model_dump(mode="json")
+        content |= {"real_time_factor": factor, "rates_hz": rates_hz}
+        print_json(content)
+    else:
+        sys.stdout.write(_table(last, factor, rates_hz))
+
+
+def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
+    """The state of the simulation.
+
+    Raises ConfigError, prefixed with `who`, where there is no simulation or no world is loaded.
+    """
+    found = _asked(session, who, SimulationControl(), PATIENCE_S)
+    if found is None:
+        raise ConfigError(f"{who}: the simulation has no world yet")
+    return found
+
+
+def paused(session: zenoh.Session) -> str:
+    """A message if the user has paused the simulation, else an empty string."""
+    try:
+        found = _asked(session, "", SimulationControl(), PAUSED_PATIENCE_S)
+    except ConfigError:
+        return ""
+    return PAUSED if found is not None and found.paused else ""
+
+
+def _control(endpoint: str, as_json: bool, **fields: Any) -> None:
+    try:
+        request = SimulationControl(**fields)
+    except ValidationError as error:
+        raise ConfigError(f"sim: {one_line(error)}") from error
+    takes_time = request.step is not None or request.run_until_s is not None
+    with stack.connected(endpoint) as session:
+        now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
+    if as_json:
+        print_json(None if now is None else now.model_dump(mode="json"))
+    else:
+        sys.stdout.write(_state(now, request) + "\n")
+
+
+def _asked(
+    session: zenoh.Session, who: str, request: SimulationControl, timeout_s: float
+) -> SimulationStats | None:
+    from mazebot.common.messages.topics import SIMULATION_CONTROL  # noqa: PLC0415 - loads the messages
+
+    reply = stack.ask(session, SIMULATION_CONTROL, request, timeout_s)
+    if reply.error:
+        raise ConfigError(f"{who}: {reply.error}")
+    return reply.stats
+
+
+def _state(now: SimulationStats | None, request: SimulationControl) -> str:
+    """The state of the simulation after a request, in one line."""
+    if now is None:
+        return "paused; there is no world yet" if request.pause else "there is no world yet"
+    state = "paused" if now.paused else f"running {_pace(now.speed)}"
+    return f"{state} at {now.sim_time_s:.6g} s, step {now.iterations}, epoch {now.epoch}"
+
+
+def _pace(factor: float) -> str:
+    return f"at {factor:g}x real time" if factor else "as fast as possible"
+
+
+def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
+    """The rates of the simulation's topics from its diagnostics, per second of simulation time."""
+    from mazebot.common.messages import wire  # noqa: PLC0415 - loads rosbags
+    from mazebot.common.messages.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
+    from mazebot.common.node.diagnostics import RATE_KEY  # noqa: PLC0415
+
+    end_s = time.monotonic() + RATES_PATIENCE_S
+    while True:
+        try:
+            array = wire.decode(DIAGNOSTICS, told.get(timeout=max(end_s - time.monotonic(), 0.0)))
+        except queue.Empty:
+            return {}
+        except wire.WireError:
+            continue
+        for status in array.status:
+            if status.name == SIMULATION_CONTROL.owner:
+                return {
+                    value.key.removeprefix(RATE_KEY): float(value.value)
+                    for value in status.values
+                    if value.key.startswith(RATE_KEY)
+                }
+
+
+def _table(now: SimulationStats, factor: float | None, rates_hz: dict[str, float]) -> str:
+    measured = "began anew meanwhile" if factor is None else f"{factor:.3g}"
+    rows = {
+        "simulation time": f"{now.sim_time_s:.6g} s",
+        "real time factor": f"{measured} (asked for: {now.speed:g})"
+        if now.speed
+        else f"{measured} (asked for: as fast as possible)",
+        "paused": "yes" if now.paused else "no",
+        "step": f"{now.iterations} of {now.step_size_s * 1e3:.4g} ms",
+        "epoch": str(now.epoch),
+        "seed": str(now.seed),
+        "entities": str(now.entities),
+        "world": now.world_hash,
+        "state hash": now.state_hash,
+        "image hash": now.image_hash or "none",
+        "renderer": now.renderer,
+        "watchdog stops": str(now.watchdog_stops),
+    }
+    rows |= {name: f"{rate_hz:g} Hz" for name, rate_hz in rates_hz.items()}
+    width = max(map(len, rows)) + 2
+    return "".join(f"{name:{width}}{value}\n" for name, value in rows.items())

@@ -1,0 +1,205 @@
+"""`mazebot topic list|info|hz|echo`."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import itertools
+import json
+import math
+import queue
+import statistics
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from mazebot.cli.parsing.options import print_json
+from mazebot.cli.session import connected
+from mazebot.cli.sim import paused
+from mazebot.common.bus.bus import alive, subscribed, topic_named
+from mazebot.common.config import ConfigError
+from mazebot.common.messages import wire
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import BY_NAME, EDGE, TOPICS, Topic
+
+if TYPE_CHECKING:
+    import zenoh
+
+ARRAY_SHOWN = 12
+"""Numbers of an array to print; of the rest only the count."""
+
+
+def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
+    """Print the topics whose owners are running."""
+    with connected(endpoint) as session:
+        services = alive(session)
+    there = sorted(
+        (topic for topic in TOPICS if services & set(topic.owners)), key=lambda topic: topic.name
+    )
+    if as_json:
+        print_json([{"name": topic.name, "type": wire.type_name(topic)} for topic in there])
+        return
+    for topic in there:
+        kind = f" [{wire.type_name(topic)}]" if verbose else ""
+        sys.stdout.write(f"{topic.name}{kind}\n")
+
+
+def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
+    """Print a topic's row of the table, and which of its services are running."""
+    topic = named_topic(name)
+    with connected(endpoint) as session:
+        services = alive(session)
+    told = {
+        "name": topic.name,
+        "type": wire.type_name(topic),
+        "document": topic.type.__name__ if issubclass(topic.type, Document) else None,
+        "about": topic.about,
+        "key": wire.key_from_topic(topic),
+        "delivery": topic.delivery.value,
+        "depth": topic.depth,
+        "rate_hz": topic.rate_hz,
+        "publishers": {one: one in services for one in topic.owners},
+        "subscribers": {one: one in services for one in topic.readers},
+    }
+    if as_json:
+        print_json(told)
+        return
+    for label, value in told.items():
+        text = value
+        if isinstance(value, dict):
+            # The command line tool is not a running service.
+            text = ", ".join(
+                one if there or one == EDGE else f"{one} (not running)"
+                for one, there in value.items()
+            )
+        if value is not None:
+            sys.stdout.write(f"{label.replace('_hz', ' (Hz)')}: {text}\n")
+
+
+def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> None:
+    """Print the rate of a topic's messages over a window of wall time, and its jitter.
+
+    Raises ConfigError where too few were received.
+    """
+    topic = named_topic(name)
+    times_s: list[float] = []
+    with connected(endpoint) as session:
+        with subscribed(session, topic, lambda *_: times_s.append(time.monotonic())):
+            end_s = time.monotonic() + window_s
+            while time.monotonic() < end_s:
+                time.sleep(min(0.1, window_s))
+        if len(times_s) < 2:
+            count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
+            raise _too_few(session, topic, f"{count} in {window_s:g} s")
+    gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
+    rate_hz, deviation_s = 1.0 / statistics.fmean(gaps_s), statistics.pstdev(gaps_s)
+    if as_json:
+        print_json(
+            {
+                "topic": topic.name,
+                "rate_hz": rate_hz,
+                "min_s": min(gaps_s),
+                "max_s": max(gaps_s),
+                "std_dev_s": deviation_s,
+                "messages": len(times_s),
+            }
+        )
+        return
+    sys.stdout.write(
+        f"average rate: {rate_hz:.2f} Hz\n"
+        f"  min: {min(gaps_s):.4f} s  max: {max(gaps_s):.4f} s  "
+        f"std dev: {deviation_s:.5f} s  window: {len(times_s)}\n"
+    )
+
+
+def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) -> None:
+    """Print messages as YAML documents, or as one JSON line each, until the timeout; with `once`,
+    only the first one.
+
+    Raises ConfigError where none was received.
+    """
+    topic = named_topic(name)
+    payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    count = 0
+    with connected(endpoint) as session:
+        with subscribed(session, topic, lambda payload, _: payloads.put(payload)):
+            end_s = time.monotonic() + timeout_s
+            while time.monotonic() < end_s and not (once and count):
+                try:
+                    payload = payloads.get(timeout=0.1)
+                except queue.Empty:
+                    continue
+                _print_message(topic, payload, as_json)
+                count += 1
+        if not count:
+            raise _too_few(session, topic, f"no message in {timeout_s:g} s")
+
+
+def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
+    try:
+        message = wire.decode(topic, payload)
+    except wire.WireError as error:
+        # With --json, standard output is JSON only.
+        told = sys.stderr if as_json else sys.stdout
+        told.write(f"# rejected: {error}\n")
+        return
+    if as_json:
+        sys.stdout.write(json.dumps(in_json(message), allow_nan=False) + "\n")
+    else:
+        sys.stdout.write(f"{yaml.safe_dump(plain(message), sort_keys=False)}---\n")
+    sys.stdout.flush()
+
+
+def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigError:
+    why = paused(session)
+    return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
+
+
+def in_json(message: object) -> Any:
+    """A message as JSON values, arrays in full; non-finite numbers as texts: "Infinity",
+    "-Infinity", "NaN".
+    """
+    return _with_words(plain(message, None))
+
+
+def _with_words(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _with_words(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_with_words(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
+    return value
+
+
+def plain(value: Any, shown: int | None = ARRAY_SHOWN) -> Any:
+    """A message as dicts, lists and numbers; arrays of more than `shown` numbers are truncated."""
+    if isinstance(value, Document):
+        return value.model_dump(mode="json")
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+        return {
+            name: plain(getattr(value, name), shown) for name in names if not name.startswith("__")
+        }
+    if isinstance(value, np.ndarray):
+        items = value[:shown].tolist()
+        cut = shown is not None and len(value) > shown
+        return [*items, f"... {len(value)} in all"] if cut else items
+    if isinstance(value, list | tuple):
+        return [plain(item, shown) for item in value]
+    return value
+
+
+def named_topic(name: str) -> Topic[object]:
+    """The topic of a name with or without its slash. Raises ConfigError where there is none."""
+    topic = topic_named(name)
+    if topic is None:
+        near = difflib.get_close_matches(f"/{name.removeprefix('/')}", BY_NAME, 1)
+        said = (
+            f"did you mean {near[0]}?" if near else f"must be one of {', '.join(sorted(BY_NAME))}"
+        )
+        raise ConfigError(f"topic: {name!r:.60}: no such topic; {said}")
+    return topic

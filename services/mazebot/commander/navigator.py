@@ -1,0 +1,537 @@
+"""`Navigator`: drives the robot from a program, with the method names of Nav2's simple commander.
+
+from mazebot.commander.navigator import Navigator, TaskResult
+
+with Navigator.connect() as navigator:          # or Navigator.in_process(session)
+    navigator.waitUntilNav2Active()
+    navigator.goToPose((0.5, -0.9, 0.0))
+    while not navigator.isTaskComplete():
+        print(navigator.getFeedback())
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import logging
+import uuid
+from collections.abc import Callable, Sequence
+from enum import Enum
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from pydantic import ValidationError
+
+from mazebot.common.client.robot import Connection
+from mazebot.common.config import ConfigError, one_line
+from mazebot.common.maths.frames import MAP_FRAME, SE2
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import CancelGoal, Location, Planar
+from mazebot.common.messages.topics import (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
+    AMCL_POSE,
+    CANCEL_GOAL,
+    CLEAR_COSTMAP,
+    COMPUTE_PATH,
+    GLOBAL_COSTMAP,
+    INITIAL_POSE,
+    INPUT_AT_WAYPOINT,
+    LOAD_MAP,
+    LOCAL_COSTMAP,
+    NAVIGATION_STATUS,
+    PAUSE_GOAL,
+    PHOTO,
+    REINITIALIZE_GLOBAL_LOCALIZATION,
+    SEND_GOAL,
+    SMOOTH_PATH,
+    TOGGLE_COLLISION_MONITOR,
+    WORLD,
+    Topic,
+)
+from mazebot.common.problems import WorldError
+from mazebot.embedded.session import Session
+from mazebot.embedded.session_client import SessionConnection
+
+ENDPOINT = "tcp/127.0.0.1:7447"
+"""The router of a stack on this machine."""
+
+PoseLike = msg.PoseStamped | Planar | SE2 | Sequence[float]
+"""A pose in the map: a PoseStamped, or x, y in metres and yaw in radians (0 where left out)."""
+
+_WATCH: tuple[Topic[Any], ...] = (
+    ACTION_FEEDBACK, AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
+)  # fmt: skip
+_KEEP: tuple[Topic[Any], ...] = (ACTION_RESULT,)
+_TICK_S = 0.1
+"""`isTaskComplete` lets this much time pass, as Nav2's does."""
+_NO_MAP, _BAD_MAP_DATA, _BAD_MAP_METADATA = 1, 2, 3
+"""Results of nav2_msgs/srv/LoadMap."""
+_MAP_TAKEN_NS = 1_000_000_000
+_LOG = logging.getLogger("navigator")
+
+
+class TaskResult(Enum):
+    """How a task ended; values as in Nav2."""
+
+    UNKNOWN = 0
+    SUCCEEDED = 1
+    CANCELED = 2
+    FAILED = 3
+
+
+_RESULTS = {
+    "succeeded": TaskResult.SUCCEEDED,
+    "canceled": TaskResult.CANCELED,
+    "aborted": TaskResult.FAILED,
+}
+
+
+class Navigator:
+    """A robot that can be sent. Calls that wait end with an error that names the cause.
+
+    Tasks return True where they were accepted; else `getTaskError` tells why. Distances are in
+    metres, angles in radians, durations in seconds of the robot's clock.
+    """
+
+    def __init__(self, connection: Connection, timeout_s: float = 10.0, name: str = "") -> None:
+        """Over a connection, with the longest wait for a reply and a name for its goals."""
+        self._connection = connection
+        self._timeout_s = timeout_s
+        self._name = name or uuid.uuid4().hex[:12]
+        self._numbers = itertools.count(1)
+        self._goal_id = ""
+        self._result: act.ActionResult | None = None
+        self._error = (0, "")
+        self._initial_pose: Planar | None = None
+
+    @classmethod
+    def connect(cls, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Self:
+        """To a running stack. Raises ConfigError where no router responds."""
+        from mazebot.common.client.over_zenoh import ZenohConnection  # noqa: PLC0415
+
+        return cls(ZenohConnection(endpoint, _WATCH, _KEEP), timeout_s)
+
+    @classmethod
+    def in_process(cls, session: Session) -> Self:
+        """To a `Session`: its time passes while a method waits."""
+        # A name by chance would make each run another.
+        return cls(SessionConnection(session, _KEEP), name="navigator")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.destroyNode()
+
+    def setInitialPose(
+        self, initial_pose: PoseLike, std_m: float = 0.05, std_rad: float = 0.05
+    ) -> None:
+        """Tell localisation where the robot is, with the standard deviations of that."""
+        pose = _planar(initial_pose)
+        self._initial_pose = pose
+        covariance = np.diag([std_m * std_m, std_m * std_m, std_rad * std_rad])
+        self._connection.put(
+            INITIAL_POSE,
+            msg.PoseWithCovarianceStamped(
+                header=msg.header(self._connection.now_ns(), MAP_FRAME),
+                pose=msg.PoseWithCovariance(
+                    pose=msg.pose_from_se2(pose.se2()),
+                    covariance=msg.planar_covariance(covariance),
+                ),
+            ),
+        )
+
+    def reinitializeGlobalLocalization(self) -> None:
+        """Let localisation search the robot on the whole map."""
+        self._ask(REINITIALIZE_GLOBAL_LOCALIZATION, act.Empty())
+
+    def goToPose(self, pose: PoseLike, behavior_tree: str = "") -> bool:
+        """Drive to a pose."""
+        return self._send(act.NavigateToPose(pose=_planar(pose), behavior_tree=behavior_tree))
+
+    def goThroughPoses(self, poses: Sequence[PoseLike], behavior_tree: str = "") -> bool:
+        """Drive through poses without stopping, to the last one."""
+        through = tuple(_planar(pose) for pose in poses)
+        return self._send(act.NavigateThroughPoses(poses=through, behavior_tree=behavior_tree))
+
+    def followWaypoints(
+        self,
+        poses: Sequence[PoseLike],
+        number_of_loops: int = 0,
+        goal_index: int = 0,
+        tasks: Sequence[act.WaypointTask] = (),
+    ) -> bool:
+        """Drive to each pose, stop there and do its task; without tasks, stand for 0.2 s."""
+        return self._send(
+            act.FollowWaypoints,
+            poses=tuple(_planar(pose) for pose in poses),
+            tasks=tuple(tasks),
+            number_of_loops=number_of_loops,
+            goal_index=goal_index,
+        )
+
+    def followPath(
+        self,
+        path: Sequence[PoseLike],
+        controller_id: str = "",
+        goal_checker_id: str = "",
+        progress_checker_id: str = "",
+        path_handler_id: str = "",
+    ) -> bool:
+        """Drive along a path."""
+        return self._send(
+            act.FollowPath(
+                path=tuple(_planar(pose) for pose in path),
+                controller_id=controller_id,
+                goal_checker_id=goal_checker_id,
+                progress_checker_id=progress_checker_id,
+                path_handler_id=path_handler_id,
+            )
+        )
+
+    def spin(
+        self,
+        spin_dist: float = 1.57,
+        time_allowance: float = 10.0,
+        disable_collision_checks: bool = False,
+    ) -> bool:
+        """Turn on the spot."""
+        return self._send(
+            act.Spin,
+            target_yaw_rad=spin_dist,
+            time_allowance_s=time_allowance,
+            disable_collision_checks=disable_collision_checks,
+        )
+
+    def backup(
+        self,
+        backup_dist: float = 0.15,
+        backup_speed: float = 0.025,
+        time_allowance: float = 10.0,
+        disable_collision_checks: bool = False,
+    ) -> bool:
+        """Drive straight back."""
+        return self._send(
+            act.BackUp,
+            distance_m=backup_dist,
+            speed_m_s=backup_speed,
+            time_allowance_s=time_allowance,
+            disable_collision_checks=disable_collision_checks,
+        )
+
+    def driveOnHeading(
+        self,
+        dist: float = 0.15,
+        speed: float = 0.025,
+        time_allowance: float = 10.0,
+        disable_collision_checks: bool = False,
+    ) -> bool:
+        """Drive straight on."""
+        return self._send(
+            act.DriveOnHeading,
+            distance_m=dist,
+            speed_m_s=speed,
+            time_allowance_s=time_allowance,
+            disable_collision_checks=disable_collision_checks,
+        )
+
+    def wait(self, duration: float) -> bool:
+        """Stand still."""
+        return self._send(act.Wait, duration_s=duration)
+
+    def assistedTeleop(self, time_allowance: float = 30.0) -> bool:
+        """Follow `/cmd_vel_teleop`, slowed before obstacles."""
+        return self._send(act.AssistedTeleop, time_allowance_s=time_allowance)
+
+    def dockRobotByPose(
+        self, dock_pose: PoseLike, dock_type: str = "", nav_to_dock: bool = True
+    ) -> bool:
+        """Dock at the marker of the dock whose docked robot has this pose."""
+        return self._send(
+            act.DockRobot(dock_pose=_planar(dock_pose), navigate_to_staging_pose=nav_to_dock)
+        )
+
+    def dockRobotByID(self, dock_id: str, nav_to_dock: bool = True) -> bool:
+        """Dock at a dock by its name, or at a marker by its id."""
+        return self._send(act.DockRobot(dock_id=dock_id, navigate_to_staging_pose=nav_to_dock))
+
+    def undockRobot(self, dock_type: str = "") -> bool:
+        """Leave the dock."""
+        return self._send(act.UndockRobot())
+
+    def cancelTask(self) -> None:
+        """Cancel the task: the robot stops. Without a task it does nothing."""
+        if self._goal_id and self._result is None:
+            self._ask(CANCEL_GOAL, CancelGoal(goal_id=self._goal_id))
+
+    def inputAtWaypoint(self) -> None:
+        """Give the input for which the robot waits at a waypoint.
+
+        Raises ConfigError where it follows none.
+        """
+        reply = self._ask(INPUT_AT_WAYPOINT, act.Empty())
+        if reply.error:
+            raise ConfigError(reply.error)
+
+    def getPhoto(self) -> msg.CompressedImage | None:
+        """The newest picture taken at a waypoint, as PNG; None before the first."""
+        return self._connection.latest(PHOTO)
+
+    def pauseTask(self, pause: bool = True) -> None:
+        """Pause the task, with the robot stopped, or resume it."""
+        self._ask(PAUSE_GOAL, act.PauseGoal(pause=pause))
+
+    def isTaskComplete(self) -> bool:
+        """Whether the task has ended, or there is none; lets up to 0.1 s pass if it has not."""
+        self._take_results()
+        if self._goal_id and self._result is None:
+            self._connection.let_pass(_TICK_S)
+            self._take_results()
+        return not self._goal_id or self._result is not None
+
+    def getFeedback(self) -> act.ActionFeedback | None:
+        """The newest feedback of the task; None before the first."""
+        found = self._connection.latest(ACTION_FEEDBACK)
+        return found if found is not None and found.goal_id == self._goal_id else None
+
+    def getResult(self) -> TaskResult:
+        """How the task ended; UNKNOWN while it goes on, FAILED where it was not accepted."""
+        if self._result is not None:
+            return _RESULTS[self._result.status]
+        return TaskResult.FAILED if self._error[0] else TaskResult.UNKNOWN
+
+    def getActionResult(self) -> act.ActionResult | None:
+        """The whole result, with waypoints and recoveries; None while the task goes on."""
+        return self._result
+
+    def getTaskError(self) -> tuple[int, str]:
+        """(error code, text) of the task; (0, "") where there is none."""
+        if self._result is not None:
+            return self._result.error_code, self._result.error_msg
+        return self._error
+
+    def setTaskError(self, error_code: int, error_msg: str) -> None:
+        """Set what `getTaskError` returns."""
+        self._error = (error_code, error_msg)
+
+    def clearPreviousState(self) -> None:
+        """Forget the last task."""
+        self._goal_id, self._result, self._error = "", None, (0, "")
+
+    def waitUntilNav2Active(
+        self, navigator: str = "bt_navigator", localizer: str = "amcl", timeout_s: float = 60.0
+    ) -> None:
+        """Wait until the robot has a pose and takes goals.
+
+        Raises TimeoutError, with what it waits for.
+        """
+        end_ns = self._connection.now_ns() + round(timeout_s * 1e9)
+        if self._initial_pose is not None:
+            self.setInitialPose(self._initial_pose)
+        for _ in itertools.count():
+            status = self._connection.latest(NAVIGATION_STATUS)
+            if status is not None and status.navigation_active:
+                return
+            if self._connection.now_ns() >= end_ns:
+                what = "no navigation service" if status is None else "no pose that can be trusted"
+                raise TimeoutError(f"waitUntilNav2Active: {what} after {timeout_s:g} s")
+            self._connection.let_pass(_TICK_S)
+
+    def getPath(
+        self, start: PoseLike | None, goal: PoseLike, planner_id: str = "", use_start: bool = False
+    ) -> list[Planar] | None:
+        """A path; from `start` with `use_start`, else from the robot. None: see `getTaskError`."""
+        return self.getPathThroughPoses(start, [goal], planner_id, use_start)
+
+    def getPathThroughPoses(
+        self,
+        start: PoseLike | None,
+        goals: Sequence[PoseLike],
+        planner_id: str = "",
+        use_start: bool = False,
+    ) -> list[Planar] | None:
+        """A path through all goals to the last one, as `getPath`."""
+        reply = self._ask(
+            COMPUTE_PATH,
+            act.ComputePath(
+                goals=tuple(_planar(goal) for goal in goals),
+                start=_planar(start) if use_start and start is not None else None,
+                planner_id=planner_id,
+            ),
+        )
+        self._error = (reply.error_code, reply.error_msg)
+        return None if reply.error_code else list(reply.path)
+
+    def smoothPath(
+        self,
+        path: Sequence[PoseLike],
+        smoother_id: str = "",
+        max_duration: float = 2.0,
+        check_for_collision: bool = False,
+    ) -> list[Planar] | None:
+        """A path, smoothed; None: see `getTaskError`.
+
+        `max_duration` has no effect: the smoother's passes are limited, by `smoothing_iterations`.
+        """
+        reply = self._ask(
+            SMOOTH_PATH,
+            act.SmoothPath(
+                path=tuple(_planar(pose) for pose in path),
+                smoother_id=smoother_id,
+                check_for_collisions=check_for_collision,
+            ),
+        )
+        self._error = (reply.error_code, reply.error_msg)
+        return None if reply.error_code else list(reply.path)
+
+    def changeMap(self, map_filepath: str | Path) -> bool:
+        """Let a map of map_server's form take the place of the world's, by its YAML file here.
+
+        A task ends, and localisation begins anew. Where it cannot be used, `getTaskError` gives
+        the number of nav2_msgs/srv/LoadMap, and the cause.
+        """
+        from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
+        from mazebot.worldgen.map.map_exchange import document_of_map  # noqa: PLC0415
+
+        path = Path(map_filepath)
+        if not path.is_file():
+            self._error = (_NO_MAP, f"{path}: no such file")
+            return False
+        try:
+            chart = read_map(path)
+        except WorldError as error:
+            image = any(problem.field == "image" for problem in error.problems)
+            self._error = (_BAD_MAP_DATA if image else _BAD_MAP_METADATA, str(error))
+            return False
+        reply = self._ask(LOAD_MAP, document_of_map(chart))
+        self._error = (reply.result, reply.error)
+        if reply.result:
+            return False
+        # Until navigation has taken the map; it stays active where it is the same one.
+        end_ns = self._connection.now_ns() + _MAP_TAKEN_NS
+        while self._connection.now_ns() < end_ns:
+            status = self._connection.latest(NAVIGATION_STATUS)
+            if status is not None and not status.navigation_active:
+                break
+            self._connection.let_pass(0.05)
+        return True
+
+    def clearAllCostmaps(self) -> None:
+        """Forget all obstacles that are not in the map and not seen now."""
+        self._clear("all")
+
+    def clearLocalCostmap(self) -> None:
+        """As `clearAllCostmaps`, in the local costmap."""
+        self._clear("local")
+
+    def clearGlobalCostmap(self) -> None:
+        """As `clearAllCostmaps`, in the global costmap."""
+        self._clear("global")
+
+    def clearCostmapExceptRegion(self, reset_distance: float) -> None:
+        """Forget obstacles outside a square of this side around the robot."""
+        self._clear("all", area="except_region", reset_distance_m=reset_distance)
+
+    def clearCostmapAroundRobot(self, reset_distance: float) -> None:
+        """Forget obstacles in a square of this side around the robot."""
+        self._clear("all", area="around_robot", reset_distance_m=reset_distance)
+
+    def clearLocalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
+        """Forget obstacles of the local costmap in a square of this side around a pose."""
+        where = _planar(pose)
+        self._clear("local", area="around_pose", reset_distance_m=reset_distance, pose=where)
+
+    def clearGlobalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
+        """Forget obstacles of the global costmap in a square of this side around a pose."""
+        where = _planar(pose)
+        self._clear("global", area="around_pose", reset_distance_m=reset_distance, pose=where)
+
+    def getGlobalCostmap(self) -> msg.OccupancyGrid | None:
+        """The newest global costmap; None before the first."""
+        return self._connection.latest(GLOBAL_COSTMAP)
+
+    def getLocalCostmap(self) -> msg.OccupancyGrid | None:
+        """The newest local costmap; None before the first."""
+        return self._connection.latest(LOCAL_COSTMAP)
+
+    def toggleCollisionMonitor(self, enable: bool) -> None:
+        """Switch the collision monitor on or off."""
+        self._ask(TOGGLE_COLLISION_MONITOR, act.Toggle(enable=enable))
+
+    def getPose(self) -> SE2 | None:
+        """The robot's estimated pose in the map; None before the first."""
+        pose = self._connection.latest(AMCL_POSE)
+        return None if pose is None else msg.se2_from_pose(pose.pose.pose)
+
+    def locations(self) -> dict[str, Location]:
+        """The named places of the world."""
+        world = self._connection.latest(WORLD)
+        return {} if world is None else {place.name: place for place in world.locations}
+
+    def destroyNode(self) -> None:
+        """Give up the connection; a task goes on."""
+        self._connection.close()
+
+    destroy_node = destroyNode
+    info: Callable[[str], None] = staticmethod(functools.partial(_LOG.info, "%s"))
+    warn: Callable[[str], None] = staticmethod(functools.partial(_LOG.warning, "%s"))
+    error: Callable[[str], None] = staticmethod(functools.partial(_LOG.error, "%s"))
+    debug: Callable[[str], None] = staticmethod(functools.partial(_LOG.debug, "%s"))
+
+    def _send(self, goal: act.ActionGoal | type, **fields: object) -> bool:
+        if isinstance(goal, type):
+            try:
+                goal = goal(**fields)
+            except ValidationError as error:
+                raise ConfigError(one_line(error)) from error
+        self.clearPreviousState()
+        goal_id = f"{self._name}-{next(self._numbers)}"
+        self._take_results()
+        reply = self._ask(SEND_GOAL, act.SendGoal(goal_id=goal_id, goal=goal))
+        self._result = None
+        if not reply.accepted:
+            self._error = (reply.error_code, reply.error_msg)
+            return False
+        self._goal_id = goal_id
+        return True
+
+    def _clear(self, costmap: str, **fields: object) -> None:
+        reply = self._ask(CLEAR_COSTMAP, act.ClearCostmap(costmap=costmap, **fields))
+        if reply.error:
+            raise ConfigError(reply.error)
+
+    def _ask(self, query: Any, message: Any) -> Any:
+        return self._connection.ask(query, message, self._timeout_s)
+
+    def _take_results(self) -> None:
+        for result in self._connection.taken(ACTION_RESULT):
+            if self._goal_id and result.goal_id == self._goal_id:
+                self._result = result
+
+
+def _planar(pose: PoseLike) -> Planar:
+    """Raises ConfigError for a pose of another frame or with numbers that are not finite."""
+    if isinstance(pose, Planar):
+        return Planar(x_m=pose.x_m, y_m=pose.y_m, yaw_rad=pose.yaw_rad)
+    if isinstance(pose, msg.PoseStamped):
+        if pose.header.frame_id not in ("", MAP_FRAME):
+            raise ConfigError(f"pose: frame_id {pose.header.frame_id!r}: must be 'map' or empty")
+        pose = msg.se2_from_pose(pose.pose)
+    values = [float(value) for value in pose]
+    if len(values) not in (2, 3):
+        raise ConfigError(f"pose: {tuple(values)}: must be x, y and yaw")
+    x_m, y_m, yaw_rad = [*values, 0.0][:3]
+    try:
+        return Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+    except ValidationError as error:
+        raise ConfigError(f"pose: {one_line(error)}") from error

@@ -1,0 +1,411 @@
+"""The topic table, one row a topic: the single source for subscriptions, publications, access,
+documentation and recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Generic, TypeVar
+
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages import slam_documents as slam
+
+M = TypeVar("M")
+
+SERVICES = (
+    "worldgen",
+    "physics",
+    "spawner",
+    "perception",
+    "localization",
+    "mapping",
+    "navigation",
+    "explorer",
+    "recorder",
+    "bringup",
+)
+"""The services in table order: the order in which they step within one instant."""
+
+EDGE = "cli"
+"""Publisher name of the user's tools."""
+
+
+class Delivery(Enum):
+    """The quality of service of a topic."""
+
+    LATEST = "latest"
+    """Dropped under congestion; a reader keeps the newest `depth`."""
+    EVERY = "every"
+    """Small messages; resent to a reader that has missed one. A reader keeps all."""
+    LATCHED = "latched"
+    """As EVERY, and a late reader gets the last `depth` messages of each publisher, or from the
+    other readers if the publisher is gone.
+    """
+
+
+@dataclass(frozen=True, eq=False)
+class Topic(Generic[M]):
+    """One row: a ROS topic, its type, its rate in simulation time, its publishers and subscribers,
+    and its delivery.
+    """
+
+    name: str
+    type: type[M]
+    owners: tuple[str, ...]
+    readers: tuple[str, ...]
+    delivery: Delivery
+    about: str
+    rate_hz: float | None = None
+    depth: int = 1
+    returned: bool = False
+    """Whether its owner gets its last message back from the readers after a restart."""
+    large: bool = False
+    """Whether a message may be so large that replies to a late reader must block, not drop."""
+    in_turn: bool = False
+    """Whether only one of its owners publishes in a run."""
+
+
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+
+@dataclass(frozen=True, eq=False)
+class Query(Generic[Q, A]):
+    """One row: a request that the user's tools may send to a service, as a Zenoh query on the
+    name's key. Services do not query each other: they share state by topics.
+    """
+
+    name: str
+    request: type[Q]
+    response: type[A]
+    owner: str
+    about: str
+
+
+_LATEST, _EVERY, _LATCHED = Delivery.LATEST, Delivery.EVERY, Delivery.LATCHED
+
+CLOCK = Topic(
+    "/clock",
+    msg.Clock,
+    ("physics",),
+    ("recorder",),
+    _LATEST,
+    "simulation time; the loop of every service follows it",
+    rate_hz=60,
+)
+WORLD_REQUEST = Topic(
+    "/world/request", doc.WorldRequest, ("bringup",), ("worldgen", "recorder"), _LATCHED,
+    "the requested world",
+)  # fmt: skip
+WORLD_STATUS = Topic(
+    "/world/status", doc.WorldStatus, ("worldgen",), ("bringup", "recorder"), _LATCHED,
+    "the result of the request",
+)  # fmt: skip
+ASSETS = Topic(
+    "/world/assets", msg.CompressedImage, ("worldgen", "spawner", "physics"),
+    ("physics", "spawner", "recorder"), _LATCHED,
+    "a texture (`png`) or a mesh (`npz`); `frame_id` is the sha256 of its bytes; from `physics`: "
+    "those of the entities in the world, for a restarted spawner", depth=256, large=True,
+)  # fmt: skip
+WORLD = Topic(
+    "/world", doc.World, ("worldgen",),
+    (
+        "physics", "spawner", "perception", "localization", "mapping", "navigation", "explorer",
+        "recorder", "bringup",
+    ),
+    _LATCHED,
+    "the resolved world", large=True,
+)  # fmt: skip
+MAP = Topic(
+    "/map", msg.OccupancyGrid, ("worldgen", "mapping"),
+    ("localization", "navigation", "explorer", "recorder", "bringup"), _LATCHED,
+    "occupancy map: rasterised from the walls, or as mapping has made it so far", large=True,
+    in_turn=True,
+)  # fmt: skip
+DESIRED_ENTITIES = Topic(
+    "/entities/desired", doc.Entities, ("spawner",), ("physics", "recorder"), _LATCHED,
+    "the entities that should exist, and those refused because of their placement",
+)  # fmt: skip
+ENTITIES = Topic(
+    "/entities", doc.Entities, ("physics",),
+    ("spawner", "perception", "localization", "navigation", "recorder"), _LATCHED,
+    "the entities that exist, and those that physics refused",
+)  # fmt: skip
+TF = Topic(
+    "/tf", msg.TFMessage, ("physics", "localization", "mapping"),
+    ("spawner", "perception", "navigation", "recorder"), _LATEST,
+    "odom from base_footprint, map from odom, map from each body that moves", rate_hz=30, depth=100,
+)  # fmt: skip
+TF_STATIC = Topic(
+    "/tf_static", msg.TFMessage, ("physics",),
+    ("perception", "localization", "mapping", "navigation", "recorder"), _LATCHED,
+    "the robot's fixed frames",
+)  # fmt: skip
+ODOM = Topic(
+    "/odom", msg.Odometry, ("physics",),
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
+    "wheel odometry: odom from base_footprint", rate_hz=30, depth=30,
+)  # fmt: skip
+JOINT_STATES = Topic(
+    "/joint_states", msg.JointState, ("physics",), ("recorder",), _LATEST,
+    "wheel angles and speeds", rate_hz=30,
+)  # fmt: skip
+IMU = Topic(
+    "/imu", msg.Imu, ("physics",), ("recorder",), _LATEST,
+    "gyroscope and accelerometer", rate_hz=120, depth=10,
+)  # fmt: skip
+SCAN = Topic(
+    "/scan", msg.LaserScan, ("physics",),
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
+    "lidar, counter-clockwise from straight ahead", rate_hz=10,
+)  # fmt: skip
+CAMERA_IMAGE = Topic(
+    "/camera/color/image_raw", msg.Image, ("physics",), ("perception", "recorder"), _LATEST,
+    "rgb8 image", rate_hz=10,
+)  # fmt: skip
+CAMERA_INFO = Topic(
+    "/camera/color/camera_info", msg.CameraInfo, ("physics",),
+    ("perception", "navigation", "recorder"), _LATEST,
+    "intrinsics of the image with the same stamp", rate_hz=10,
+)  # fmt: skip
+CAMERA_COMPRESSED = Topic(
+    "/camera/color/image_raw/compressed", msg.CompressedImage, ("physics",), ("recorder",), _LATEST,
+    "the image as JPEG, if it is enabled", rate_hz=10,
+)  # fmt: skip
+DEPTH_IMAGE = Topic(
+    "/camera/depth/image_rect_raw", msg.Image, ("physics",), ("recorder",), _LATEST,
+    "32FC1, metres along the optical axis, same render as the colour image; 0: nothing in range",
+    rate_hz=10,
+)  # fmt: skip
+DEPTH_INFO = Topic(
+    "/camera/depth/camera_info", msg.CameraInfo, ("physics",), ("recorder",), _LATEST,
+    "intrinsics of the depth image with the same stamp", rate_hz=10,
+)  # fmt: skip
+GROUND_TRUTH_ODOM = Topic(
+    "/ground_truth/odom", msg.Odometry, ("physics",), ("recorder",), _LATEST,
+    "true pose: map from base_footprint", rate_hz=30, depth=30,
+)  # fmt: skip
+CONTACTS = Topic(
+    "/contacts", doc.Contact, ("physics",), ("recorder",), _EVERY,
+    "a contact of the robot has begun",
+)  # fmt: skip
+SIMULATION_STATS = Topic(
+    "/simulation/stats", doc.SimulationStats, ("physics",),
+    ("localization", "mapping", "navigation", "explorer", "recorder"), _LATCHED,
+    "time, steps, pause, epoch, hashes", rate_hz=5, returned=True,
+)  # fmt: skip
+DETECTIONS = Topic(
+    "/aruco/detections", msg.Detection3DArray, ("perception",),
+    ("localization", "mapping", "navigation", "recorder"), _LATEST,
+    "markers in the camera's optical frame; a second result is the other IPPE solution", rate_hz=10,
+    depth=10,
+)  # fmt: skip
+MAP_DETECTIONS = Topic(
+    "/aruco/detections_map", msg.Detection3DArray, ("perception",), ("recorder",), _LATEST,
+    "the same markers in the map frame, by the estimated pose of the robot", rate_hz=10, depth=10,
+)  # fmt: skip
+INITIAL_POSE = Topic(
+    "/initialpose", msg.PoseWithCovarianceStamped, (EDGE,), ("localization", "recorder"), _EVERY,
+    "the initial pose set by the user",
+)  # fmt: skip
+GOAL_POSE = Topic(
+    "/goal_pose", msg.PoseStamped, ("bringup", "explorer", EDGE), ("navigation", "recorder"),
+    _EVERY,
+    "the goal pose",
+)  # fmt: skip
+AMCL_POSE = Topic(
+    "/amcl_pose", msg.PoseWithCovarianceStamped, ("localization", "mapping"),
+    ("navigation", "explorer", "recorder"), _LATEST,
+    "estimated pose: map from base_footprint", rate_hz=10,
+)  # fmt: skip
+PARTICLE_CLOUD = Topic(
+    "/particle_cloud", msg.PoseArray, ("localization",), ("recorder",), _LATEST,
+    "particles of the localisation", rate_hz=2,
+)  # fmt: skip
+LOCALIZATION_STATUS = Topic(
+    "/localization/status", doc.LocalizationStatus, ("localization", "mapping"),
+    ("navigation", "recorder"), _LATCHED, "whether the pose can be trusted, and why not", rate_hz=2,
+)  # fmt: skip
+GLOBAL_LOCALIZATION_REQUEST = Topic(
+    "/navigation/global_localization", act.Empty, ("navigation",), ("localization", "recorder"),
+    _EVERY, "a behaviour tree asks for the robot to be searched on the whole map",
+)  # fmt: skip
+POSE_GRAPH = Topic(
+    "/pose_graph", slam.PoseGraph, ("mapping",), ("recorder",), _LATCHED,
+    "keyframes with their scans, markers and all measurements between them; the map is made of it",
+    rate_hz=0.2, returned=True, large=True,
+)  # fmt: skip
+EXPLORATION_STATUS = Topic(
+    "/explore/status", slam.ExplorationStatus, ("explorer",), ("bringup", "recorder"), _LATCHED,
+    "how far the exploration has come", rate_hz=1,
+)  # fmt: skip
+FRONTIERS = Topic(
+    "/explore/frontiers", msg.MarkerArray, ("explorer",), ("recorder",), _LATEST,
+    "frontiers to go to, those set aside, and the view point chosen", rate_hz=1,
+)  # fmt: skip
+EXPLORE_RESUME = Topic(
+    "/explore/resume", msg.Bool, (EDGE,), ("explorer", "recorder"), _EVERY,
+    "false: the exploration stops here, true: it goes on",
+)  # fmt: skip
+GLOBAL_COSTMAP = Topic(
+    "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "cost of each cell, 100 lethal, 99 inscribed", rate_hz=1,
+)  # fmt: skip
+KEEPOUT_FILTER_MASK = Topic(
+    "/keepout_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "where the robot must not drive: 100; only where there are keepout zones", large=True,
+)  # fmt: skip
+SPEED_FILTER_MASK = Topic(
+    "/speed_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
+    "by how many percent the highest speed is lowered; only where there are speed limits",
+    large=True,
+)  # fmt: skip
+LOCAL_COSTMAP = Topic(
+    "/local_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATEST,
+    "the obstacles around the robot, in the odom frame", rate_hz=2,
+)  # fmt: skip
+PLAN = Topic(
+    "/plan", msg.Path, ("navigation",), ("recorder",), _LATEST, "the path being followed", rate_hz=1
+)
+CMD_VEL = Topic(
+    "/cmd_vel", msg.TwistStamped, ("navigation", EDGE), ("physics", "recorder"), _LATEST,
+    "velocity of base_footprint", rate_hz=20,
+)  # fmt: skip
+CMD_VEL_TELEOP = Topic(
+    "/cmd_vel_teleop", msg.TwistStamped, (EDGE,), ("navigation", "recorder"), _LATEST,
+    "velocity that a person wants; the collision monitor slows it down before obstacles",
+)  # fmt: skip
+COLLISION_MONITOR_STATE = Topic(
+    "/collision_monitor_state", act.CollisionMonitorState, ("navigation",), ("recorder",),
+    _LATCHED, "what the collision monitor does, because of what, and where",
+)  # fmt: skip
+ACTION_FEEDBACK = Topic(
+    "/navigation/feedback", act.ActionFeedback, ("navigation",), ("recorder",), _LATEST,
+    "progress of the current action", rate_hz=5,
+)  # fmt: skip
+ACTION_RESULT = Topic(
+    "/navigation/action_result", act.ActionResult, ("navigation",), ("recorder",), _EVERY,
+    "how an action ended",
+)  # fmt: skip
+PHOTO_REQUEST = Topic(
+    "/waypoint_photo/request", act.PhotoRequest, ("navigation",), ("perception", "recorder"),
+    _EVERY, "a picture is wanted at a waypoint",
+)  # fmt: skip
+PHOTO = Topic(
+    "/waypoint_photo", msg.CompressedImage, ("perception",), ("navigation", "recorder"), _EVERY,
+    "the picture taken at a waypoint, as PNG",
+)  # fmt: skip
+BEHAVIOR_TREE = Topic(
+    "/behavior_tree", act.BehaviorTreeLog, ("navigation",), ("recorder",), _LATCHED,
+    "the behaviour tree that runs, with the status of each node, when one has changed",
+)  # fmt: skip
+TRAJECTORIES = Topic(
+    "/trajectories", msg.MarkerArray, ("navigation",), ("recorder",), _LATEST,
+    "rollouts of the MPPI controller, green the cheap ones, red the dear ones, and the one chosen",
+    rate_hz=2,
+)  # fmt: skip
+NAVIGATION_STATUS = Topic(
+    "/navigation/status", doc.NavigationStatus, ("navigation",),
+    ("explorer", "bringup", "recorder"), _LATCHED,
+    "state of navigation, and of localisation as it sees it", rate_hz=2,
+)  # fmt: skip
+NAVIGATION_RESULT = Topic(
+    "/navigation/result", doc.NavigationResult, ("navigation",),
+    ("explorer", "bringup", "recorder"), _EVERY,
+    "the result of a goal",
+)  # fmt: skip
+EVALUATION = Topic(
+    "/evaluation", doc.Evaluation, ("recorder",), ("bringup",), _LATCHED,
+    "the run evaluated against the ground truth", rate_hz=1,
+)  # fmt: skip
+PARAMETERS = Topic(
+    "/parameters", doc.Parameters, SERVICES, ("recorder",), _LATCHED,
+    "the configuration of each service",
+)  # fmt: skip
+DIAGNOSTICS = Topic(
+    "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
+    "state of each service, what it waits for, what it rejected and lost", rate_hz=1, depth=20,
+)  # fmt: skip
+ROSOUT = Topic(
+    "/rosout", msg.Log, SERVICES, ("recorder",), _EVERY, "the log of every service"
+)  # fmt: skip
+
+SPAWN_ENTITY = Query(
+    "/spawn_entity", doc.SpawnEntity, doc.EntityReply, "spawner", "spawn an entity"
+)
+DELETE_ENTITY = Query(
+    "/delete_entity", doc.DeleteEntity, doc.EntityReply, "spawner", "delete an entity"
+)
+SET_ENTITY_STATE = Query(
+    "/set_entity_state", doc.SetEntityState, doc.EntityReply, "spawner", "move an entity to a pose"
+)
+GET_ENTITIES = Query(
+    "/get_entities", doc.GetEntities, doc.Entities, "spawner", "the entities in the world"
+)
+SIMULATION_CONTROL = Query(
+    "/simulation/control", doc.SimulationControl, doc.SimulationControlReply, "physics",
+    "pause, resume, step, reset, seed, speed, run until",
+)  # fmt: skip
+CANCEL_GOAL = Query(
+    "/navigate_to_pose/_action/cancel_goal", doc.CancelGoal, doc.CancelGoalReply, "navigation",
+    "cancel the current goal",
+)  # fmt: skip
+SEND_GOAL = Query(
+    "/navigation/send_goal", act.SendGoal, act.SendGoalReply, "navigation",
+    "start one of Nav2's actions: navigate_to_pose, follow_waypoints, spin, dock_robot, ...",
+)  # fmt: skip
+INPUT_AT_WAYPOINT = Query(
+    "/input_at_waypoint/input", act.Empty, act.Reply, "navigation",
+    "the input for which the robot waits at a waypoint",
+)  # fmt: skip
+PAUSE_GOAL = Query(
+    "/navigation/pause", act.PauseGoal, act.Reply, "navigation", "pause or resume the action"
+)
+COMPUTE_PATH = Query(
+    "/compute_path_to_pose", act.ComputePath, act.ComputePathReply, "navigation",
+    "a path, without driving it",
+)  # fmt: skip
+SMOOTH_PATH = Query(
+    "/smooth_path", act.SmoothPath, act.SmoothPathReply, "navigation", "a path, smoothed"
+)
+LOAD_MAP = Query(
+    "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",
+    "publish another map on `/map`",
+)  # fmt: skip
+CLEAR_COSTMAP = Query(
+    "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "forget obstacles of a costmap"
+)
+TOGGLE_COLLISION_MONITOR = Query(
+    "/collision_monitor/toggle", act.Toggle, act.Reply, "navigation",
+    "switch the collision monitor on or off",
+)  # fmt: skip
+REINITIALIZE_GLOBAL_LOCALIZATION = Query(
+    "/reinitialize_global_localization", act.Empty, act.Reply, "localization",
+    "search the robot on the whole map",
+)  # fmt: skip
+
+QUERIES: tuple[Query[Any, Any], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Query)
+)
+TOPICS: tuple[Topic[object], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Topic)
+)
+BY_NAME: dict[str, Topic[object]] = {topic.name: topic for topic in TOPICS}
+
+
+def owned_by(service: str) -> list[Topic[object]]:
+    """The topics a service may write."""
+    return [topic for topic in TOPICS if service in topic.owners]
+
+
+def asked_of(service: str) -> list[Query[Any, Any]]:
+    """The queries a service answers."""
+    return [query for query in QUERIES if query.owner == service]
+
+
+def read_by(service: str) -> list[Topic[object]]:
+    """The topics a service reads."""
+    return [topic for topic in TOPICS if service in topic.readers]

@@ -1,0 +1,391 @@
+"""Topic to key expression, message to bytes and back, and message validation."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+import operator
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from pydantic import ValidationError
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+
+from mazebot.common.messages import cdr
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import Document
+from mazebot.common.messages.topics import Query, Topic
+
+M = TypeVar("M")
+D = TypeVar("D", bound=Document)
+Buffer = bytes | memoryview
+
+MAX_MESSAGE_BYTES = 64 * 1024 * 1024
+"""Size limit of an image, a map, a file, or a document."""
+MAX_SMALL_MESSAGE_BYTES = 1024 * 1024
+"""Size limit of any other message."""
+MAX_COORDINATE = 1e6
+"""Largest component of a position (m), a velocity (m/s, rad/s) or an acceleration (m/s2)."""
+MAX_NUMBER = 1e9
+"""Largest value of any other number."""
+MAX_IN_ARRAY = 1e12
+"""Largest number in an array: a covariance of -1, or a huge one, is valid."""
+MAX_CELLS = 16_000_000
+"""Cells of a map: as many as the world generator makes at most."""
+MAX_CELL_SIDE_M = 1_000.0
+MAX_NAME_CHARACTERS = 255
+"""Maximum length of a frame's name."""
+
+# inf is a lidar ray without an echo. Only these fields may be infinite.
+_MAY_BE_INFINITE = {("sensor_msgs/msg/LaserScan", "ranges")}
+# Each item costs its reader a stored frame, or an update of the filter.
+_MOST_ITEMS = {
+    ("tf2_msgs/msg/TFMessage", "transforms"): 1000,
+    ("vision_msgs/msg/Detection3DArray", "detections"): 250,
+    ("vision_msgs/msg/Detection3D", "results"): 16,
+}
+_COORDINATES = {"geometry_msgs/msg/Point", "geometry_msgs/msg/Vector3"}
+_MAX_INTEGER = 2**63 - 1
+_FEW = 40
+"""Array length up to which Python checks faster than numpy."""
+
+
+class WireError(ValueError):
+    """An invalid message; `reason` is a short phrase by which it is counted."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+
+
+def key_from_topic(topic: Topic[M] | Query[Any, Any], prefix: str = "") -> str:
+    """Zenoh key expression of a topic or a query: the plain ROS name without its slash, as in
+    zenoh-bridge-ros2dds.
+    """
+    return prefix + topic.name.removeprefix("/")
+
+
+def type_name(topic: Topic[M]) -> str:
+    """ROS type name of a topic's messages on the wire."""
+    if issubclass(topic.type, Document):
+        return msg.String.__msgtype__
+    return cast("type[msg.RosMessage]", topic.type).__msgtype__
+
+
+def encode(topic: Topic[M], message: M) -> bytes:
+    """CDR bytes (XCDR1, little endian) of a message; a document travels as JSON in std_msgs/String.
+
+    Raises WireError where the message does not fit its type.
+    """
+    try:
+        if isinstance(message, Document):
+            return encode_document(message)
+        return cdr.encode(type_name(topic), message)
+    except (AttributeError, TypeError, ValueError, OverflowError, struct.error) as error:
+        raise WireError("not of its type", str(error)) from error
+
+
+def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
+    """As `encode()`, in pieces, so that a picture's bytes are not copied."""
+    if not isinstance(message, msg.Image | msg.CompressedImage):
+        return (encode(topic, message),)
+    try:
+        pixels = np.ascontiguousarray(message.data, np.uint8).data
+    except (TypeError, ValueError) as error:
+        raise WireError("not of its type", str(error)) from error
+    # They come last, after their number.
+    head = encode(topic, cast("M", dataclasses.replace(message, data=_NO_PIXELS)))
+    return head[: -_LENGTH.size] + _LENGTH.pack(len(pixels)), pixels
+
+
+_NO_PIXELS = np.zeros(0, np.uint8)
+_LENGTH = struct.Struct("<I")
+
+
+def encode_document(document: Document) -> bytes:
+    """CDR bytes of the std_msgs/String that carries a document as JSON."""
+    return cdr.encode(msg.String.__msgtype__, msg.String(data=document.model_dump_json()))
+
+
+def decode(topic: Topic[M], data: bytes) -> M:
+    """The message in CDR bytes.
+
+    Raises WireError where they are no message of the topic's type.
+    """
+    if issubclass(topic.type, Document):
+        return cast("M", decode_document(topic.type, data))
+    return cast("M", _decode(type_name(topic), data))
+
+
+def decode_document(kind: type[D], data: bytes) -> D:
+    """The document of a kind in CDR bytes.
+
+    Raises WireError where they are no such document.
+    """
+    text = cast("msg.String", _decode(msg.String.__msgtype__, data)).data
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError as error:
+        raise WireError("not of its schema", _first_mistake(error)) from error
+    except RecursionError as error:
+        raise WireError("malformed", str(error)) from error
+
+
+def _decode(type_name_: str, data: bytes) -> object:
+    if len(data) > _most_bytes(type_name_):
+        raise WireError("too large", f"{len(data)} bytes")
+    try:
+        return msg.TYPESTORE.deserialize_cdr(data, type_name_)
+    except (SerdeError, RecursionError, MemoryError, OverflowError, AssertionError) as error:
+        raise WireError("malformed", str(error)) from error
+
+
+@functools.cache
+def _most_bytes(type_name_: str) -> int:
+    """Size limit of a message: the large one for types with a byte array, and for documents."""
+    if type_name_ == msg.String.__msgtype__:
+        return MAX_MESSAGE_BYTES
+    for _, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            item_kind, item = cast("tuple[Nodetype, Any]", what[0])
+            if item_kind != Nodetype.NAME and item[0] in ("uint8", "int8", "byte"):
+                return MAX_MESSAGE_BYTES
+    return MAX_SMALL_MESSAGE_BYTES
+
+
+def _first_mistake(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    field = ".".join(map(str, first["loc"]))
+    return f"{field}: {first['msg']}" if field else first["msg"]
+
+
+def validate(topic: Topic[M], message: M) -> None:
+    """Check a message's type and values.
+
+    Raises WireError where the type is wrong, a number is not finite or too large, an array has the
+    wrong length, a list has too many items, a quaternion is not of unit length, or frames form a
+    cycle.
+    """
+    # The first comparison alone is several times as fast for a document, whose class is abstract.
+    if type(message) is not topic.type and not isinstance(message, topic.type):
+        raise WireError("not of its type", type(message).__name__)
+    try:
+        problem = _checker_of(cast("Any", topic.type))(message)
+    except (TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise WireError("not of its type", str(error)) from error
+    if problem:
+        raise WireError(problem)
+
+
+def _document(document: Document) -> str:
+    """The problem of any number in a document; empty: none."""
+    waiting: list[Any] = list(document.__dict__.values())
+    while waiting:
+        value = waiting.pop()
+        kind = type(value)
+        if kind is float:
+            if not -MAX_NUMBER <= value <= MAX_NUMBER:
+                return _OUT_OF_RANGE if math.isfinite(value) else _NOT_FINITE
+        elif kind is int:
+            if not -_MAX_INTEGER <= value <= _MAX_INTEGER:
+                return _OUT_OF_RANGE
+        elif kind is tuple or kind is list:
+            waiting.extend(value)
+        elif kind is dict:
+            waiting.extend(value.values())
+        elif isinstance(value, Document):
+            waiting.extend(value.__dict__.values())
+    return ""
+
+
+_Check = Callable[[Any], str]
+_Get = Callable[[Any], Any]
+_NOT_FINITE, _OUT_OF_RANGE, _TOO_MANY = "not finite", "out of range", "too many items"
+
+
+@dataclass
+class _Fields:
+    """Dotted paths of the fields to check in a message."""
+
+    coordinates: list[str]
+    numbers: list[str]
+    """Numbers that are not coordinates."""
+    arrays: list[tuple[str, bool]]
+    """Path, and whether the values may be infinite."""
+    extras: list[tuple[str, _Check]]
+    lists: list[tuple[str, str, int]]
+    """Path, type of the items, and the maximum number of items."""
+
+
+@dataclass(frozen=True)
+class _Checks:
+    """The checks of a message type.
+
+    Most messages consist mainly of numbers, and each one is checked: one call fetches all of them.
+    """
+
+    coordinates: _Get | None
+    numbers: _Get | None
+    others: list[tuple[_Get, _Check]]
+
+
+@functools.cache
+def _checks(type_name_: str) -> _Checks:
+    fields = _Fields([], [], [], [], [])
+    _collect(type_name_, "", fields)
+    checks: list[tuple[_Get, _Check]] = [
+        (operator.attrgetter(path), _array_with_inf if inf else _array)
+        for path, inf in fields.arrays
+    ]
+    checks += [
+        (operator.attrgetter(path), functools.partial(_each, item, most))
+        for path, item, most in fields.lists
+    ]
+    checks += [
+        (operator.attrgetter(path) if path else _itself, extra) for path, extra in fields.extras
+    ]
+    return _Checks(_all_of(fields.coordinates), _all_of(fields.numbers), checks)
+
+
+@functools.cache
+def _checker_of(kind: type[Any]) -> _Check:
+    """The function that validates messages of a class; made once."""
+    return _document if issubclass(kind, Document) else _checker(kind.__msgtype__)
+
+
+def _checker(type_name_: str) -> _Check:
+    checks = _checks(type_name_)
+    limits = [
+        (get, largest)
+        for get, largest in ((checks.coordinates, MAX_COORDINATE), (checks.numbers, MAX_NUMBER))
+        if get is not None
+    ]
+    others = checks.others
+
+    def check(message: object) -> str:
+        for get, largest in limits:
+            values = get(message)
+            if not math.hypot(*values) <= largest:
+                problem = _within(values, largest)
+                if problem:
+                    return problem
+        for get_one, problem_of in others:
+            problem = problem_of(get_one(message))
+            if problem:
+                return problem
+        return ""
+
+    return check
+
+
+def _collect(type_name_: str, prefix: str, fields: _Fields) -> None:
+    """Collect the fields to check in a type, and in its nested types."""
+    for name, (kind, what) in msg.TYPESTORE.fielddefs[type_name_][1]:
+        path = prefix + name
+        is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        item_kind, item = cast("tuple[Nodetype, Any]", what[0] if is_list else (kind, what))
+        if item_kind == Nodetype.NAME:
+            if is_list:
+                most = _MOST_ITEMS.get((type_name_, name), MAX_SMALL_MESSAGE_BYTES)
+                fields.lists.append((path, item, most))
+            else:
+                _collect(item, f"{path}.", fields)
+        elif item[0] in ("float32", "float64"):
+            if is_list:
+                fields.arrays.append((path, (type_name_, name) in _MAY_BE_INFINITE))
+            elif type_name_ in _COORDINATES:
+                fields.coordinates.append(path)
+            else:
+                fields.numbers.append(path)
+    if type_name_ in _EXTRA:
+        fields.extras.append((prefix.removesuffix("."), _EXTRA[type_name_]))
+
+
+def _all_of(paths: list[str]) -> _Get | None:
+    """A getter of the values at the paths as a tuple; None where there are no paths."""
+    if not paths:
+        return None
+    get: _Get = operator.attrgetter(*paths)
+    return get if len(paths) > 1 else lambda message: (get(message),)
+
+
+def _itself(message: object) -> object:
+    return message
+
+
+def _within(values: Sequence[float], largest: float) -> str:
+    """The problem of some numbers; empty: none. Their norm is at least each one's magnitude."""
+    if math.hypot(*values) <= largest or all(-largest <= value <= largest for value in values):
+        return ""
+    return _OUT_OF_RANGE if all(map(math.isfinite, values)) else _NOT_FINITE
+
+
+def _array(values: Any) -> str:
+    if len(values) <= _FEW:
+        numbers = values.tolist()
+        return "" if math.hypot(*numbers) <= MAX_IN_ARRAY else _within(numbers, MAX_IN_ARRAY)
+    if np.abs(values).max() <= MAX_IN_ARRAY:
+        return ""
+    return _OUT_OF_RANGE if np.isfinite(values).all() else _NOT_FINITE
+
+
+def _array_with_inf(values: Any) -> str:
+    return _NOT_FINITE if np.isnan(values).any() else ""
+
+
+def _each(type_name_: str, most: int, messages: list[object]) -> str:
+    if not messages:
+        return ""
+    if len(messages) > most:
+        return _TOO_MANY
+    checks = _checks(type_name_)
+    for get, largest in ((checks.coordinates, MAX_COORDINATE), (checks.numbers, MAX_NUMBER)):
+        if get is not None:
+            problem = _within(list(itertools.chain.from_iterable(map(get, messages))), largest)
+            if problem:
+                return problem
+    for get_one, problem_of in checks.others:
+        for problem in map(problem_of, map(get_one, messages)):
+            if problem:
+                return problem
+    return ""
+
+
+def _image(image: msg.Image) -> str:
+    return "" if len(image.data) == image.height * image.step else "wrong length"
+
+
+def _grid(grid: msg.OccupancyGrid) -> str:
+    info = grid.info
+    if len(grid.data) != info.height * info.width:
+        return "wrong length"
+    if len(grid.data) > MAX_CELLS:
+        return "too many cells"
+    return "" if 0.0 < info.resolution <= MAX_CELL_SIDE_M else _OUT_OF_RANGE
+
+
+def _unit(q: msg.Quaternion) -> str:
+    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    return "" if abs(norm - 1.0) < 1e-3 else "quaternion not of unit length"
+
+
+def _frames(tree: msg.TFMessage) -> str:
+    parents = {entry.child_frame_id: entry.header.frame_id for entry in tree.transforms}
+    for frame, parent in parents.items():
+        if not (0 < len(frame) <= MAX_NAME_CHARACTERS and 0 < len(parent) <= MAX_NAME_CHARACTERS):
+            return "frame without a name, or with one too long"
+    return "frames in a ring" if msg.has_ring(parents) else ""
+
+
+_EXTRA: dict[str, _Check] = {
+    "sensor_msgs/msg/Image": _image,
+    "nav_msgs/msg/OccupancyGrid": _grid,
+    "geometry_msgs/msg/Quaternion": _unit,
+    "tf2_msgs/msg/TFMessage": _frames,
+}

@@ -1,0 +1,121 @@
+"""Finds the parameters of a file in the tables of those of Nav2."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from difflib import get_close_matches
+
+from mazebot.common.nav2_params.entry import (
+    Entry,
+    child_of,
+    joined_notes,
+    kind_of,
+    listed_names,
+)
+from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Namespace, Value
+from mazebot.common.nav2_params.tables.every_node import EVERY_NODE, PREFIXES
+from mazebot.common.nav2_params.tables.nodes import NODES
+from mazebot.common.nav2_params.yaml_leaves import WILDCARD
+
+
+def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> Entry:
+    """The entry with what is known of it."""
+    if entry.knowledge == "gone":
+        return entry
+    if entry.name in EVERY_NODE.parameters:
+        row = EVERY_NODE.parameters[entry.name]
+        return dataclasses.replace(entry, parameter=row, place=EVERY_NODE.place)
+    if entry.name.startswith(PREFIXES):
+        return _unread(entry, "read by ROS 2 itself")
+    if node is None:
+        if entry.node == WILDCARD:
+            note = "is not read for all nodes: must stand below its node"
+        else:
+            near = get_close_matches(entry.node, NODES, 1, 0.7)
+            note = "no node of Nav2" + (f"; did you mean {near[0]}?" if near else "")
+        return dataclasses.replace(entry, knowledge="unknown", note=joined_notes(entry.note, note))
+    return _found(entry, node, entry.name, "", node.place, values)
+
+
+def _found(
+    entry: Entry, space: Namespace, name: str, prefix: str, place: str, values: Mapping[str, Value]
+) -> Entry:
+    row = space.parameters.get(name)
+    if row is not None:
+        group = next((one for one in space.groups if one.lister == name), None)
+        note = joined_notes(entry.note, row.note or space.note)
+        return dataclasses.replace(entry, parameter=row, place=place, group=group, note=note)
+    head, _, rest = name.partition(".")
+    inner = f"{prefix}{head}"
+    # A name that one parameter lists may look like those of another.
+    for group in sorted(
+        space.groups, key=lambda one: head not in listed_names(one, prefix, values)
+    ):
+        listed = listed_names(group, prefix, values)
+        kind = kind_of(group, inner, head, values)
+        child = child_of(group, kind, inner, values)
+        if head not in listed:
+            if not _would_be(group, child, head, rest, inner, values):
+                continue
+            why = f"{head} is not in {group.lister}: Nav2 does not read it either"
+        else:
+            why = _left_out(group, listed, head, prefix, values)
+        where = f"{place}.{child.place}" if child else place
+        entry = dataclasses.replace(entry, instance=head)
+        if rest == "plugin" and group.key == "plugin":
+            found = dataclasses.replace(
+                entry, knowledge="plugin", group=group, value=kind, place=where
+            )
+        elif child is None:
+            why = f"{kind} is not built in" if kind else f"{head}.{group.key} is missing"
+            found = entry
+        else:
+            found = _found(entry, child, rest, f"{inner}.", where, values)
+        return _unread(found, why) if why and found.knowledge != "unknown" else found
+    near = get_close_matches(name, space.parameters, 1, 0.6)
+    hint = f"; did you mean {prefix}{near[0]}?" if near else ""
+    note = joined_notes(entry.note, f"Nav2 has no such parameter and ignores it{hint}")
+    return dataclasses.replace(entry, knowledge="unknown", note=note)
+
+
+def _would_be(
+    group: Group,
+    child: Namespace | None,
+    head: str,
+    rest: str,
+    inner: str,
+    values: Mapping[str, Value],
+) -> bool:
+    """Whether a namespace that is not listed is one of the group's."""
+    if child is None or not rest:
+        return False
+    if group.key in {"", OWN_NAME}:
+        return group.key == OWN_NAME or rest in child.parameters
+    return head in group.defaults or f"{inner}.{group.key}" in values
+
+
+def _left_out(
+    group: Group, listed: list[str], head: str, prefix: str, values: Mapping[str, Value]
+) -> str:
+    """Why the plugin of a listed name is not taken; empty: it is."""
+    if group.key != "plugin":
+        return ""
+    same = [
+        one
+        for one in listed
+        if group.setting
+        or _place(group, one, prefix, values) == _place(group, head, prefix, values)
+    ]
+    first = "the first" if group.setting else "the first of its kind"
+    return "" if same[0] == head else f"only {same[0]}, {first} in {group.lister}, is taken"
+
+
+def _place(group: Group, instance: str, prefix: str, values: Mapping[str, Value]) -> str:
+    child = group.kinds.get(kind_of(group, f"{prefix}{instance}", instance, values))
+    return child.place if child else instance
+
+
+def _unread(entry: Entry, why: str) -> Entry:
+    """The entry as one that is only checked."""
+    return dataclasses.replace(entry, knowledge="unread", note=joined_notes(entry.note, why))

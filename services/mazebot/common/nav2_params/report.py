@@ -1,0 +1,220 @@
+"""What becomes of each parameter of a file of Nav2, and the settings that come of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from mazebot.common.nav2_params.entry import Entry, joined_notes
+from mazebot.common.nav2_params.loader import Nav2Params
+from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
+from mazebot.common.nav2_params.targets import CONVERSIONS, Models, setting, valid_for
+
+Status = Literal["used", "mapped", "unsupported", "unknown"]
+STATUSES: tuple[Status, ...] = ("used", "mapped", "unsupported", "unknown")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What becomes of a parameter of the file."""
+
+    node: str
+    parameter: str
+    """As the file has it."""
+    value: Value
+    status: Status
+    """used: as it stands. mapped: under another name or with another value. unsupported: a
+    parameter of Nav2 that changes nothing here. unknown: none of Nav2, which ignores it too."""
+    setting: str
+    """Ours; "" where there is none."""
+    note: str
+    line: int
+    now: str
+    """Node and parameter under today's names."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What becomes of a file."""
+
+    name: str
+    rows: tuple[Row, ...]
+    """One for each parameter of the file, in its order."""
+    settings: Mapping[str, Mapping[str, Value]]
+    """Our settings by section, nested as in a settings file."""
+
+    @property
+    def counts(self) -> dict[Status, int]:
+        """The number of parameters of each status; together all of the file."""
+        return {status: sum(row.status == status for row in self.rows) for status in STATUSES}
+
+
+def report(params: Nav2Params, models: Models) -> Report:
+    """Say what becomes of each parameter, where `models` are the sections of our settings.
+
+    A parameter whose setting does not exist, or does not take the value, is unsupported.
+    """
+    settings: dict[str, dict[str, Value]] = {}
+    owners: dict[str, tuple[Value, str]] = {}
+    entries = params.entries
+    # The lists first: the switch of one that is listed may be off.
+    order = sorted(range(len(entries)), key=lambda at: not _is_switch(entries[at]))
+    done = {at: _row(entries[at], models, settings, owners) for at in order}
+    rows = [done[at] for at in range(len(entries))]
+    taken = [
+        f"{entry.node}.{entry.name}"
+        for entry, row in zip(params.entries, rows, strict=True)
+        if row.status in {"used", "mapped"} and row.setting
+    ]
+    structure = [
+        _structure(entry, row, taken) if _lists(entry) else row
+        for entry, row in zip(params.entries, rows, strict=True)
+    ]
+    return Report(params.name, tuple(structure), settings)
+
+
+def _row(
+    entry: Entry,
+    models: Models,
+    settings: dict[str, dict[str, Value]],
+    owners: dict[str, tuple[Value, str]],
+) -> Row:
+    row = Row(
+        entry.leaf.node, entry.leaf.name, entry.leaf.value,
+        "unknown" if entry.knowledge == "unknown" else "unsupported",
+        "", entry.note, entry.leaf.line, f"{entry.node}.{entry.name}",
+    )  # fmt: skip
+    if entry.group is not None and _is_switch(entry):
+        return _switched(entry, entry.group, row, models, settings)
+    told = _told(entry)
+    if told is None:
+        return row
+    names, value = told
+    found = setting(entry.place, names, entry.instance, models)
+    if found is None:
+        return _as_always(entry, row)
+    path, field = found
+    converted = value
+    if entry.parameter is not None and entry.parameter.conversion:
+        converted = CONVERSIONS[entry.parameter.conversion](value)
+    changed = entry.renamed or entry.unresolved or converted != value
+    changed |= path.rpartition(".")[2] != entry.name.rpartition(".")[2]
+    status: Status = "mapped" if changed else "used"
+    if converted is None:
+        note = "the default here has this meaning"
+        return dataclasses.replace(
+            row, status=status, setting=path, note=joined_notes(row.note, note)
+        )
+    problem = valid_for(field, converted)
+    if problem:
+        note = joined_notes(row.note, f"{path} {problem}")
+        return dataclasses.replace(row, note=note)
+    before = owners.setdefault(path, (converted, row.now))
+    if before[0] != converted:
+        note = joined_notes(row.note, f"{path} has its value from {before[1]}")
+        return dataclasses.replace(row, note=note)
+    _put(settings, path, converted)
+    note = row.note if converted == value else joined_notes(row.note, f"taken as {converted!r}")
+    return dataclasses.replace(row, status=status, setting=path, note=note)
+
+
+def _is_switch(entry: Entry) -> bool:
+    return entry.group is not None and entry.group.key == OWN_NAME
+
+
+def _switched(
+    entry: Entry,
+    group: Group,
+    row: Row,
+    models: Models,
+    settings: dict[str, dict[str, Value]],
+) -> Row:
+    """The row of a list such as MPPI's critics, of which each has a switch `enabled` here."""
+    switches = {}
+    for name in group.kinds:
+        found = setting(f"{entry.place}.{name}", ("enabled",), entry.instance, models)
+        if found is not None:
+            switches[name] = found[0]
+    if not switches:
+        return dataclasses.replace(row, note=joined_notes(row.note, "has no setting here"))
+    for name, path in switches.items():
+        # The critic's own switch, where the file has it, is read later and counts.
+        _put(settings, path, name in entry.value)
+    missing = [name for name in entry.value if name not in switches]
+    note = f"without {', '.join(missing)}" if missing else ""
+    on = sum(name in switches for name in entry.value)
+    where = next(iter(switches.values())).rpartition(".")[0].rpartition(".")[0]
+    note = joined_notes(f"{on} of {len(switches)} are on", note)
+    return dataclasses.replace(
+        row, status="mapped", setting=f"{where}.*.enabled", note=joined_notes(row.note, note)
+    )
+
+
+def _told(entry: Entry) -> tuple[tuple[str, ...], Value] | None:
+    """The names of our settings that may take the entry's value, and the value; None: none can."""
+    if entry.knowledge == "plugin" and entry.group is not None:
+        chosen = entry.group.values.get(str(entry.value))
+        return None if chosen is None else ((entry.group.setting,), chosen)
+    if entry.knowledge == "parameter" and entry.parameter is not None:
+        if entry.value is None:
+            return None
+        return entry.parameter.targets, entry.value
+    return None
+
+
+def _as_always(entry: Entry, row: Row) -> Row:
+    """The row of a parameter without a setting: used where it asks for what is always so."""
+    fixed = entry.parameter.fixed if entry.parameter else ()
+    if entry.parameter is not None and fixed == ("default",):
+        fixed = (str(entry.parameter.default),)
+    if not fixed:
+        return row if row.note else dataclasses.replace(row, note="has no setting here")
+    given = str(entry.value).lower() if isinstance(entry.value, bool) else str(entry.value)
+    said = " or ".join(fixed)
+    if given.lstrip("/") not in fixed:
+        return dataclasses.replace(row, note=joined_notes(row.note, f"is always {said} here"))
+    status: Status = "mapped" if entry.renamed or entry.unresolved else "used"
+    return dataclasses.replace(row, status=status, note=joined_notes(row.note, "is always so here"))
+
+
+def _lists(entry: Entry) -> bool:
+    """Whether the entry says which plugins there are, rather than anything of one."""
+    listed = entry.knowledge in {"plugin", "parameter"}
+    return entry.group is not None and listed and not _is_switch(entry)
+
+
+def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
+    """A list of plugins, or the class of one, is used where a parameter of such a plugin is."""
+    if row.status != "unsupported":
+        return row
+    if entry.knowledge == "plugin":
+        if entry.group is not None and entry.group.setting and entry.group.values:
+            if str(entry.value) not in entry.group.values:
+                built_in = ", ".join(entry.group.values)
+                note = f"{entry.value} is not built in; built in are {built_in}"
+                return dataclasses.replace(row, note=note)
+        spaces = [f"{entry.node}.{entry.name.removesuffix('plugin')}"]
+    else:
+        above = entry.name.rpartition(".")[0]
+        listed = entry.value.split() if isinstance(entry.value, str) else entry.value or []
+        spaces = [".".join(filter(None, (entry.node, above, one))) + "." for one in listed]
+    used = any(name.startswith(space) for space in spaces for name in taken)
+    if not used:
+        note = row.note if row.note != "has no setting here" else ""
+        return dataclasses.replace(
+            row, note=joined_notes(note, "none of their parameters is taken")
+        )
+    note = row.note if row.note != "has no setting here" else ""
+    note = joined_notes(note, "its parameters are taken")
+    status: Status = "mapped" if entry.renamed else "used"
+    return dataclasses.replace(row, status=status, note=note)
+
+
+def _put(settings: dict[str, dict[str, Value]], path: str, value: Value) -> None:
+    section, *spaces, last = path.split(".")
+    inner: dict[str, Value] = settings.setdefault(section, {})
+    for space in spaces:
+        inner = inner.setdefault(space, {})
+    inner[last] = value

@@ -1,0 +1,145 @@
+"""Reads a YAML file of ROS 2 parameters into leaves, each with its line."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import yaml
+
+from mazebot.common.config import ConfigError
+from mazebot.common.files.yaml_words import line_and_words
+from mazebot.common.nav2_params.parameter import Value
+
+WILDCARD = "/**"
+"""The node name of parameters for all nodes."""
+_PARAMETERS = "ros__parameters"
+_MOST_LEAVES = 20_000
+_DEEPEST = 40
+_DEEPEST_LIST = 4
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MERGE = "tag:yaml.org,2002:merge"
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A parameter of a file."""
+
+    node: str
+    """The node's own name, without its namespace: `local_costmap` of the doubled costmap nodes."""
+    name: str
+    """Below the node, parts with dots between them."""
+    value: Value
+    line: int
+    """From 1."""
+
+
+def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
+    """The leaves of a file in its order, and those that a later one of the same name replaces.
+
+    Anchors, aliases and merge keys are resolved; a name with dots is the same as nested names.
+    A list is a leaf. `name` is the file's, for errors.
+
+    Raises ConfigError in one line where it is not YAML, or not of the form
+    `NODE: {ros__parameters: {...}}`.
+    """
+    try:
+        root = yaml.compose(text, _LOADER)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line, said = line_and_words(error)
+        raise ConfigError(f"{name}{f':{line}' if line else ''}: not YAML: {said}") from error
+    if root is None:
+        raise ConfigError(f"{name}: is empty: must hold NODE: {{{_PARAMETERS}: {{...}}}}")
+    last: dict[tuple[str, str], Leaf] = {}
+    replaced = []
+    try:
+        found = list(itertools.islice(_nodes(root, "", name, 0), _MOST_LEAVES + 1))
+    except RecursionError as error:
+        raise ConfigError(f"{name}: `<<` must not lead back to its own mapping") from error
+    if len(found) > _MOST_LEAVES:
+        raise ConfigError(f"{name}: must hold at most {_MOST_LEAVES} parameters")
+    for leaf in found:
+        # A later one takes the earlier one's place, as in ROS 2.
+        before = last.get((leaf.node, leaf.name))
+        if before is not None:
+            replaced.append(before)
+        last[leaf.node, leaf.name] = leaf
+    return list(last.values()), replaced
+
+
+def _nodes(node: yaml.Node, path: str, name: str, depth: int) -> Iterator[Leaf]:
+    """The leaves of all nodes below namespaces."""
+    if not isinstance(node, yaml.MappingNode) or depth > _DEEPEST:
+        line = node.start_mark.line + 1
+        where = f"{path.lstrip('/')}: " if path else ""
+        said = f"must be a mapping that holds {_PARAMETERS}"
+        raise ConfigError(f"{name}:{line}: {where}{said}")
+    for key, value in _pairs(node, name):
+        if key == _PARAMETERS:
+            if not path:
+                said = "must stand below the name of a node"
+                raise ConfigError(f"{name}:{value.start_mark.line + 1}: {_PARAMETERS}: {said}")
+            own = path.rpartition("/")[2]
+            owner = WILDCARD if own in {"**", "*"} else own
+            if not isinstance(value, yaml.MappingNode):
+                if _is_nothing(value):
+                    continue
+                line = value.start_mark.line + 1
+                said = f"{_PARAMETERS}: must be a mapping of names to values"
+                raise ConfigError(f"{name}:{line}: {path.lstrip('/')}: {said}")
+            yield from _leaves(value, owner, "", name, depth + 1)
+        elif _is_nothing(value):
+            continue
+        else:
+            yield from _nodes(value, f"{path}/{key.strip('/')}", name, depth + 1)
+
+
+def _leaves(
+    node: yaml.MappingNode, owner: str, prefix: str, name: str, depth: int
+) -> Iterator[Leaf]:
+    if depth > _DEEPEST:
+        said = f"must be nested at most {_DEEPEST} deep"
+        raise ConfigError(f"{name}:{node.start_mark.line + 1}: {owner}.{prefix}: {said}")
+    for key, value in _pairs(node, name):
+        if isinstance(value, yaml.MappingNode):
+            yield from _leaves(value, owner, f"{prefix}{key}.", name, depth + 1)
+            continue
+        yield Leaf(owner, f"{prefix}{key}", _plain(value), value.start_mark.line + 1)
+
+
+def _pairs(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.Node]]:
+    """The keys and values of a mapping, those of merge keys first."""
+    own = []
+    for key, value in node.value:
+        if key.tag == _MERGE:
+            for merged in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                if not isinstance(merged, yaml.MappingNode) or merged is node:
+                    line = key.start_mark.line + 1
+                    raise ConfigError(f"{name}:{line}: <<: must be followed by a mapping")
+                yield from _pairs(merged, name)
+        elif isinstance(key, yaml.ScalarNode):
+            own.append((str(key.value), value))
+        else:
+            line = key.start_mark.line + 1
+            raise ConfigError(f"{name}:{line}: a name must be a text, no list or mapping")
+    yield from own
+
+
+def _is_nothing(node: yaml.Node) -> bool:
+    """Whether there is no value, such as where all lines below are comments."""
+    return isinstance(node, yaml.ScalarNode) and _plain(node) in {None, ""}
+
+
+def _plain(node: yaml.Node, depth: int = 0) -> Value:
+    """A scalar or a list as Python has it. Values of another kind, such as dates, stay texts."""
+    if isinstance(node, yaml.SequenceNode):
+        # An alias may stand within its own list.
+        return [_plain(one, depth + 1) for one in node.value] if depth < _DEEPEST_LIST else None
+    if not isinstance(node, yaml.ScalarNode):
+        return None
+    try:
+        value = yaml.constructor.SafeConstructor().construct_object(node)
+    except (yaml.YAMLError, ValueError):
+        return str(node.value)
+    return value if isinstance(value, bool | int | float | str) or value is None else node.value

@@ -1,0 +1,57 @@
+"""The TF tree from the transforms received so far."""
+
+from __future__ import annotations
+
+from mazebot.common.maths.frames import Array
+from mazebot.common.messages.messages import TFMessage, TransformStamped, chain_transforms, has_ring
+
+MAX_FRAMES = 2000
+"""Several times the frames of a robot and the maximum number of moving bodies."""
+_TOO_MANY = "too many frames"
+
+
+class FrameNames:
+    """The known frame names. A message that would exceed MAX_FRAMES is refused."""
+
+    def __init__(self) -> None:
+        self._names: set[str] = set()
+
+    def add(self, message: TFMessage) -> str:
+        """Add transforms; return a short reason if they are refused, else an empty string."""
+        new = {entry.child_frame_id for entry in message.transforms} - self._names
+        if len(self._names) + len(new) > MAX_FRAMES:
+            return _TOO_MANY
+        self._names |= new
+        return ""
+
+
+class FrameTree:
+    """The newest transform of each frame. A message that would make a cycle or too many frames is
+    refused as a whole.
+    """
+
+    def __init__(self) -> None:
+        self._entries: dict[str, TransformStamped] = {}
+
+    def add(self, message: TFMessage) -> str:
+        """Add transforms; return a short reason if they are refused, else an empty string."""
+        entries = self._entries
+        moved = [
+            entry
+            for entry in message.transforms
+            if entry.child_frame_id not in entries
+            or entries[entry.child_frame_id].header.frame_id != entry.header.frame_id
+        ]
+        if moved:
+            parents = {child: entry.header.frame_id for child, entry in entries.items()}
+            parents |= {entry.child_frame_id: entry.header.frame_id for entry in moved}
+            if len(parents) > MAX_FRAMES:
+                return _TOO_MANY
+            if has_ring(parents):
+                return "frames in a ring"
+        entries.update((entry.child_frame_id, entry) for entry in message.transforms)
+        return ""
+
+    def chain(self, parent_frame: str, child_frame: str) -> Array | None:
+        """Rigid (4, 4) `parent_from_child`; None where no transforms connect the frames."""
+        return chain_transforms(self._entries.values(), parent_frame, child_frame)

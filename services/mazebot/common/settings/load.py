@@ -1,0 +1,254 @@
+"""The configuration of a service: flags over environment over YAML file over defaults."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from mazebot.common.config import ConfigError, ServiceConfig, one_line
+from mazebot.common.files.yaml_words import line_and_words
+from mazebot.common.settings.known_settings import PREFIX, unknown_name, unknown_variable, variable
+
+if TYPE_CHECKING:
+    from mazebot.common.nav2_params.loader import Nav2Params
+
+C = TypeVar("C", bound=ServiceConfig)
+
+_NOTHING: Mapping[str, object] = {}
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The C loader, if available, is ten times as fast."""
+
+
+def load(
+    model: type[C], service: str, arguments: Sequence[str], given: Mapping[str, object] = _NOTHING
+) -> C:
+    """Read a service's configuration.
+
+    Flags (`--scan-rate-hz 5`) win over the environment (`MAZEBOT_PHYSICS_SCAN_RATE_HZ`), over the
+    service's section of the YAML file that `--config` or `MAZEBOT_CONFIG` names, over Nav2's
+    parameter file that `--params` or `MAZEBOT_PARAMS` names, over the defaults; and the values
+    `given` by name win over all.
+
+    Raises ConfigError with one line that names the source, the field and the value.
+    """
+    rest, path = _take_file_flag(arguments, "config")
+    rest, params_path = _take_file_flag(rest, "params")
+    fields = model.model_fields
+    if any(name.upper().startswith(PREFIX) for name in os.environ):
+        others: dict[str, Collection[str] | None] = dict.fromkeys(sections())
+        problem = unknown_variable(os.environ, {**others, service: fields})
+        if problem:
+            raise ConfigError(problem)
+    filed = read_settings(path, {service: fields}).get(service, {}) if path else {}
+    from_nav2 = nav2_settings(model, service, params_path) if params_path else {}
+    values = _over(from_nav2, filed)
+    if os.environ.get("MAZEBOT_SEED"):
+        # One variable for the seed of all services.
+        values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
+    prefix = f"{PREFIX}{service.upper()}_"
+    try:
+        if rest or any(name.upper().startswith(prefix) for name in os.environ):
+            # This module takes long to import.
+            from mazebot.common.settings.settings import settings  # noqa: PLC0415
+
+            values = settings(model, service, rest, prefix, values)
+        return model.model_validate({**values, **given})
+    except ValidationError as error:
+        source = functools.partial(
+            _source, service, rest, given, {**dict.fromkeys(from_nav2, params_path),
+                                            **dict.fromkeys(filed, path)}
+        )  # fmt: skip
+        raise ConfigError(f"{service}: {one_line(error, source)}") from error
+
+
+def sections() -> tuple[str, ...]:
+    """The sections that a settings file, and the environment variables, may have."""
+    # Loads all messages, which takes a command 0.2 s.
+    from mazebot.common.messages.topics import SERVICES  # noqa: PLC0415
+
+    return ("bus", "console", "router", *SERVICES)
+
+
+def read_settings(
+    path: Path, fields_of: Mapping[str, Collection[str] | None]
+) -> dict[str, dict[str, Any]]:
+    """The sections of a settings file, of the form
+
+        seed: 8
+        physics: {scan_rate_hz: 5}
+
+    or those of a run's own config.yaml. Of the latter, folders that do not exist on this machine
+    and the recorder's settings are left out.
+
+    Raises ConfigError where a section, or a field of those in `fields_of`, is not known.
+    """
+    content = _yaml_mapping(path)
+    of_a_run = isinstance(content.get("services"), dict)
+    top, found = (content, content["services"]) if of_a_run else ({}, dict(content))
+    seed = content.get("seed")
+    if not of_a_run:
+        found.pop("seed", None)
+    known = sections()
+    strange = [name for name in found if name not in known and name not in fields_of]
+    strange += [name for name in top if name not in _OF_A_RUN]
+    if strange:
+        said = unknown_name(str(strange[0]), _OF_A_RUN if of_a_run else ("seed", *known))
+        raise ConfigError(f"{path}: {strange[0]!s:.60}: unknown section{said}")
+    read: dict[str, dict[str, Any]] = {}
+    for name in {**dict.fromkeys(fields_of), **found}:
+        section = found.get(name, {})
+        # The recorder's settings of a run are not used.
+        unread = of_a_run and name == "recorder"
+        _check_section(path, name, section, None if unread else fields_of.get(name))
+        if of_a_run:
+            read[name] = _to_repeat(name, section, seed)
+        else:
+            read[name] = {**({} if seed is None else {"seed": seed}), **section}
+    return read
+
+
+def _check_section(path: Path, name: str, section: Any, fields: Collection[str] | None) -> None:
+    """Raises ConfigError where a section is not a mapping, or has a field not in `fields`."""
+    if not isinstance(section, dict):
+        said = "must be a mapping of fields to values"
+        raise ConfigError(f"{path}: {name}: {section!r:.60}: {said}")
+    for field, value in section.items():
+        if fields is not None and field not in fields:
+            said = f"{value!r:.60}: unknown field{unknown_name(str(field), fields)}"
+            raise ConfigError(f"{path}: {name}.{field!s:.60}: {said}")
+
+
+def world_hash_of_run(path: Path) -> str:
+    """The hash of the world of a run, from its config.yaml; empty for any other settings file.
+
+    Raises ConfigError where it cannot be read.
+    """
+    return str(_yaml_mapping(path).get("world_hash", ""))
+
+
+_OF_A_RUN = ("world_request", "world", "world_hash", "seed", "services")
+"""The top-level keys of a run's config.yaml."""
+
+
+def _to_repeat(name: str, section: Mapping[str, Any], seed: object) -> dict[str, Any]:
+    """The settings that repeat a run: without the recorder's, and without folders that do not exist
+    on this machine. Its seed may differ from the initial one, after a reset.
+    """
+    gone = {
+        field for field in ("worlds_dir", "texture_base")
+        if isinstance(section.get(field), str) and not Path(section[field]).is_dir()
+    }  # fmt: skip
+    kept = {field: value for field, value in section.items() if field not in gone}
+    if name == "recorder":
+        kept = {}
+    return kept if seed is None else {**kept, "seed": seed}
+
+
+def config_flag(path: Path | None, params: Path | None = None) -> tuple[str, ...]:
+    """The arguments for `load` that name a settings file and a parameter file of Nav2."""
+    named = (("--config", path), ("--params", params))
+    return tuple(word for flag, file in named if file is not None for word in (flag, str(file)))
+
+
+def _source(
+    service: str, flags: Sequence[str], given: Collection[str],
+    filed: Mapping[str, Path | None], field: str,
+) -> str:  # fmt: skip
+    """The flag, variable or file from which a field has its value."""
+    if field in given:
+        return ""
+    names = {f"--{field}", f"--{field.replace('_', '-')}"}
+    for word in flags:
+        # Flags of nested fields, as --localization.max-particles.
+        flag = word.partition("=")[0]
+        if flag.partition(".")[0] in names:
+            return flag
+    variables = [variable(service, field), *(["MAZEBOT_SEED"] if field == "seed" else [])]
+    for name in os.environ:
+        if name.upper() in variables:
+            return name
+    return str(filed.get(field) or "")
+
+
+def _take_file_flag(arguments: Sequence[str], name: str) -> tuple[list[str], Path | None]:
+    """The other arguments, and the file that `--<name>` or `MAZEBOT_<NAME>` names."""
+    rest: list[str] = []
+    flag = f"--{name}"
+    path = os.environ.get(f"{PREFIX}{name.upper()}") or None
+    words = iter(arguments)
+    for word in words:
+        if word == flag:
+            path = next(words, None)
+            if path is None:
+                raise ConfigError(f"{flag}: names no file")
+        elif word.startswith(f"{flag}="):
+            path = word.partition("=")[2]
+        else:
+            rest.append(word)
+    return rest, Path(path) if path else None
+
+
+def read_nav2_params(path: Path) -> Nav2Params:
+    """A parameter file of Nav2. Raises ConfigError where it cannot be read or is not valid."""
+    return _nav2_params(_text(path, "Nav2's parameters"), str(path))
+
+
+@functools.lru_cache(maxsize=1)
+def _nav2_params(text: str, name: str) -> Nav2Params:
+    """In one process every service reads the same file."""
+    # Only those that name such a file need the tables.
+    from mazebot.common.nav2_params.loader import load_nav2_params  # noqa: PLC0415
+
+    return load_nav2_params(text, name)
+
+
+def nav2_settings(model: type[ServiceConfig], service: str, path: Path) -> dict[str, Any]:
+    """The settings of a service that come of a parameter file of Nav2.
+
+    Raises ConfigError where it cannot be read or is not valid.
+    """
+    from mazebot.common.nav2_params.report import report  # noqa: PLC0415
+
+    return dict(report(read_nav2_params(path), {service: model}).settings.get(service, {}))
+
+
+def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of both, those of `above` where both have one; mappings are joined likewise."""
+    both = {**below, **above}
+    for name in {*below} & {*above}:
+        if isinstance(below[name], dict) and isinstance(above[name], dict):
+            both[name] = _over(below[name], above[name])
+    return both
+
+
+def _text(path: Path, kind: str) -> str:
+    """The text of a file. Raises ConfigError."""
+    try:
+        if not path.is_file():
+            # Opening a pipe would block forever.
+            path.stat()
+            raise ConfigError(f"{path}: must be a file of {kind}")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not YAML: must be UTF-8") from error
+
+
+def _yaml_mapping(path: Path) -> dict[Any, Any]:
+    """The content of a settings file. Raises ConfigError."""
+    text = _text(path, "settings")
+    try:
+        content = yaml.load(text, _LOADER)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line, said = line_and_words(error)
+        raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {said}") from error
+    if content is not None and not isinstance(content, dict):
+        raise ConfigError(f"{path}: {content!r:.60}: must be a mapping of sections to their fields")
+    return content or {}

@@ -1,0 +1,7 @@
+"""Runs the service: `python -m mazebot.console`."""
+
+import sys
+
+from mazebot.console.start import main
+
+main(sys.argv[1:])

@@ -1,0 +1,197 @@
+"""The feed: what arrives from the stack is drawn once, and offered to each page that is open.
+
+A page that does not keep up gets the newest of each kind; it costs the others, and the robot,
+nothing. Without a page nothing is received or drawn.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections import OrderedDict, deque
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from mazebot.common.messages.topics import CAMERA_IMAGE, Delivery, Topic
+from mazebot.common.node.node import Envelope
+from mazebot.console.live.frame import Frame, text_frame
+from mazebot.console.live.stack import Stack
+from mazebot.console.live.view import CAMERA, WATCHED, View
+
+_LOG = logging.getLogger("console")
+
+PERIOD_S = 0.07
+"""Between two pictures: about 14 a second."""
+CAMERA_EVERY = 3
+"""Pictures of the feed for one of the camera."""
+MAX_PAGES = 32
+MAX_EVENTS = 200
+"""Events kept for a page: beyond it the oldest are dropped."""
+_MAX_WAITING = 500
+"""Events that wait to be drawn; and messages of all other kinds and sources."""
+_LASTING = {"world", "map", "entities", "stack", "stats"}
+"""Kinds that hold on when the simulation begins anew."""
+
+
+class Outgoing:
+    """What waits to be sent to one page."""
+
+    def __init__(self) -> None:
+        self._states: OrderedDict[str, Frame] = OrderedDict()
+        self._events: deque[Frame] = deque(maxlen=MAX_EVENTS)
+        self._news = asyncio.Event()
+        self.wants_camera = False
+        self.dropped = 0
+        """Frames that were replaced or dropped before they were sent."""
+
+    def offer(self, frame: Frame) -> None:
+        """Queue a frame; a state replaces the older one of its kind."""
+        if frame.is_event:
+            self.dropped += len(self._events) == MAX_EVENTS
+            self._events.append(frame)
+        else:
+            self.dropped += self._states.pop(frame.kind, None) is not None
+            self._states[frame.kind] = frame
+        self._news.set()
+
+    async def taken(self) -> list[Frame]:
+        """Wait for frames, and take all of them."""
+        await self._news.wait()
+        self._news.clear()
+        frames = [*self._states.values(), *self._events]
+        self._states.clear()
+        self._events.clear()
+        return frames
+
+
+class Feed:
+    """Shared by all pages. Its methods run on the event loop, except `_receive`."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._stack = stack
+        self._pages: set[Outgoing] = set()
+        self._lock = threading.Lock()
+        self._states: dict[tuple[str, str], tuple[Topic[Any], Any]] = {}
+        self._events: deque[tuple[Topic[Any], Any]] = deque(maxlen=_MAX_WAITING)
+        self._view = View()
+        self._newest: dict[str, Frame] = {}
+        self._log: deque[Frame] = deque(maxlen=MAX_EVENTS)
+        self._beat: asyncio.Task[None] | None = None
+        self._ends: list[Callable[[], None]] = []
+        self._camera_ends: Callable[[], None] | None = None
+        self._pictures = 0
+        self._was_there = False
+
+    @property
+    def pages(self) -> int:
+        """How many pages are open."""
+        return len(self._pages)
+
+    @contextlib.asynccontextmanager
+    async def page(self) -> AsyncIterator[Outgoing]:
+        """The queue of one page while the context lasts."""
+        outgoing = Outgoing()
+        for frame in (*self._newest.values(), *self._log):
+            outgoing.offer(frame)
+        self._pages.add(outgoing)
+        if self._beat is None:
+            self._beat = asyncio.create_task(self._run())
+        try:
+            yield outgoing
+        finally:
+            self._pages.discard(outgoing)
+            if not self._pages and self._beat is not None:
+                self._beat.cancel()
+                self._beat = None
+
+    async def _run(self) -> None:
+        """Draw and offer, as long as a page is open."""
+        end = await asyncio.to_thread(self._stack.watch, WATCHED, self._receive)
+        try:
+            while True:
+                await asyncio.sleep(PERIOD_S)
+                await self._watch_camera()
+                try:
+                    frames = await asyncio.to_thread(self._drawn)
+                except Exception as error:
+                    # What cannot be drawn must not end the feed of all pages.
+                    _LOG.error("live page: %s: %s", type(error).__name__, error)
+                    continue
+                for frame in frames:
+                    for page in self._pages:
+                        if frame.kind != "camera" or page.wants_camera:
+                            page.offer(frame)
+        finally:
+            end()
+            if self._camera_ends is not None:
+                self._camera_ends()
+                self._camera_ends = None
+            with self._lock:
+                self._states.clear()
+                self._events.clear()
+            self._view, self._newest = View(), {}
+            self._log.clear()
+
+    async def _watch_camera(self) -> None:
+        wanted = any(page.wants_camera for page in self._pages)
+        if wanted and self._camera_ends is None:
+            self._camera_ends = await asyncio.to_thread(self._stack.watch, CAMERA, self._receive)
+        elif not wanted and self._camera_ends is not None:
+            self._camera_ends()
+            self._camera_ends = None
+
+    def _receive(self, topic: Topic[Any], message: Any, envelope: Envelope) -> None:
+        """Store a message; on a thread of the stack."""
+        with self._lock:
+            if topic.delivery is Delivery.EVERY:
+                self._events.append((topic, message))
+                return
+            key = topic.name, envelope.source
+            if key in self._states or len(self._states) < _MAX_WAITING:
+                self._states[key] = topic, message
+
+    def _drawn(self) -> list[Frame]:
+        """The frames of what has arrived since the last call."""
+        self._pictures += 1
+        with self._lock:
+            arrived = [*self._states.values(), *self._events]
+            kept: list[tuple[tuple[str, str], tuple[Topic[Any], Any]]] = []
+            if self._pictures % CAMERA_EVERY:
+                kept = [
+                    (key, one)
+                    for key, one in self._states.items()
+                    if one[0].name == CAMERA_IMAGE.name
+                ]
+                arrived = [one for one in arrived if one[0].name != CAMERA_IMAGE.name]
+            self._states = dict(kept)
+            self._events.clear()
+        frames = self._view.frames(arrived)
+        services = sorted(self._stack.services())
+        frames.append(_stack_frame(services, self._stack.how_to_start))
+        has_gone, self._was_there = self._was_there and not services, bool(services)
+        if has_gone:
+            # Another stack may come, of another world.
+            self._view, self._newest = View(), {}
+        if has_gone or self._view.began_anew:
+            # What was latched has come again, or comes soon.
+            self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
+            frames.insert(0, text_frame("began_anew", {}, is_event=True))
+        changed = []
+        for frame in frames:
+            if frame.kind == "log":
+                self._log.append(frame)
+            elif not frame.is_event and frame.kind != "camera":
+                if self._newest.get(frame.kind) == frame:
+                    continue
+                if frame.kind in self._newest or len(self._newest) < _MAX_WAITING:
+                    self._newest[frame.kind] = frame
+            changed.append(frame)
+        return changed
+
+
+def _stack_frame(services: list[str], how_to_start: str) -> Frame:
+    return text_frame(
+        "stack", {"services": services, "how_to_start": "" if services else how_to_start}
+    )

@@ -1,0 +1,55 @@
+"""The service from its flags and environment to its end."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Sequence
+
+from mazebot.common.bus.bus import BusConfig
+from mazebot.common.config import ConfigError, fail
+from mazebot.common.node.log import RosFormatter
+from mazebot.common.settings.load import load
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.live.routes import live_routes
+from mazebot.console.live.zenoh_stack import ZenohStack
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Serve until SIGTERM or SIGINT. A wrong setting ends it with one line and exit code 2."""
+    log_to_stdout()
+    try:
+        config = load(ConsoleConfig, "console", arguments)
+        bus_config = load(BusConfig, "bus", [])
+        serve(config, bus_config)
+    except ConfigError as error:
+        fail(str(error))
+
+
+def log_to_stdout() -> None:
+    """Print what the console logs, in ROS style."""
+    handler = logging.StreamHandler(sys.stdout)
+    handler.setFormatter(RosFormatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+def serve(
+    config: ConsoleConfig, bus_config: BusConfig, opener: Callable[[str], object] | None = None
+) -> None:
+    """Serve until SIGTERM or SIGINT; `opener` is called with the address of the first page.
+
+    Raises ConfigError if the address cannot be used.
+    """
+    stack = ZenohStack(bus_config) if config.live else None
+    try:
+        live = () if stack is None else live_routes(stack)
+        server = ConsoleServer(build_app(config, live), config)
+        logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
+        if opener is not None:
+            opener(server.url)
+        server.run()
+    finally:
+        if stack is not None:
+            stack.close()

@@ -1,0 +1,66 @@
+"""The console beside a run in this process."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from mazebot.common.bus.pace import Pace
+from mazebot.common.node.executive import Executive
+from mazebot.common.node.node import ClockNode
+from mazebot.console.config import ConsoleConfig
+from mazebot.console.live.routes import live_routes
+from mazebot.console.server import build_app
+from mazebot.console.serving import ConsoleServer
+from mazebot.embedded.memory_stack import MemoryStack, WatchedTransport
+
+SERVED = "console: "
+"""Before the address in the log message."""
+_LOG = logging.getLogger("console")
+_IDLE_S = 0.02
+
+
+class ConsoleBeside:
+    """A console for one run, on a thread of its own."""
+
+    def __init__(self, config: ConsoleConfig) -> None:
+        """Raises ConfigError where the port is in use or may not be bound."""
+        self.transport = WatchedTransport()
+        """Of the run."""
+        self.stack = MemoryStack(self.transport)
+        self._server = ConsoleServer(build_app(config, live_routes(self.stack)), config)
+
+    @property
+    def url(self) -> str:
+        """The console's address."""
+        return self._server.url
+
+    def play(self, executive: Executive, until: Callable[[], bool]) -> None:
+        """Run in real time, or at the speed that the console asks for, until `until()` holds."""
+        self.stack.begin(executive)
+        self._server.start()
+        _LOG.info("%s%s (Ctrl-C ends the run)", SERVED, self.url)
+        try:
+            _run(executive, self.stack, until)
+        finally:
+            self.stack.close()
+            self._server.stop()
+
+
+def _run(executive: Executive, stack: MemoryStack, until: Callable[[], bool]) -> None:
+    (clock,) = (node for node in executive.nodes if isinstance(node, ClockNode))
+    clock.speed = 1.0
+    pace = Pace()
+    while not until():
+        next_ns = clock.next_step_ns()
+        if next_ns is None:
+            pace.rest()
+            stack.serve(_IDLE_S)
+        else:
+            wait_s = pace.wait_s(time.monotonic(), next_ns, clock.speed)
+            stack.serve(wait_s)
+            if wait_s > 0.0 and pace.wait_s(time.monotonic(), next_ns, clock.speed) > 0.0:
+                # Something has come earlier: perhaps another speed.
+                continue
+        executive.turn()

@@ -1,0 +1,404 @@
+"""All of Mazebot in one process: builds every node, drives the tour, shows its progress."""
+
+from __future__ import annotations
+
+import json
+import logging
+import signal
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from mazebot.bringup.config import BringupConfig
+from mazebot.bringup.node import EXIT_NOT_REACHED, BringupNode
+from mazebot.bringup.tour import NoLocationsError, tour_goals
+from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.garbage import settled
+from mazebot.common.node import log
+from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
+from mazebot.common.node.node import Node
+from mazebot.common.recordings.run_folder import TO_COMPRESS
+from mazebot.common.settings.load import config_flag, load, world_hash_of_run
+from mazebot.common.world.map_files import read_map
+from mazebot.explorer.config import ExplorerConfig
+from mazebot.explorer.node import ExplorerNode
+from mazebot.localization.config import LocalizationConfig
+from mazebot.localization.node import LocalizationNode
+from mazebot.mapping.config import MappingConfig
+from mazebot.mapping.node import MappingNode
+from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.node import NavigationNode
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.node import PerceptionNode
+from mazebot.physics.config import PhysicsConfig
+from mazebot.physics.node import PhysicsNode
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
+from mazebot.recorder.transcoding.job import start
+from mazebot.spawner.config import SpawnerConfig
+from mazebot.spawner.node import SpawnerNode
+from mazebot.worldgen.config import WorldgenConfig
+from mazebot.worldgen.files import load_any
+from mazebot.worldgen.node import Load, WorldgenNode
+from mazebot.worldgen.recipe.loader import LoadedWorld
+
+if TYPE_CHECKING:
+    from mazebot.console.config import ConsoleConfig
+
+C = TypeVar("C", bound=ServiceConfig)
+
+EXIT_INTERRUPTED = 130
+_LOG = logging.getLogger("demo")
+
+FIRST_STEP = "the simulation runs"
+"""Log message after the first step of physics."""
+COMPACT_TIMEOUT_S = 20.0
+"""This process is not killed after a timeout, so there is time to compact its recording."""
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """The options of a run in one process. None: from environment, settings file or defaults."""
+
+    world_name: str | None = None
+    """Name of a world, or a recipe, SDF, URDF or xacro file."""
+    seed: int | None = None
+    out_dir: Path | None = None
+    camera: bool | None = None
+    record: bool | None = None
+    use_aruco: bool | None = None
+    texture_base: Path | None = None
+    renderer: str | None = None
+    goal: tuple[float, float, float] | None = None
+    overrides: tuple[str, ...] = ()
+    """`field=value`, overrides the world's recipe."""
+    worlds_dir: Path | None = None
+    slam: bool | None = None
+    """Whether the robot makes the map itself."""
+    explore: bool | None = None
+    """With slam: whether it explores, instead of driving to the goal."""
+    map_file: Path | None = None
+    """YAML file of a map to drive in, instead of the world's own."""
+    controller: str | None = None
+    """Name of navigation's controller, or FILE.py:Class."""
+    settings: Path | None = None
+    """A settings file, or a run's own config.yaml to repeat that run."""
+    params: Path | None = None
+    """A parameter file of Nav2, under the settings file."""
+    as_json: bool = False
+    """Print the run's summary as JSON on standard output, and the log on standard error."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Arguments of a xacro file."""
+    roots: tuple[Path, ...] = ()
+    """Folders of models that an SDF file may include."""
+    console: ConsoleConfig | None = None
+    """Where the console is served; with it the run is in real time, and goes on until Ctrl-C."""
+    tour: bool = True
+    """Without one, only the console sends goals."""
+
+
+def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]:
+    """Every node of a run, configured by the options over environment and defaults.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    recorder = {
+        "seed": options.seed,
+        "record": options.record,
+        "out_dir": options.out_dir,
+        "compact_timeout_s": COMPACT_TIMEOUT_S,
+    }
+    # In this order, so that errors are reported before anything is written.
+    bringup = bringup_config(options)
+    return [
+        *robot_nodes(options, load_world=load_world, slam=bringup.slam),
+        BringupNode(bringup),
+        RecorderNode(_configured(options, RecorderConfig, "recorder", recorder)),
+    ]
+
+
+def robot_nodes(
+    options: DemoOptions,
+    physics: Mapping[str, object] = MappingProxyType({}),
+    load_world: Load = load_any,
+    slam: bool = False,
+) -> list[Node]:
+    """The nodes of the world and of the robot in it, which wait for requests.
+
+    `physics` are fields of PhysicsConfig, which win over the options. With `slam`, mapping and the
+    explorer take localisation's place.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    seed = {"seed": options.seed}
+    camera = {"camera_enabled": options.camera, "renderer": options.renderer}
+    told = {**seed, **camera, **physics}
+    navigation = {**seed, "controller": options.controller}
+    mappers: list[Node] = []
+    if not slam:
+        localization = _configured(options, LocalizationConfig, "localization", seed)
+        mappers.append(LocalizationNode(localization))
+    else:
+        mappers.append(MappingNode(_configured(options, MappingConfig, "mapping", seed)))
+        mappers.append(ExplorerNode(_configured(options, ExplorerConfig, "explorer", seed)))
+    return [
+        WorldgenNode(_worldgen_config(options), load_world),
+        PhysicsNode(_configured(options, PhysicsConfig, "physics", told)),
+        SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
+        PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
+        NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
+        *mappers,
+    ]
+
+
+def bringup_config(options: DemoOptions) -> BringupConfig:
+    """The world and the goals of a run. Raises ConfigError."""
+    told = {
+        "seed": options.seed,
+        "world_name": options.world_name,
+        "use_aruco": options.use_aruco,
+        "world_overrides": options.overrides or None,
+        "goal": options.goal,
+        "slam": options.slam,
+        "explore": options.explore,
+        "only_ask": None if options.tour else True,
+    }
+    return _configured(options, BringupConfig, "bringup", told)
+
+
+def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
+    told = {
+        "seed": options.seed,
+        "texture_base": options.texture_base,
+        "worlds_dir": options.worlds_dir,
+        "map_file": options.map_file,
+    }
+    return _configured(options, WorldgenConfig, "worldgen", told)
+
+
+def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping[str, object]) -> C:
+    """A service's configuration: the options over environment, file and defaults."""
+    given = {name: value for name, value in told.items() if value is not None}
+    return load(kind, service, config_flag(options.settings, options.params), given)
+
+
+def beside_run(console: ConsoleConfig, recorder: RecorderConfig) -> ConsoleConfig:
+    """The configuration of the console beside a run: where it was told nothing else, it shows the
+    folder in which the run is, and the live data of its recorder only.
+    """
+    folder = recorder.out_dir.parent if recorder.out_dir else recorder.recordings_dir
+    its = {
+        "recordings_dir": folder,
+        "live_data_port": recorder.grpc_port if recorder.live else 0,
+    }
+    told = console.model_fields_set
+    return console.model_copy(
+        update={name: value for name, value in its.items() if name not in told}
+    )
+
+
+def check_world(options: DemoOptions) -> LoadedWorld:
+    """The world, loaded before anything is started.
+
+    Raises ConfigError where it cannot be loaded or lacks a location of the tour, NoLocationsError
+    where there is no reachable goal.
+    """
+    config, bringup = _worldgen_config(options), bringup_config(options)
+    loaded = load_any(
+        bringup.world_name,
+        bringup.use_aruco,
+        config.worlds_dir,
+        config.texture_base,
+        bringup.world_overrides,
+        options.arguments,
+        options.roots,
+    )
+    _check_repeats(options, bringup, loaded)
+    if bringup.slam and config.map_file is not None:
+        raise ConfigError(f"map_file: {config.map_file}: must be given without slam")
+    if bringup.goal is None and not bringup.slam:
+        # The tour of a world without locations depends on the map.
+        cells, origin = loaded.map_cells, loaded.map_origin
+        world = loaded.world
+        if config.map_file is not None:
+            chart = read_map(config.map_file)
+            cells, origin = chart.cells, chart.origin
+            world = world.model_copy(update={"map_resolution_m": chart.resolution_m})
+        try:
+            tour_goals(world, bringup.tour, cells, origin, bringup.seed)
+        except NoLocationsError:
+            raise
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+    return loaded
+
+
+def _check_repeats(options: DemoOptions, bringup: BringupConfig, loaded: LoadedWorld) -> None:
+    """Raises ConfigError where the run of a config.yaml cannot be repeated."""
+    if options.settings is None:
+        return
+    if bringup.only_ask:
+        said = "only_ask: true: a program led this run (Session): there is no tour to repeat"
+        raise ConfigError(f"{options.settings}: bringup.{said}")
+    world = (
+        options.world_name, options.use_aruco, options.texture_base, options.worlds_dir,
+        options.overrides or None,
+    )  # fmt: skip
+    was = world_hash_of_run(options.settings)
+    if was and was != loaded.world.hash and all(told is None for told in world):
+        raise ConfigError(
+            f"{options.settings}: world_hash: {was}: must be that of {loaded.world.name}, "
+            f"{loaded.world.hash}: its recipe has changed since, or lies elsewhere (--worlds-dir)"
+        )
+
+
+def run(options: DemoOptions) -> int:
+    """Drive the tour and return its exit code.
+
+    Raises ConfigError where an option cannot be met.
+    """
+    console = Console(soft_wrap=True, stderr=options.as_json)
+    rosout = log.configure(_ConsoleHandler(console))
+    try:
+        loaded = check_world(options)
+    except NoLocationsError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return EXIT_NOT_REACHED
+    beside = None
+    if options.console is not None:
+        from mazebot.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
+
+        recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
+        beside = ConsoleBeside(beside_run(options.console, recorder))
+    # No node in this process requests another world.
+    nodes = build_nodes(options, lambda *_: loaded)
+    transport = MemoryTransport() if beside is None else beside.transport
+    executive = Executive(nodes, transport, rosout)
+    (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
+    with _stop_on_signal() as stopped, _progress(console) as progress:
+        unit = "%" if bringup.explores else "goals"
+        task = progress.add_task("starting", total=None, unit=unit)
+        start_s = shown_s = time.monotonic()
+        runs = False
+
+        def until() -> bool:
+            nonlocal shown_s, runs
+            if not runs and executive.now_ns > 0:
+                runs = True
+                _LOG.info(FIRST_STEP)
+                settled()
+            now_s = time.monotonic()
+            if now_s - shown_s > 0.1:
+                shown_s = now_s
+                done, total, text = _doing(bringup)
+                sim_s = executive.now_ns * 1e-9
+                factor = sim_s / (now_s - start_s)
+                text = f"{text}  {sim_s:.0f} s simulated, {factor:.1f}x real time"
+                progress.update(task, total=total, completed=done, description=text)
+            return bool(stopped)
+
+        try:
+            if beside is None:
+                code = executive.run(until)
+            else:
+                beside.play(executive, until)
+                code = bringup.exit_code
+        except StalledError as error:
+            # Print one line instead of a traceback.
+            raise ConfigError(str(error)) from error
+        finally:
+            executive.close()
+    if bringup.recording:
+        folder = Path(bringup.recording)
+        _tell_json(folder, code) if options.as_json else _tell(console, folder)
+    if code is None:
+        console.print("interrupted; the recording is closed")
+        return EXIT_INTERRUPTED
+    return code
+
+
+def _doing(bringup: BringupNode) -> tuple[int, int, str]:
+    """How much of how much is done, and what is being done."""
+    status = bringup.exploration
+    if status is None:
+        done, total, name = bringup.progress
+        return done, total, name or "starting"
+    frontiers = f"{status.reachable} of {status.frontiers} frontiers"
+    return round(100.0 * status.seen_share), 100, f"{status.state}, {frontiers}"
+
+
+def _tell_json(folder: Path, code: int | None) -> None:
+    """Print the run's summary, with its folder and the exit code, as one JSON object."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    told = {"folder": str(folder), "exit_code": EXIT_INTERRUPTED if code is None else code}
+    sys.stdout.write(json.dumps(told | summary, indent=2, allow_nan=False) + "\n")
+
+
+def _tell(console: Console, folder: Path) -> None:
+    """Print the speed, the recording's folder and how to view it."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
+    pace = "" if factor is None else f" at {factor:.1f}x real time"
+    lines = [
+        f"{sim_s:.1f} s simulated{pace}, "
+        f"camera: {summary['renderer']}, state {summary['state_hash']}",
+        f"summary:   {folder / 'summary.json'}",
+    ]
+    if (folder / "run.rrd").is_file():
+        lines += [
+            f"recording: {folder / 'run.rrd'}",
+            f"look at it: .venv/bin/mazebot recordings view {folder}",
+        ]
+    if (folder / TO_COMPRESS).exists():
+        if console.is_terminal:
+            start(folder)
+            lines.append("its pictures become a video now, in the background")
+        else:
+            lines.append(f"make it smaller: .venv/bin/mazebot recordings compress {folder}")
+    console.print("\n".join(lines), markup=False, highlight=False)
+
+
+class _ConsoleHandler(logging.Handler):
+    """Prints above the progress bar."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.INFO)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console.print(self.format(record), markup=False, highlight=False)
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} {task.fields[unit]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[list[int]]:
+    """A list that is empty until a stop signal is received."""
+    stopped: list[int] = []
+    before = {
+        number: signal.signal(number, lambda got, _: stopped.append(got))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

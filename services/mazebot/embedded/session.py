@@ -1,0 +1,439 @@
+"""A simulation in this process, controlled by a program step by step: `Session`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar, cast
+
+from pydantic import ValidationError
+
+from mazebot.bringup.config import BringupConfig
+from mazebot.bringup.node import BringupNode
+from mazebot.common.config import ConfigError, one_line
+from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import (
+    CancelGoal,
+    CancelGoalReply,
+    DeleteEntity,
+    Entities,
+    Entity,
+    EntityReply,
+    GetEntities,
+    NavigationResult,
+    Planar,
+    Quaternion,
+    SetEntityState,
+    SimulationControl,
+    SimulationStats,
+    SpawnEntity,
+    Vector,
+)
+from mazebot.common.messages.topics import (
+    BY_NAME,
+    CANCEL_GOAL,
+    CMD_VEL,
+    DELETE_ENTITY,
+    GET_ENTITIES,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    SET_ENTITY_STATE,
+    SIMULATION_CONTROL,
+    SIMULATION_STATS,
+    SPAWN_ENTITY,
+    WORLD,
+    WORLD_STATUS,
+    Delivery,
+    Query,
+    Topic,
+)
+from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
+from mazebot.common.node.node import Envelope, Outbox
+from mazebot.common.node.person import Person
+from mazebot.common.settings.load import load
+from mazebot.embedded.demo import DemoOptions, robot_nodes
+from mazebot.physics.config import STEPS_PER_SECOND
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.node import RecorderNode
+
+M = TypeVar("M")
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+LOCALISATION_PATIENCE_S = 10.0
+"""Simulation time to wait for navigation to become active before a goal is sent."""
+_STEPS_PER_COMMAND = STEPS_PER_SECOND // 20
+"""Steps between two commands: the velocity watchdog stops a robot after 0.2 s without one."""
+_MAX_TURNS = 1000
+"""Maximum turns of the nodes at the same time until a request is answered; two or three suffice."""
+
+
+class RefusedError(ValueError):
+    """A request was refused; its text is the reason in one line."""
+
+
+class _Wire(MemoryTransport):
+    """Delivers messages, and stores them for the session, like an external subscriber."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.latest: dict[str, object] = {}
+        self.watchers: list[tuple[str, list[Any]]] = []
+
+    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        """Publish a message."""
+        self._send(topic, message, envelope)
+
+    def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        self.latest[topic.name] = message
+        for name, seen in self.watchers:
+            if name == topic.name:
+                seen.append(message)
+        super()._send(topic, message, envelope)
+
+
+class Session:
+    """A world with the robot in it, its sensors, perception and navigation, at time 0 and paused.
+
+    Time advances only within calls that are documented to do so, in lockstep and as fast as
+    possible; a run depends only on world, options, seed and calls. All requests and data use the
+    queries and topics of a running stack.
+
+        with Session("enhanced", seed=7) as session:
+            result = session.goal(0.5, -0.9)
+            print(result.error_code, session.ground_truth(), session.stats.state_hash)
+    """
+
+    def __init__(
+        self,
+        world: str = "enhanced",
+        seed: int = 7,
+        *,
+        camera: bool = True,
+        use_aruco: bool = True,
+        overrides: tuple[str, ...] = (),
+        worlds_dir: Path | None = None,
+        out_dir: Path | None = None,
+        settings: Path | None = None,
+        controller: str | None = None,
+        slam: bool = False,
+        explore: bool = True,
+        map_file: Path | None = None,
+        **physics: object,
+    ) -> None:
+        """Load a world.
+
+        Args:
+            world: its name, as for `mazebot demo --world`.
+            seed: of every random stream.
+            camera: whether images are rendered and markers detected.
+            use_aruco: whether the world keeps its markers.
+            overrides: `field=value`, overrides the world's recipe.
+            worlds_dir: folder of the worlds; None: the one of Mazebot.
+            out_dir: folder for the recording; None: no recording.
+            settings: a settings file, as for `mazebot demo --config`.
+            controller: its name or your own, as for `mazebot demo --controller`.
+            slam: whether the robot gets no map, and mapping makes one.
+            explore: with `slam`, whether the explorer sends goals as soon as time advances.
+            map_file: YAML file of a map to drive in, instead of the world's own.
+            physics: fields of PhysicsConfig by name, e.g. `scan_noise_m=0.0`.
+
+        Raises ConfigError, in one line, for an invalid option or a world that cannot be loaded.
+        """
+        options = DemoOptions(
+            seed=seed,
+            camera=camera,
+            worlds_dir=worlds_dir,
+            renderer="auto" if camera else "none",
+            settings=settings,
+            controller=controller,
+            map_file=map_file,
+        )
+        bringup = BringupConfig(
+            world_name=world, use_aruco=use_aruco, world_overrides=overrides, slam=slam,
+            explore=explore, only_ask=True,
+        )  # fmt: skip
+        nodes = [*robot_nodes(options, physics, slam=slam), BringupNode(bringup)]
+        if out_dir is not None:
+            recorder = {"seed": seed, "out_dir": out_dir}
+            nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))
+        self._wire = _Wire()
+        self._executive = Executive(nodes, self._wire)
+        self._outbox = Outbox(Person(), self._wire.send)
+        self._closed = False
+        try:
+            self.pause()
+            self._turn_until(self._is_loaded, "the world")
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the run. Calling it again does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._executive.close()
+
+    @property
+    def stats(self) -> SimulationStats:
+        """Time, steps, seed, epoch and hashes."""
+        return self._control()
+
+    @property
+    def now_s(self) -> float:
+        """Simulation time."""
+        return self._executive.now_ns * 1e-9
+
+    def step(self, steps: int = 1) -> SimulationStats:
+        """Advance by this number of steps of 1/240 s."""
+        return self._control(step=steps)
+
+    def run_for(self, duration_s: float) -> SimulationStats:
+        """Advance by a duration, rounded up to whole steps."""
+        return self._control(run_until_s=self.now_s + duration_s)
+
+    def run_until(self, time_s: float) -> SimulationStats:
+        """Advance to a simulation time, or to the first step after it."""
+        return self._control(run_until_s=time_s)
+
+    def pause(self) -> None:
+        """Pause the simulation, as after every call that advances time."""
+        self.ask(SIMULATION_CONTROL, SimulationControl(pause=True))
+
+    def resume(self) -> None:
+        """Resume: calls of `turn` then advance time."""
+        self.ask(SIMULATION_CONTROL, SimulationControl(pause=False))
+
+    def turn(self) -> bool:
+        """Advance the simulation by one step unless it is paused, then step every node that is due;
+        return whether any stepped.
+        """
+        return self._executive.turn()
+
+    def reset(
+        self, seed: int | None = None, scope: Literal["all", "time"] = "all"
+    ) -> SimulationStats:
+        """Reset to time 0: `all` resets everything to its initial state, `time` only the clock.
+
+        A seed needs `all`; without one the random streams restart with their current seed.
+        """
+        stats = self._control(reset=scope, seed=seed)
+        if scope == "all":
+            for name, topic in BY_NAME.items():
+                if topic.delivery is not Delivery.LATCHED:
+                    self._wire.latest.pop(name, None)
+        return stats
+
+    def spawn(
+        self, entity: Entity, allow_renaming: bool = False, assets: dict[str, str] | None = None
+    ) -> EntityReply:
+        """Spawn an entity; return its pose and name."""
+        request = SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=assets or {})
+        return self._done(self.ask(SPAWN_ENTITY, request))
+
+    def move(
+        self,
+        name: str,
+        position_m: Vector,
+        orientation_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0),
+    ) -> EntityReply:
+        """Move an entity; return its pose."""
+        state = _built(
+            SetEntityState, name=name, position_m=position_m, orientation_xyzw=orientation_xyzw
+        )
+        return self._done(self.ask(SET_ENTITY_STATE, state))
+
+    def move_robot(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
+        """Put the robot down at another pose in the map, at rest, as if it had been carried there:
+        neither odometry nor navigation is told.
+
+        Raises RefusedError where it would reach into something.
+        """
+        self._control(robot_pose=_built(Planar, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad))
+
+    def remove(self, name: str) -> EntityReply:
+        """Delete an entity."""
+        return self._done(self.ask(DELETE_ENTITY, DeleteEntity(name=name)))
+
+    def entities(self) -> Entities:
+        """The entities in the world."""
+        return self.ask(GET_ENTITIES, GetEntities())
+
+    def goal(
+        self, x_m: float, y_m: float, yaw_rad: float = 0.0, timeout_s: float = 600.0
+    ) -> NavigationResult:
+        """Drive to a pose in the map, and return the result; `error_code` 0 is success.
+
+        Raises TimeoutError after `timeout_s` of simulation without a result; the goal stays active.
+        """
+        if not self._run_while(lambda: not self._is_active(), LOCALISATION_PATIENCE_S):
+            raise RefusedError(
+                f"goal: navigation is not active after {LOCALISATION_PATIENCE_S:g} s"
+            )
+        header = msg.header(self._executive.now_ns, MAP_FRAME)
+        pose = msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
+        with self.watching(NAVIGATION_RESULT) as results:
+            self.put(GOAL_POSE, msg.PoseStamped(header=header, pose=pose))
+            stamp_ns = msg.ns_from_time(header.stamp)
+            mine: list[NavigationResult] = []
+
+            def is_open() -> bool:
+                mine.extend(one for one in results if one.goal_stamp_ns == stamp_ns)
+                results.clear()
+                return not mine
+
+            if not self._run_while(is_open, timeout_s):
+                raise TimeoutError(f"goal: not ended within {timeout_s:g} s of simulation")
+        return mine[0]
+
+    def cancel(self) -> CancelGoalReply:
+        """Cancel the goal that is still active after a timeout of `goal`: the robot stops.
+
+        Raises RefusedError where no goal is active.
+        """
+        reply = self.ask(CANCEL_GOAL, CancelGoal())
+        if reply.error:
+            raise RefusedError(reply.error)
+        return reply
+
+    def command(self, linear_m_s: float, angular_rad_s: float, for_s: float | None = None) -> None:
+        """Command a velocity of base_footprint once; with `for_s`, repeatedly for that duration,
+        rounded up to whole steps.
+
+        The robot stops 0.2 s after the last command.
+        """
+        steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
+        while True:
+            self.put(
+                CMD_VEL,
+                msg.TwistStamped(
+                    header=msg.header(self._executive.now_ns, BASE_FOOTPRINT_FRAME),
+                    twist=msg.Twist(
+                        linear=msg.Vector3(linear_m_s, 0.0, 0.0),
+                        angular=msg.Vector3(0.0, 0.0, angular_rad_s),
+                    ),
+                ),
+            )
+            if steps_left <= 0:
+                return
+            self.step(min(_STEPS_PER_COMMAND, steps_left))
+            steps_left -= _STEPS_PER_COMMAND
+
+    def ground_truth(self) -> SE2:
+        """The robot's true pose in the map, as last published: at most 1/30 s ago."""
+        odom = self.latest(GROUND_TRUTH_ODOM)
+        if odom is not None:
+            return msg.se2_from_pose(odom.pose.pose)
+        world = self.latest(WORLD)
+        assert world is not None
+        return world.start.se2()
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """The last message on a topic; None where there was none since the start."""
+        return cast("M | None", self._wire.latest.get(topic.name))
+
+    @contextmanager
+    def watching(self, topic: Topic[M]) -> Iterator[list[M]]:
+        """A list to which every message on a topic is added while the context lasts."""
+        seen: list[M] = []
+        watcher = (topic.name, seen)
+        self._wire.watchers.append(watcher)
+        try:
+            yield seen
+        finally:
+            self._wire.watchers = [one for one in self._wire.watchers if one is not watcher]
+
+    def put(self, topic: Topic[M], message: M) -> None:
+        """Publish a message on a topic of the user's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
+
+        Raises PermissionError on another topic, RefusedError where the message is invalid.
+        """
+        self._outbox.now_ns = self._executive.now_ns
+        rejected = self._outbox.rejected.copy()
+        self._outbox.put(topic, message)
+        for (name, reason), _ in (self._outbox.rejected - rejected).items():
+            raise RefusedError(f"{name}: {reason}")
+
+    def _is_loaded(self) -> bool:
+        status = self.latest(WORLD_STATUS)
+        if status is not None and status.error:
+            raise ConfigError(status.error)
+        return self.latest(SIMULATION_STATS) is not None
+
+    def _is_active(self) -> bool:
+        status = self.latest(NAVIGATION_STATUS)
+        return status is not None and status.navigation_active
+
+    def _run_while(self, goes_on: Callable[[], bool], limit_s: float) -> bool:
+        """Advance time until a condition is no longer true; False where the limit came first."""
+        end_s = self.now_s + limit_s
+        if not goes_on():
+            return True
+        self.resume()
+        try:
+            while goes_on():
+                if self.now_s >= end_s:
+                    return False
+                self._executive.turn()
+        finally:
+            self.pause()
+        return True
+
+    def _control(self, **fields: object) -> SimulationStats:
+        reply = self.ask(SIMULATION_CONTROL, _built(SimulationControl, **fields))
+        if reply.error:
+            raise RefusedError(reply.error)
+        assert reply.stats is not None
+        return reply.stats
+
+    def _done(self, reply: EntityReply) -> EntityReply:
+        if reply.error:
+            raise RefusedError(reply.error)
+        return reply
+
+    def ask(self, query: Query[Q, A], message: Q) -> A:
+        """The reply to a query. Time advances only where the query takes time."""
+        answers: list[A] = []
+        if not self._wire.ask(query, message, answers.append):
+            raise RefusedError(f"{query.name}: too many requests wait")
+        self._turn_until(lambda: bool(answers), query.name)
+        return answers[0]
+
+    def _turn_until(self, done: Callable[[], bool], what: str) -> None:
+        """Turn until a condition is true; time may advance meanwhile."""
+        turns, now_ns = 0, self._executive.now_ns
+        while not done():
+            if not self._executive.turn() and not done():
+                raise StalledError(f"{what}: the simulation stands still")
+            turns = turns + 1 if self._executive.now_ns == now_ns else 0
+            now_ns = self._executive.now_ns
+            if turns > _MAX_TURNS:
+                raise StalledError(f"{what}: no answer")
+
+
+def _built(kind: type[Q], **fields: object) -> Q:
+    """A document from the user's values.
+
+    Raises RefusedError, in one line, where they are invalid.
+    """
+    try:
+        return kind(**fields)
+    except ValidationError as error:
+        raise RefusedError(one_line(error)) from error

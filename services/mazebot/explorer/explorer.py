@@ -1,0 +1,322 @@
+"""One exploration from its start to the robot's return: what to drive to, and when it ends."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Literal
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.world.costmap import Cells
+from mazebot.explorer.exploration import Aim, Survey, aim, still, survey
+from mazebot.explorer.frontiers import guessed_m2
+from mazebot.explorer.params import ExplorerParams
+from mazebot.explorer.set_aside import SetAside
+
+_LOG = logging.getLogger("explorer")
+
+State = Literal["waiting", "exploring", "returning", "complete", "paused", "failed"]
+
+_MOVED_M = 0.25
+"""A goal that has moved by less is not sent again."""
+_NEARER_M = 0.1
+"""Coming nearer by as much is progress."""
+_STANDS_M = 0.02
+"""Odometry's noise is no way driven."""
+_SURE_NS = 1_500_000_000
+"""The map must show for so long that nothing is left to see."""
+_SEE_NS = 3_000_000_000
+"""At a goal, the robot waits so long for the map to show what is seen from there."""
+_RESEND_NS = 2_000_000_000
+"""A goal that navigation does not know is sent again after this time."""
+_HOME_TRIES = 3
+_REFUSALS = 3
+"""A place is set aside when so many goals for it were refused because something stands there."""
+_NOT_OUR_FAULT = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
+"""Results that say nothing about the way to a goal."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapSoFar:
+    """A map: (rows, columns) int8, 100 occupied, -1 unknown, and the pose of its corner."""
+
+    cells: Cells
+    resolution_m: float
+    origin: SE2
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """A goal that navigation was given."""
+
+    pose: SE2
+    stamp_ns: int
+    aim: Aim | None
+    """None: home, or where the robot pauses."""
+
+
+class Explorer:
+    """Decides on goals. The caller gives the time, maps, poses, and how goals have ended."""
+
+    def __init__(self, params: ExplorerParams, home: SE2) -> None:
+        self._params, self._home = params, home
+        self.state: State = "waiting"
+        self.reason = ""
+        self.driven_m = 0.0
+        self.goals = 0
+        self.seen: Survey | None = None
+        """The map as it was looked at last."""
+        self.aim: Aim | None = None
+        self._map: MapSoFar | None = None
+        self._map_ns = 0
+        """When the newest map came."""
+        self._robot: SE2 | None = None
+        self._sent: _Sent | None = None
+        self._known_ns = 0
+        """When navigation last said that it drives to a goal."""
+        self._aside = SetAside()
+        self._looked_ns: int | None = None
+        self._fresh = False
+        """Whether the map is newer than the last look."""
+        self._nothing_ns: int | None = None
+        """Since when nothing is left to see."""
+        self._reached_ns: int | None = None
+        """When the goal was reached from which nothing was seen yet."""
+        self._least_m = float("inf")
+        self._progress_ns = 0
+        self._home_failures = 0
+        self._refusals = 0
+        """Goals for the current aim at which something stands."""
+        self._stopped = False
+
+    def take_map(self, now_ns: int, grid: MapSoFar) -> None:
+        """The map as it is now."""
+        self._map, self._map_ns, self._fresh = grid, now_ns, True
+
+    def take_pose(self, map_from_base: SE2) -> None:
+        """The robot's pose in the map."""
+        if self._robot is None:
+            self._robot = map_from_base
+            return
+        moved_m = self._robot.distance_m(map_from_base)
+        if moved_m >= _STANDS_M:
+            if self.state in ("exploring", "returning"):
+                self.driven_m += moved_m
+            self._robot = map_from_base
+
+    def drives_to_goal(self, now_ns: int) -> None:
+        """Navigation says that it has a goal."""
+        self._known_ns = now_ns
+
+    def pause(self) -> None:
+        """Stop, and stay."""
+        if self.state in ("exploring", "returning", "waiting"):
+            self.state, self.reason = "paused", "stopped on request"
+            self._sent = self.aim = None
+            self._stopped = False
+
+    def resume(self) -> None:
+        """Go on, also after the end: a map may be looked at again."""
+        if self.state in ("paused", "failed", "complete"):
+            self._begin()
+
+    def _begin(self) -> None:
+        self.state, self.reason = "exploring", ""
+        self._sent = self.aim = self._nothing_ns = self._reached_ns = self._looked_ns = None
+        self._home_failures = 0
+
+    @property
+    def reachable(self) -> int:
+        """Frontiers that the robot can go and see."""
+        if self.seen is None:
+            return 0
+        return len({part.frontier for point in self.seen.points for part in point.parts})
+
+    @property
+    def set_aside(self) -> int:
+        """Frontiers that could not be reached."""
+        return len(self.seen.aside) if self.seen is not None else 0
+
+    def free_m2(self) -> float:
+        """Floor seen that the robot can reach."""
+        return self.seen.floor.reachable_m2 if self.seen is not None else 0.0
+
+    def seen_share(self) -> float:
+        """Of the floor that it can reach, seen or guessed behind frontiers."""
+        if self.seen is None:
+            return 0.0
+        unseen = set(self.seen.unseen)
+        left = [one for i, one in enumerate(self.seen.frontiers) if i not in unseen]
+        free_m2 = self.free_m2()
+        whole_m2 = free_m2 + guessed_m2(self.seen.floor, left)
+        return free_m2 / whole_m2 if whole_m2 > 0.0 else 0.0
+
+    def step(self, now_ns: int) -> SE2 | None:
+        """Advance, once navigation is ready; a goal to send now, if any. Its message must have the
+        stamp `now_ns`.
+        """
+        if self._map is None or self._robot is None:
+            return None
+        if self.state == "waiting":
+            _LOG.info("exploring from (%.2f, %.2f)", self._robot.x_m, self._robot.y_m)
+            self._begin()
+        if self.state == "paused":
+            return self._stand(now_ns)
+        if self.state not in ("exploring", "returning"):
+            return None
+        if self._due(now_ns):
+            self._look(now_ns)
+        if self.state == "returning":
+            return self._send(now_ns, self._home, None)
+        if self.state != "exploring" or self.aim is None:
+            return None
+        return self._send(now_ns, self.aim.pose, self.aim)
+
+    def _due(self, now_ns: int) -> bool:
+        period_ns = int(1e9 / self._params.planner_frequency)
+        if self._looked_ns is None:
+            return True
+        since_ns = now_ns - self._looked_ns
+        return since_ns >= period_ns or (self._fresh and 2 * since_ns >= period_ns)
+
+    def _look(self, now_ns: int) -> None:
+        """Look at the map, and choose."""
+        grid, robot, params = self._map, self._robot, self._params
+        assert grid is not None
+        assert robot is not None
+        self._looked_ns, self._fresh = now_ns, False
+        aside = self._aside
+        args = (params, grid.cells, grid.resolution_m, grid.origin, robot, self.seen)
+        seen = survey(*args, aside.targets_m())
+        if aside.look(seen.floor):
+            seen = survey(*args, aside.targets_m())
+        self.seen = seen
+        if seen.robot is None:
+            self._wait_for_floor(now_ns)
+            return
+        current = self.aim
+        if params.choice == "nearest" and current is not None and self._reached_ns is None:
+            chosen: Aim | None = still(seen, current)
+        else:
+            chosen = aim(params, seen, self._home, current)
+        if chosen is None:
+            self.aim = None
+            self._end_if_sure(now_ns)
+            return
+        self._nothing_ns = None
+        if self.state == "returning":
+            _LOG.info("there is more to see: exploring goes on")
+            self.state = "exploring"
+        if current is None or chosen.is_for_another(current):
+            self._least_m, self._progress_ns = float("inf"), now_ns
+            self._reached_ns = None
+            self._refusals = 0
+        self.aim = chosen
+        if chosen.way_m < self._least_m - _NEARER_M:
+            self._least_m, self._progress_ns = chosen.way_m, now_ns
+        if self._reached_ns is not None and self._map_ns >= self._reached_ns + _SEE_NS:
+            self._set_aside(now_ns, "is not seen from its view point")
+        elif now_ns - self._progress_ns > params.progress_timeout * 1e9:
+            self._set_aside(now_ns, f"no progress for {params.progress_timeout:.0f} s")
+
+    def _wait_for_floor(self, now_ns: int) -> None:
+        self.aim = None
+        if self._nothing_ns is None:
+            self._nothing_ns = now_ns
+        elif now_ns - self._nothing_ns > self._params.progress_timeout * 1e9:
+            self._finish("failed", "the robot stands where the map has no free floor")
+
+    def _end_if_sure(self, now_ns: int) -> None:
+        """Nothing is left to see: after a while, drive home."""
+        if self.state == "returning":
+            return
+        if self._nothing_ns is None:
+            self._nothing_ns = now_ns
+        if now_ns - self._nothing_ns < _SURE_NS:
+            return
+        if self._aside.open_untried():
+            _LOG.info("what was set aside is tried once more")
+            self._nothing_ns = self._looked_ns = None
+            return
+        _LOG.info("nothing is left to see, after %.1f m", self.driven_m)
+        if self._params.return_to_init:
+            self.state, self._sent = "returning", None
+            self.reason = self._verdict()
+        else:
+            self._finish("complete", self._verdict())
+
+    def _verdict(self) -> str:
+        count = self.set_aside
+        if not count:
+            return "no reachable frontier is left"
+        return f"{count} frontier{'s' if count > 1 else ''} could not be reached"
+
+    def _set_aside(self, now_ns: int, why: str) -> None:
+        target, self.aim = self.aim, None
+        assert target is not None
+        assert self.seen is not None
+        _LOG.warning("(%.2f, %.2f) is set aside: %s", *target.target_m, why)
+        self._aside.add(self.seen.floor, target.target_m)
+        self._sent = self._reached_ns = self._looked_ns = None
+        self._progress_ns = now_ns
+
+    def _stand(self, now_ns: int) -> SE2 | None:
+        """Once, the robot's own place as a goal: it stops there."""
+        if self._stopped or self._robot is None:
+            return None
+        self._stopped = True
+        return self._send(now_ns, self._robot, None)
+
+    def _send(self, now_ns: int, pose: SE2, what_for: Aim | None) -> SE2 | None:
+        sent = self._sent
+        if self._reached_ns is not None and sent is not None:
+            # It is there, and the map will show what it sees.
+            if sent.pose.distance_m(pose) < _MOVED_M:
+                return None
+        elif sent is not None and sent.pose.distance_m(pose) < _MOVED_M:
+            unknown_ns = now_ns - max(self._known_ns, sent.stamp_ns)
+            if (sent.aim is None) == (what_for is None) and unknown_ns < _RESEND_NS:
+                return None
+        self._reached_ns = None
+        self._sent = _Sent(pose, now_ns, what_for)
+        if what_for is not None:
+            self.goals += 1
+        return pose
+
+    def ended(self, now_ns: int, stamp_ns: int, error_code: int, error_msg: str) -> None:
+        """Navigation has ended the goal with this stamp."""
+        sent = self._sent
+        if sent is None or sent.stamp_ns != stamp_ns or self.state == "paused":
+            return
+        if error_code in _NOT_OUR_FAULT:
+            return
+        if sent.aim is None:
+            self._came_home(error_code, error_msg)
+        elif error_code == ErrorCode.NONE:
+            self._reached_ns, self._looked_ns = now_ns, None
+        elif error_code == ErrorCode.GOAL_REJECTED or self.aim is None:
+            return
+        elif error_code == ErrorCode.GOAL_OCCUPIED and self._refusals + 1 < _REFUSALS:
+            # Navigation has seen more than the map shows, which will soon show it too.
+            self._refusals += 1
+            self._looked_ns = now_ns
+        else:
+            self._set_aside(now_ns, f"error {error_code}: {error_msg}")
+
+    def _came_home(self, error_code: int, error_msg: str) -> None:
+        if self.state != "returning":
+            return
+        if error_code == ErrorCode.NONE:
+            self._finish("complete", self.reason)
+            return
+        self._home_failures += 1
+        self._sent = None
+        if self._home_failures >= _HOME_TRIES:
+            self._finish("failed", f"cannot drive home: error {error_code}: {error_msg}")
+
+    def _finish(self, state: State, reason: str) -> None:
+        self.state, self.reason = state, reason
+        self.aim = self._sent = None
+        share = 100.0 * self.seen_share()
+        _LOG.info("%s: %s; %.1f %% seen, %.1f m driven", state, reason, share, self.driven_m)

@@ -1,0 +1,202 @@
+"""The node: the map and the robot's pose in, goals out. The only file here that uses topics."""
+
+from __future__ import annotations
+
+import logging
+from typing import ClassVar
+
+import numpy as np
+
+from mazebot.common.maths.frames import MAP_FRAME, SE2
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import NavigationStatus, World
+from mazebot.common.messages.slam_documents import ExplorationStatus
+from mazebot.common.messages.topics import (
+    AMCL_POSE,
+    EXPLORATION_STATUS,
+    EXPLORE_RESUME,
+    FRONTIERS,
+    GOAL_POSE,
+    MAP,
+    NAVIGATION_RESULT,
+    NAVIGATION_STATUS,
+    SIMULATION_STATS,
+    WORLD,
+)
+from mazebot.common.node.node import Beat, Inbox, Node, Outbox
+from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.world.costmap import MAX_MAP_CELLS
+from mazebot.explorer.config import STEP_PERIOD_NS, ExplorerConfig
+from mazebot.explorer.explorer import Explorer, MapSoFar
+from mazebot.explorer.kernels import compile_kernels
+from mazebot.explorer.messages import frontiers_message
+
+_LOG = logging.getLogger("explorer")
+
+_STATUS_PERIOD_NS = 1_000_000_000
+
+
+class ExplorerNode(Node):
+    """Drives the robot until it has seen all the floor that it can reach, and home.
+
+    It begins by itself when the world's request wants exploring (`slam` and `explore`) and
+    navigation is active. A false on EXPLORE_RESUME stops it, a true lets it go on.
+    """
+
+    name: ClassVar[str] = "explorer"
+    _config: ExplorerConfig
+    period_ns: ClassVar[int | None] = STEP_PERIOD_NS
+    wakes = (NAVIGATION_RESULT,)
+
+    def __init__(self, config: ExplorerConfig) -> None:
+        self._config = config
+        self._watch = SimulationWatch(config.seed)
+        self._world: World | None = None
+        self._map: msg.OccupancyGrid | None = None
+        self._navigation: NavigationStatus | None = None
+        self._explorer: Explorer | None = None
+        self._posed = False
+        self._beat = Beat(_STATUS_PERIOD_NS)
+        self._told: tuple[str, str, int | None] | None = None
+        """State, reason and epoch of the status last published."""
+        compile_kernels(config)
+
+    def waiting_for(self) -> str | None:
+        """A phrase for the first missing input that keeps the exploration from beginning."""
+        if self._world is None:
+            return "the world"
+        if not self._wanted():
+            return None
+        if self._map is None:
+            return "the map"
+        if not self._posed:
+            return "the robot's pose"
+        if self._navigation is None or not self._navigation.navigation_active:
+            return "navigation to become active"
+        return None
+
+    def nominal_rates_hz(self) -> dict[str, float]:
+        """See Node."""
+        return {}
+
+    def facts(self) -> dict[str, str]:
+        """The state, and how much of the floor has been seen."""
+        explorer = self._explorer
+        if explorer is None:
+            return {"state": "not wanted"}
+        return {
+            "state": explorer.state,
+            "seen": f"{100.0 * explorer.seen_share():.1f} %",
+            "frontiers": str(explorer.reachable),
+            "driven": f"{explorer.driven_m:.1f} m",
+        }
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Process the map, the pose and results; publish a goal when there is another one."""
+        if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
+            _LOG.info("the simulation began anew: so does the exploration")
+            self._begin_anew()
+        self._learn(now_ns, inbox)
+        explorer = self._explorer
+        if explorer is None:
+            return
+        for ended in inbox.new(NAVIGATION_RESULT):
+            explorer.ended(now_ns, ended.goal_stamp_ns, ended.error_code, ended.error_msg)
+        if self.waiting_for() is None:
+            goal = explorer.step(now_ns)
+            if goal is not None:
+                self._send(now_ns, outbox, goal)
+        self._tell(now_ns, outbox, explorer)
+
+    def _wanted(self) -> bool:
+        return self._world is not None and self._world.slam and self._world.explore
+
+    def _learn(self, now_ns: int, inbox: Inbox) -> None:
+        """Read what has come."""
+        world = inbox.latest(WORLD)
+        if world is not None:
+            known = self._world
+            self._world = world
+            self.world_hash = world.hash
+            if known is None or (known.hash, known.slam) != (world.hash, world.slam):
+                self._begin_anew()
+        if self._wanted() != (self._explorer is not None):
+            self._begin_anew()
+        for status in inbox.new(NAVIGATION_STATUS):
+            self._navigation = status
+            if self._explorer is not None and status.goal is not None:
+                self._explorer.drives_to_goal(now_ns)
+        self._take_map(now_ns, inbox)
+        for pose in inbox.new(AMCL_POSE):
+            stamp_ns = msg.ns_from_time(pose.header.stamp)
+            if self._watch.is_of_this_run(stamp_ns, AMCL_POSE, inbox) and self._explorer:
+                self._posed = True
+                self._explorer.take_pose(msg.se2_from_pose(pose.pose.pose))
+        for resume in inbox.new(EXPLORE_RESUME):
+            if self._explorer is None:
+                inbox.reject(EXPLORE_RESUME, "no exploration is wanted")
+            elif resume.data:
+                self._explorer.resume()
+            else:
+                self._explorer.pause()
+
+    def _take_map(self, now_ns: int, inbox: Inbox) -> None:
+        grid = inbox.latest(MAP)
+        if grid is None or self._explorer is None or msg.same_grid(grid, self._map):
+            return
+        stamp_ns = msg.ns_from_time(grid.header.stamp)
+        if not self._watch.is_of_this_run(stamp_ns, MAP, inbox):
+            return
+        if len(grid.data) > MAX_MAP_CELLS or not len(grid.data):
+            inbox.reject(MAP, "not a map to explore")
+            _LOG.error("map: %d cells: must be 1 to %d", len(grid.data), MAX_MAP_CELLS)
+            return
+        self._map = grid
+        cells = np.array(msg.cells_from_grid(grid), np.int8)
+        origin = msg.se2_from_pose(grid.info.origin)
+        self._explorer.take_map(now_ns, MapSoFar(cells, grid.info.resolution, origin))
+
+    def _begin_anew(self) -> None:
+        """Forget what was explored."""
+        self._map = self._navigation = None
+        self._posed = False
+        self._told = None
+        self._explorer = None
+        if self._wanted() and self._world is not None:
+            self._explorer = Explorer(self._config, self._world.start.se2())
+
+    def _send(self, now_ns: int, outbox: Outbox, goal: SE2) -> None:
+        outbox.put(
+            GOAL_POSE,
+            msg.PoseStamped(header=msg.header(now_ns, MAP_FRAME), pose=msg.pose_from_se2(goal)),
+        )
+
+    def _tell(self, now_ns: int, outbox: Outbox, explorer: Explorer) -> None:
+        """Publish status and frontiers, once a second and when the state is another one."""
+        missing = self.waiting_for()
+        reason = explorer.reason
+        if explorer.state == "waiting" and missing is not None:
+            reason = f"waits for {missing}"
+        told = (explorer.state, reason, self._watch.epoch)
+        due = self._beat.due(now_ns)
+        if not due and told == self._told:
+            return
+        self._told = told
+        seen = explorer.seen
+        outbox.put(
+            EXPLORATION_STATUS,
+            ExplorationStatus(
+                state=explorer.state,
+                reason=reason,
+                frontiers=len(seen.frontiers) if seen is not None else 0,
+                reachable=explorer.reachable,
+                set_aside=explorer.set_aside,
+                free_m2=explorer.free_m2(),
+                seen_share=min(explorer.seen_share(), 1.0),
+                driven_m=explorer.driven_m,
+                goals=explorer.goals,
+                epoch=self._watch.epoch or 0,
+            ),
+        )
+        if self._config.visualize and seen is not None:
+            outbox.put(FRONTIERS, frontiers_message(now_ns, seen, explorer.aim))

@@ -1,0 +1,58 @@
+"""Parameters of the exploration, under explore_lite's names where it has one."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from mazebot.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
+from mazebot.explorer.choice import Policy
+
+
+class ExplorerParams(BaseModel):
+    """What counts as a frontier, and which one is next."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    planner_frequency: float = Field(
+        1.0, gt=0, le=20, description="Hz of choosing again as the map grows"
+    )
+    progress_timeout: float = Field(
+        20.0, gt=0, description="s without coming closer to a view point: it is set aside"
+    )
+    min_frontier_size: float = Field(
+        0.3, ge=0, description="m; frontiers whose border is shorter are ignored"
+    )
+    choice: Policy = Field(
+        "tour",
+        description="tour: the first view point of the shortest tour through all and home; "
+        "nearest: to the nearest frontier, to its end; gain: explore_lite's cost",
+    )
+    potential_scale: float = Field(
+        1.0, ge=0, description="of choice gain: weight of the way's length in m"
+    )
+    gain_scale: float = Field(
+        1.0, ge=0, description="of choice gain: weight of the frontier's size in m"
+    )
+    orientation_scale: float = Field(
+        0.0, ge=0, description="not used, as in explore_lite: the lidar sees all around"
+    )
+    hysteresis: float = Field(
+        0.2,
+        ge=0,
+        description="another view point is chosen only if it saves this share of the way to the "
+        "current one",
+    )
+    return_to_init: bool = Field(True, description="drive back to the start pose at the end")
+    visualize: bool = Field(True, description="publish the frontiers as markers")
+    robot_radius: float = Field(
+        ROBOT_RADIUS_M, gt=0, description="m; the floor that the robot reaches is for this circle"
+    )
+    view_clearance: float = Field(
+        0.3, gt=0, description="m; distance of view points to obstacles, where there is room"
+    )
+    max_range: float = Field(3.5, gt=0.5, description="m; how far the lidar sees")
+    start_tolerance: float = Field(
+        START_TOLERANCE_M,
+        ge=0,
+        description="m; a robot in inflated cells counts as on the nearest free one within this",
+    )

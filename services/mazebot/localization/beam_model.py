@@ -1,0 +1,389 @@
+"""What each beam of a scan says about a pose: explained by the map, shortened, or through a wall.
+
+The likelihood field looks only at where beams end. Here each beam is also followed through the map,
+so that a pose in the wrong room, whose beams pass through walls, is told from the right one (the
+test of emcl2, Ueda and others), and so that a beam without a return counts, too: the map has to be
+open there.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.kernels import kernel, shared_kernel
+from mazebot.localization.likelihood_field import OCCUPIED, LikelihoodField
+
+_FAR_M = 1e3
+"""No lidar has a longer range, whatever its message states."""
+_CAST_AT_MOST_M = 30.0
+_THROUGH_M = 0.2
+"""A beam that ends less than this behind a face grazed it: the pose may be off by centimetres."""
+_SIDE_M = 0.08
+"""A beam passes through a wall only if its neighbours at this distance on both sides do, too."""
+_HIT_STD_M = 0.05
+BEFORE_M = 0.06
+IN_WALL_M = -0.02
+"""A signed distance below this is inside a wall."""
+_LEAST_BEAMS = 5
+"""Fewer beams than this contradict nothing."""
+THROUGH_WEIGHT = 3.0
+"""Beams through walls weigh so much more: nothing that moves can cause them."""
+
+# Columns of the counts of beams.
+HIT, SHORT, MISFIT, THROUGH, MISSING, OPEN = range(6)
+
+
+@dataclass(frozen=True)
+class ScanView:
+    """A scan, thinned, in the base's frame: beams and where they end."""
+
+    directions: Array
+    """(m, 2) unit vectors of the beams."""
+    ranges_m: Array
+    """(m,), inf where there was no return"""
+    points_m: Array
+    """(k, 2) ends of the beams with a return, the lidar's place included."""
+    before_m: Array
+    """(k, 2) points just before those ends: they have to be in front of the wall, too, else a beam
+    ends at the wrong face of it.
+    """
+    base_from_scan: SE2
+    range_max_m: float
+    silent_weight: float
+    """How many of the beams with a return a beam without one stands for: they are thinned apart."""
+    likelihood_weight: float
+    """Of one beam, so that a scan weighs no more than `max_beams` beams."""
+
+    @property
+    def returns(self) -> int:
+        """Number of beams with a return: they are the first ones."""
+        return len(self.points_m)
+
+    def halved(self) -> ScanView:
+        """Every second beam, each with twice the weight."""
+        heard, silent = slice(0, self.returns, 2), slice(self.returns, None, 2)
+        return ScanView(
+            np.concatenate([self.directions[heard], self.directions[silent]]),
+            np.concatenate([self.ranges_m[heard], self.ranges_m[silent]]),
+            np.ascontiguousarray(self.points_m[::2]),
+            np.ascontiguousarray(self.before_m[::2]),
+            self.base_from_scan,
+            self.range_max_m,
+            self.silent_weight,
+            2.0 * self.likelihood_weight,
+        )
+
+
+@dataclass(frozen=True)
+class RayMap:
+    """The map's walls for following beams, in the axes of the grid."""
+
+    occupied: NDArray[np.uint8]
+    """(rows, columns), 1 where a wall is."""
+    cells_per_m: float
+    inset_m: float
+    """How far inside its cell a wall's face lies."""
+    map_from_grid: SE2
+    field: LikelihoodField
+    raster_m: float
+    """Off a wall by no more than this, a return says nothing against a pose: poses that look alike
+    in the world must not be told apart by how their walls fall into cells.
+    """
+    tolerance_m: float
+
+    @classmethod
+    def of(
+        cls,
+        cells: NDArray[np.int8],
+        resolution_m: float,
+        map_from_grid: SE2,
+        field: LikelihoodField,
+        wall_inset_cells: float,
+        tolerance_m: float,
+    ) -> RayMap:
+        """From a map's cells, as `likelihood_field` takes them."""
+        return cls(
+            np.ascontiguousarray(cells >= OCCUPIED).astype(np.uint8),
+            1.0 / resolution_m,
+            wall_inset_cells * resolution_m,
+            map_from_grid,
+            field,
+            resolution_m,
+            tolerance_m,
+        )
+
+
+def scan_view(
+    ranges_m: NDArray[np.float32],
+    angle_min_rad: float,
+    angle_increment_rad: float,
+    range_min_m: float,
+    range_max_m: float,
+    base_from_scan: SE2,
+    max_beams: int,
+) -> ScanView:
+    """Evenly thinned beams of a scan: up to `max_beams` with a return and as many without.
+
+    Ranges in [range_min, range_max) are returns; those beyond it, infinite ones included, are beams
+    without one. Ranges below range_min and NaN say nothing, as in REP 117.
+    """
+    distances_m = np.asarray(ranges_m, np.float64)
+    limit_m = min(range_max_m, _FAR_M)
+    returned = (distances_m >= range_min_m) & (distances_m < limit_m)
+    heard, heard_stride = _thinned(np.flatnonzero(returned), max_beams)
+    silent, silent_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
+    beams = np.concatenate([heard, silent])
+    directions = _directions(
+        len(distances_m), angle_min_rad + base_from_scan.yaw_rad, angle_increment_rad
+    )[beams]
+    ends = directions[: len(heard)]
+    points_m = np.array([base_from_scan.x_m, base_from_scan.y_m]) + distances_m[heard, None] * ends
+    silent_weight = silent_stride / heard_stride
+    represented = len(heard) + silent_weight * len(silent)
+    return ScanView(
+        directions,
+        np.concatenate([distances_m[heard], np.full(len(silent), np.inf)]),
+        points_m,
+        points_m - BEFORE_M * ends,
+        base_from_scan,
+        limit_m,
+        silent_weight,
+        min(1.0, max_beams / max(represented, 1.0)),
+    )
+
+
+# All scans of a lidar have the same beams.
+@functools.lru_cache(maxsize=4)
+def _directions(count: int, angle_min_rad: float, angle_increment_rad: float) -> Array:
+    angles = angle_min_rad + angle_increment_rad * np.arange(count)
+    return np.stack(portable_kernels.cos_sin_each(angles), axis=1)
+
+
+def _thinned(beams: NDArray[np.int64], most: int) -> tuple[NDArray[np.int64], int]:
+    stride = max(1, -(-len(beams) // most))
+    return beams[stride // 2 :: stride], stride
+
+
+def judge(rays: RayMap, poses: Array, view: ScanView) -> tuple[Array, Array]:
+    """(n, 6) counts of beams by kind, and (n,) log-likelihoods, of a scan at poses (n, 3).
+
+    The counts' columns are HIT, SHORT, MISFIT, THROUGH, MISSING and OPEN: a return near a wall, one
+    before the map's first wall, one elsewhere, one behind a wall, none where the map has a wall in
+    range, and none where it has none. A log-likelihood is 0 where every beam is explained. The
+    beams' terms are those of the beam model (Probabilistic Robotics, 6.3) as constants, with the
+    field's Gaussian for hits: sharper ones would punish centimetres.
+    """
+    counts = np.zeros((len(poses), 6))
+    log_likelihoods = np.zeros(len(poses))
+    field, grid = rays.field, rays.map_from_grid
+    field_pose = field.map_from_field
+    _judge(
+        np.ascontiguousarray(poses), view.directions, view.ranges_m,
+        view.base_from_scan.x_m, view.base_from_scan.y_m,
+        min(view.range_max_m, _CAST_AT_MOST_M),
+        rays.occupied, rays.cells_per_m, grid.x_m, grid.y_m, grid.yaw_rad, rays.inset_m,
+        field.distance_m, 1.0 / field.cell_m, field_pose.x_m, field_pose.y_m, field_pose.yaw_rad,
+        rays.tolerance_m, rays.raster_m, view.silent_weight, counts, log_likelihoods,
+    )  # fmt: skip
+    log_likelihoods *= view.likelihood_weight
+    return counts, log_likelihoods
+
+
+def qualities(counts: Array, dynamic_share: float) -> Array:
+    """(n,) quality 0 to 1 of poses, by `judge`'s counts: the share of beams that are explained.
+
+    A return on a wall is, and so is one before it, up to `dynamic_share` of the beams: something
+    that the map does not have may stand there. Beams through walls weigh thrice. Where the map has
+    no wall in range and nothing returns, nothing contradicts the pose: its quality is 1.
+    """
+    heard = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, MISSING]
+    total = heard + THROUGH_WEIGHT * counts[:, THROUGH]
+    short = np.minimum(counts[:, SHORT], dynamic_share * (heard + counts[:, THROUGH]))
+    explained = counts[:, HIT] + short
+    few = total < _LEAST_BEAMS
+    return np.asarray(np.where(few, 1.0, explained / np.maximum(total, 1.0)))
+
+
+def in_wall(rays: RayMap, poses: Array, clearance_m: float) -> NDArray[np.bool_]:
+    """(n,) whether a robot at poses (n, 3) stands in a wall or nearer to one than the clearance."""
+    field = rays.field
+    pose = field.map_from_field
+    near = np.zeros(len(poses), np.bool_)
+    _in_wall(
+        poses, field.distance_m, 1.0 / field.cell_m, pose.x_m, pose.y_m, pose.yaw_rad, clearance_m,
+        near,
+    )  # fmt: skip
+    return near
+
+
+def moved_view(view: ScanView, now_from_then: SE2) -> ScanView:
+    """The same scan in the frame of the base at another time."""
+    c, s = portable_kernels.cos_sin(now_from_then.yaw_rad)
+    there_m = np.array([now_from_then.x_m, now_from_then.y_m])
+    return ScanView(
+        _turned(view.directions, c, s),
+        view.ranges_m,
+        _turned(view.points_m, c, s) + there_m,
+        _turned(view.before_m, c, s) + there_m,
+        now_from_then @ view.base_from_scan,
+        view.range_max_m,
+        view.silent_weight,
+        view.likelihood_weight,
+    )
+
+
+def _turned(vectors: Array, c: float, s: float) -> Array:
+    x, y = vectors[:, 0], vectors[:, 1]
+    return np.ascontiguousarray(np.stack([c * x - s * y, s * x + c * y], axis=1))
+
+
+@shared_kernel()
+def _first_wall(
+    occupied: NDArray[np.uint8],
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    most: float,
+) -> float:
+    """Distance, in cells, at which a ray enters its first occupied cell (Amanatides, Woo, 1987)."""
+    rows, columns = occupied.shape
+    column, row = math.floor(x), math.floor(y)
+    step_x = 1 if dx > 0.0 else -1
+    step_y = 1 if dy > 0.0 else -1
+    inverse_x = 1.0 / abs(dx) if abs(dx) > 1e-12 else 1e12
+    inverse_y = 1.0 / abs(dy) if abs(dy) > 1e-12 else 1e12
+    next_x = (column + 1 - x if dx > 0.0 else x - column) * inverse_x
+    next_y = (row + 1 - y if dy > 0.0 else y - row) * inverse_y
+    along = 0.0
+    while along <= most:
+        if row >= 0 and column >= 0 and row < rows and column < columns:
+            if occupied[row, column]:
+                return along
+        if next_x < next_y:
+            along = next_x
+            next_x += inverse_x
+            column += step_x
+        else:
+            along = next_y
+            next_y += inverse_y
+            row += step_y
+    return 1e12
+
+
+@kernel(
+    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64, float64, "
+    "uint8[:, ::1], float64, float64, float64, float64, float64, float32[:, ::1], float64, "
+    "float64, float64, float64, float64, float64, float64, float64[:, ::1], float64[::1])",
+)
+def _judge(
+    poses: Array,
+    directions: Array,
+    ranges: Array,
+    scan_x: float,
+    scan_y: float,
+    range_max: float,
+    occupied: NDArray[np.uint8],
+    cells_per_m: float,
+    grid_x: float,
+    grid_y: float,
+    grid_yaw: float,
+    inset: float,
+    distance: NDArray[np.float32],
+    field_cells_per_m: float,
+    field_x: float,
+    field_y: float,
+    field_yaw: float,
+    tolerance: float,
+    raster: float,
+    silent_weight: float,
+    counts: Array,
+    log_likelihoods: Array,
+) -> None:
+    rows, columns = distance.shape
+    cg, sg = portable_kernels.cos_sin(grid_yaw)
+    cf, sf = portable_kernels.cos_sin(field_yaw)
+    side = _SIDE_M * cells_per_m
+    for i in range(poses.shape[0]):
+        c, s = portable_kernels.cos_sin(poses[i, 2])
+        x0 = poses[i, 0] + c * scan_x - s * scan_y
+        y0 = poses[i, 1] + s * scan_x + c * scan_y
+        gx = (cg * (x0 - grid_x) + sg * (y0 - grid_y)) * cells_per_m
+        gy = (cg * (y0 - grid_y) - sg * (x0 - grid_x)) * cells_per_m
+        total = 0.0
+        for j in range(directions.shape[0]):
+            ca = c * directions[j, 0] - s * directions[j, 1]
+            sa = s * directions[j, 0] + c * directions[j, 1]
+            dx, dy = cg * ca + sg * sa, cg * sa - sg * ca
+            returned = ranges[j] < range_max
+            reach = ranges[j] if returned else range_max
+            wall = _first_wall(occupied, gx, gy, dx, dy, reach * cells_per_m) / cells_per_m + inset
+            behind = wall < reach - _THROUGH_M
+            if behind:
+                most = reach * cells_per_m
+                for sign in (-1.0, 1.0):
+                    beside = _first_wall(
+                        occupied, gx - sign * side * dy, gy + sign * side * dx, dx, dy, most
+                    )
+                    if beside / cells_per_m + inset >= reach - _THROUGH_M:
+                        behind = False
+            if not returned:
+                if behind:
+                    counts[i, MISSING] += silent_weight
+                    total -= 3.0 * silent_weight
+                else:
+                    counts[i, OPEN] += silent_weight
+                continue
+            if behind:
+                counts[i, THROUGH] += 1.0
+                total -= 5.0
+                continue
+            ex, ey = x0 + reach * ca - field_x, y0 + reach * sa - field_y
+            u = (cf * ex + sf * ey) * field_cells_per_m
+            v = (cf * ey - sf * ex) * field_cells_per_m
+            off = 10.0
+            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                off = abs(distance[int(v), int(u)])
+                u -= BEFORE_M * field_cells_per_m * (cf * ca + sf * sa)
+                v -= BEFORE_M * field_cells_per_m * (cf * sa - sf * ca)
+                if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                    if distance[int(v), int(u)] < IN_WALL_M:
+                        off += BEFORE_M
+            scaled = max(0.0, off - raster) / _HIT_STD_M
+            total -= min(3.0, 0.5 * scaled * scaled)
+            if off <= tolerance:
+                counts[i, HIT] += 1.0
+            elif wall > reach:
+                counts[i, SHORT] += 1.0
+            else:
+                counts[i, MISFIT] += 1.0
+        log_likelihoods[i] = total
+
+
+@kernel(
+    "void(float64[:, ::1], float32[:, ::1], float64, float64, float64, float64, float64, "
+    "boolean[::1])"
+)
+def _in_wall(
+    poses: Array,
+    distance: NDArray[np.float32],
+    cells_per_m: float,
+    field_x: float,
+    field_y: float,
+    field_yaw: float,
+    clearance: float,
+    near: NDArray[np.bool_],
+) -> None:
+    c, s = portable_kernels.cos_sin(field_yaw)
+    for i in range(poses.shape[0]):
+        x, y = poses[i, 0] - field_x, poses[i, 1] - field_y
+        u, v = (c * x + s * y) * cells_per_m, (c * y - s * x) * cells_per_m
+        if u >= 0.0 and v >= 0.0 and u < distance.shape[1] and v < distance.shape[0]:
+            near[i] = distance[int(v), int(u)] < clearance

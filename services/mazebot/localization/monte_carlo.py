@@ -1,0 +1,582 @@
+"""Monte Carlo localisation: the robot's pose in the map, from odometry, lidar scans and markers.
+
+While the pose is known, a particle filter after AMCL tracks it. Each update is valid at its
+measurement's stamp and is carried forward by the odometry since. The field is accurate to a
+centimetre, so the mean of the particles needs no scan matching after it.
+
+Where the pose is not known, or no longer believed, the whole map is searched, and the poses found
+are weighed while the robot moves, until one of them is certain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable, portable_kernels
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.localization import particle_filter as pf
+from mazebot.localization.beam_model import (
+    HIT,
+    THROUGH,
+    RayMap,
+    ScanView,
+    in_wall,
+    judge,
+    moved_view,
+    qualities,
+    scan_view,
+)
+from mazebot.localization.global_search.global_search import global_search, search_map
+from mazebot.localization.global_search.hypotheses import Hypotheses, MarkerSighting, Verdict
+from mazebot.localization.global_search.scan_matching import refine
+from mazebot.localization.likelihood_field import likelihood_field
+from mazebot.localization.marker_model import (
+    MarkerCandidate,
+    MarkerNoise,
+    Sighting,
+    mixture_likelihood,
+    sightings,
+)
+from mazebot.localization.params import LocalizationParams
+from mazebot.localization.particle_set import ParticleSet
+from mazebot.localization.pose_monitor import PoseMonitor
+
+__all__ = ["Localization", "LocalizationParams", "LocalizationState", "MarkerCandidate"]
+
+LocalizationState = Literal["uninitialized", "searching", "localized", "lost"]
+
+_FAR_M = 1e3
+"""No lidar has a longer range, whatever its message states."""
+_RANDOM_RANGE_M = 3.5
+"""Returns from unmapped objects are spread over this range at most."""
+_PREDICT_M, _PREDICT_RAD = 0.2, 0.2
+"""Odometry is applied in steps no longer than this, though no scan comes."""
+_WALL_CLEARANCE_M = 0.05
+_SURE_M, _SURE_RAD = 0.08, 0.06
+_JUDGED = 32
+"""Particles of an uncertain pose that are judged."""
+_SEARCH_COUNT = 100
+_CERTAIN_QUALITY = 0.75
+_MARKERS_AGREE = 2
+_FOUND_STD_M, _FOUND_STD_RAD = 0.06, 0.04
+
+
+class Localization:
+    """The robot's pose in the map.
+
+    Frames: `map_from_odom` is the correction; `odom_from_base` comes from odometry. Stamps are
+    nanoseconds of simulation. The same calls with the same generator give the same bits.
+    """
+
+    def __init__(
+        self,
+        params: LocalizationParams,
+        cells: NDArray[np.int8],
+        resolution_m: float,
+        origin: SE2,
+        rng: np.random.Generator,
+    ) -> None:
+        """`cells` (rows, columns): 0 free to 100 occupied, -1 unknown, row 0 at the smallest y of
+        `origin`, which is map_from_grid.
+
+        Raises ValueError if the map cannot be used.
+        """
+        self._params = params
+        self._marker_noise = MarkerNoise(
+            params.marker_std_m,
+            params.marker_range_ratio_per_m,
+            params.marker_bearing_std_rad,
+            params.marker_yaw_std_rad,
+        )
+        self._field = likelihood_field(
+            cells,
+            resolution_m,
+            origin,
+            z_hit=params.z_hit,
+            z_rand=params.z_rand,
+            sigma_hit_m=params.sigma_hit,
+            max_distance_m=params.laser_likelihood_max_dist,
+            wall_inset_cells=params.wall_inset_cells,
+            range_max_m=min(params.laser_max_range, _RANDOM_RANGE_M),
+        )
+        self._rays = RayMap.of(
+            cells,
+            resolution_m,
+            origin,
+            self._field,
+            params.wall_inset_cells,
+            params.scan_match_tolerance_m,
+        )
+        self._table = search_map(cells, resolution_m, self._rays)
+        # The error that no number of scans averages out: a face lies anywhere in its cell, and
+        # where walls are few, one face alone fixes a coordinate.
+        self._raster_covariance = np.diag([1.0, 1.0, 0.0]) * (resolution_m * resolution_m) / 12.0
+        self._history = OdometryHistory()
+        self._set = ParticleSet(params, rng)
+        self._monitor = PoseMonitor(params)
+        self._hypotheses: Hypotheses | None = None
+        self._state: LocalizationState = "uninitialized"
+        self._reasons: tuple[str, ...] = ("no initial pose was given",)
+        self._cause = ""
+        """Why the pose is sought."""
+        self._stamp_ns: int | None = None
+        self._odom_from_base: SE2 | None = None
+        """Odometry at the estimate's time; None before odometry is received."""
+        self._known = False
+        """Whether there is an estimate, right or wrong."""
+        self._match_fast = 1.0
+        self._last_scan: tuple[int, SE2] | None = None
+        self._last_marker: dict[tuple[float, ...], tuple[int, SE2]] = {}
+        self._view: tuple[SE2, ScanView] | None = None
+        """The last scan, and the odometry at its time."""
+
+    @property
+    def initialized(self) -> bool:
+        """Whether there is an estimate of the pose: one was given or found."""
+        return self._known
+
+    @property
+    def converged(self) -> bool:
+        """Whether the particles agree on one pose. It may be a wrong one: see `state`."""
+        return self._state == "localized" and self._set.converged
+
+    @property
+    def state(self) -> LocalizationState:
+        """`uninitialized`: no pose was given and none is sought. `localized`: the pose is known, to
+        its covariance. `lost`: it was found wrong, and there is no other one yet. `searching`:
+        poses are being weighed, see `hypotheses`.
+        """
+        return self._state
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the state is what it is, in plain words."""
+        return self._reasons
+
+    @property
+    def quality(self) -> float:
+        """How well the scans fit the pose, 0 to 1, as a running mean of half a second.
+
+        The share of the beams that are explained: by the map, or by something before its walls, up
+        to `dynamic_share`. A beam through a wall weighs thrice; a robot in a wall has quality 0.
+        """
+        return self._monitor.quality if self._known else 0.0
+
+    @property
+    def wants_motion(self) -> bool:
+        """Whether the robot should move, so that its pose becomes known."""
+        return self._state in ("searching", "lost")
+
+    @property
+    def scan_match(self) -> float:
+        """Fraction of the returns that are the map's walls, 0 to 1, as a running mean.
+
+        Its gain is `recovery_alpha_fast`: half a second of scans. In the house maze it is above
+        0.95 all along a drive, above 0.65 with a third of the beams blocked, and below 0.6 one
+        second after the robot was moved to another pose.
+        """
+        return self._match_fast
+
+    def hypotheses(self) -> Array:
+        """(k, 4) poses x, y, yaw in the map at the last update and their weights, the heaviest
+        first: those being weighed, or the particles' clusters.
+        """
+        if self._hypotheses is not None:
+            return self._hypotheses.weighed()
+        if not self._known:
+            return np.empty((0, 4))
+        return np.array([(*mean, share) for share, mean, _ in self._set.clusters()])
+
+    def clusters(self) -> list[tuple[float, SE2, Array]]:
+        """Weight, mean and (3, 3) covariance of each cluster of particles, the heaviest first."""
+        return self._set.clusters() if self._known else []
+
+    def initialize(self, map_from_base: SE2, covariance: Array) -> None:
+        """Set the robot's current pose with a (3, 3) covariance of (x, y, yaw).
+
+        Raises ValueError if either is not finite or the covariance is not valid.
+        """
+        covariance = np.asarray(covariance, np.float64)
+        if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+            raise ValueError(f"covariance: must be 3 x 3 and finite, got {covariance.tolist()}")
+        if not all(math.isfinite(value) for value in map_from_base):
+            raise ValueError(f"initial pose: must be finite, got {tuple(map_from_base)}")
+        self._set.begin(map_from_base, covariance)
+        self._known = True
+        self._hypotheses = None
+        self._state, self._reasons = "localized", ("a pose was given",)
+        self._begin_at_latest_odometry()
+        self._match_fast = 1.0
+
+    def global_localization(self) -> None:
+        """Forget the pose and search the whole map for it, as AMCL's
+        `reinitialize_global_localization`.
+        """
+        self._known = False
+        self._search("searching", "global localization was asked for")
+
+    def relocalize(self) -> None:
+        """Search the whole map, as where the robot was found lost; the pose is kept until then."""
+        self._search("lost" if self._known else "searching", "relocalization was asked for")
+
+    def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
+        """Add odometry; a message that is not later than the last one is ignored."""
+        if not self._history.add(stamp_ns, odom_from_base):
+            return
+        if self._odom_from_base is None:
+            self._stamp_ns, self._odom_from_base = stamp_ns, odom_from_base
+        elif self._state == "localized":
+            last = self._odom_from_base
+            turned = abs(wrap_angle(odom_from_base.yaw_rad - last.yaw_rad))
+            if odom_from_base.distance_m(last) >= _PREDICT_M or turned >= _PREDICT_RAD:
+                self._predict(stamp_ns, odom_from_base)
+                self._set.measure_spread()
+
+    def scan(
+        self,
+        stamp_ns: int,
+        ranges_m: NDArray[np.float32],
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+        base_from_scan: SE2,
+    ) -> bool:
+        """Correct the pose by a scan (n,), counter-clockwise; True if the scan was used.
+
+        Ranges outside [range_min, range_max) or not finite are no returns. A scan is not used if
+        the robot hardly moved since the last one, if it has few returns, or if there is no odometry
+        for its stamp. Where the pose is sought, it is weighed at the poses that it may have.
+        """
+        odom_from_base = self._history.at(stamp_ns)
+        if odom_from_base is None or self._state == "uninitialized":
+            return False
+        if not (math.isfinite(angle_min_rad) and math.isfinite(angle_increment_rad)):
+            return False
+        p = self._params
+        view = scan_view(
+            ranges_m, angle_min_rad, angle_increment_rad,
+            range_min_m if p.laser_min_range < 0.0 else p.laser_min_range,
+            min(range_max_m, p.laser_max_range, _FAR_M), base_from_scan, p.max_beams,
+        )  # fmt: skip
+        self._view = (odom_from_base, view)
+        if self._hypotheses is not None:
+            return self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, view)
+        return self._track(stamp_ns, odom_from_base, view)
+
+    def marker(
+        self,
+        stamp_ns: int,
+        map_from_marker: Array,
+        candidates: Sequence[MarkerCandidate],
+        base_from_camera_optical: Array,
+    ) -> bool:
+        """Correct the pose by a sighting of a marker whose pose, rigid (4, 4), is known.
+
+        The candidates are the solutions of one sighting, of which at most one is right: the filter
+        uses them as a mixture, with a probability that none is right. Two sightings that contradict
+        the pose and agree on another one, at which the scan fits as well, make the robot lost: the
+        poses that they give are among those weighed then. True if the sighting was used; one of a
+        robot at rest is left out as a scan is.
+        """
+        odom_from_base = self._history.at(stamp_ns)
+        if odom_from_base is None or self._state == "uninitialized":
+            return False
+        if not np.isfinite(map_from_marker).all():
+            return False
+        seen = sightings(map_from_marker, candidates, base_from_camera_optical, self._marker_noise)
+        if not seen:
+            return False
+        if self._hypotheses is None and self._is_refuted(stamp_ns, odom_from_base, seen):
+            self._search("lost", "two sightings of markers contradict the pose")
+        key = tuple(float(value) for value in map_from_marker[:3, 3])
+        if not self._is_due(self._last_marker.get(key), stamp_ns, odom_from_base):
+            return False
+        self._last_marker[key] = (stamp_ns, odom_from_base)
+        if self._hypotheses is not None:
+            return self._weigh_marker(
+                self._hypotheses, stamp_ns, odom_from_base, map_from_marker, seen
+            )
+        self._predict(stamp_ns, odom_from_base)
+        assert self._odom_from_base is not None
+        # The sighting may be older than the last update.
+        now_from_then = self._odom_from_base.inverse() @ odom_from_base
+        likelihood = mixture_likelihood(self._set.poses, map_from_marker, seen, now_from_then)
+        self._set.weigh(portable_kernels.log_each(likelihood + self._params.marker_outlier))
+        return True
+
+    def pose(self) -> tuple[SE2, Array]:
+        """map_from_base at the latest odometry and its (3, 3) covariance of (x, y, yaw).
+
+        While the pose is sought it is that of the likeliest hypothesis, with the spread of all.
+        Raises RuntimeError where there is none yet.
+        """
+        pose = self.map_from_base()
+        if self._odom_from_base is None:
+            return pose, self._set.covariance.copy()
+        if self._hypotheses is not None and len(self._hypotheses):
+            return pose, self._spread_of(self._hypotheses.weighed())
+        before_from_now = self._odom_from_base.inverse() @ self._history.latest[1]
+        return pose, self._set.moved_covariance(before_from_now) + self._raster_covariance
+
+    def map_from_base(self) -> SE2:
+        """The pose alone. Raises RuntimeError where there is none yet."""
+        if not self._known:
+            raise RuntimeError("the pose is not known: no initial pose was given")
+        if self._odom_from_base is None:
+            return self._set.pose
+        before_from_now = self._odom_from_base.inverse() @ self._history.latest[1]
+        return self._set.pose @ before_from_now
+
+    def map_from_odom(self) -> SE2:
+        """The correction of odometry. Raises RuntimeError where there is no pose yet."""
+        if not self._known:
+            raise RuntimeError("map from odom is not known: no initial pose was given")
+        if self._odom_from_base is None:
+            return self._set.pose
+        return self._set.pose @ self._odom_from_base.inverse()
+
+    def particles(self) -> Array:
+        """(n, 3) particles (x, y, yaw) in the map at the last update; while the pose is sought, the
+        poses that are weighed.
+        """
+        if self._hypotheses is not None:
+            return np.ascontiguousarray(self._hypotheses.weighed()[:, :3])
+        return self._set.poses.copy()
+
+    # Tracking.
+
+    def _track(self, stamp_ns: int, odom_from_base: SE2, view: ScanView) -> bool:
+        used = self._is_due(self._last_scan, stamp_ns, odom_from_base)
+        if used:
+            self._last_scan = (stamp_ns, odom_from_base)
+            self._predict(stamp_ns, odom_from_base)
+        assert self._odom_from_base is not None
+        # The scan may be older than the last update, or newer.
+        if odom_from_base != self._odom_from_base:
+            view = moved_view(view, self._odom_from_base.inverse() @ odom_from_base)
+        enough = view.returns >= self._params.min_returns
+        if used and enough:
+            self._set.weigh(
+                pf.scan_log_weights(
+                    self._field,
+                    self._set.poses,
+                    view.points_m,
+                    view.before_m,
+                    self._params.beam_weight,
+                )
+            )
+        elif used:
+            # On open floor there is only odometry, and the spread grows step by step.
+            self._set.measure_spread()
+        self._judge(stamp_ns, odom_from_base, view, enough)
+        return used and enough
+
+    def _judge(self, stamp_ns: int, odom_from_base: SE2, view: ScanView, enough: bool) -> None:
+        here = self._poses_to_judge()
+        counts, _ = judge(self._rays, here, view)
+        each = qualities(counts, self._params.dynamic_share)
+        each[in_wall(self._rays, here, _WALL_CLEARANCE_M)] = 0.0
+        quality = float(each.max())
+        self._monitor.add(stamp_ns, quality)
+        if enough:
+            near = float(counts[0, HIT]) / view.returns
+            self._match_fast += self._params.recovery_alpha_fast * (near - self._match_fast)
+        if not self._monitor.is_suspect:
+            self._reasons = ("the scans fit the map",)
+            return
+        share = f"{100.0 * self._monitor.quality:.0f} % of the beams are explained by the map"
+        through = int(counts[0, THROUGH])
+        if through:
+            share += f", and {through} of {len(view.ranges_m)} pass through walls"
+        self._reasons = (share,)
+        if self._monitor.is_hopeless(stamp_ns):
+            self._search("lost", share)
+        elif enough and self._monitor.wants_search(stamp_ns) and self._is_better_elsewhere(view):
+            self._search("lost", share + "; another pose fits better")
+        if self._hypotheses is not None and self._view is not None:
+            self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
+
+    def _poses_to_judge(self) -> Array:
+        """(n, 3) the estimate, and where it is uncertain some particles, too: that the mean of many
+        poses does not fit says nothing against each of them.
+        """
+        mean = np.array([self._set.pose])
+        widest_2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
+        turn_2 = float(self._set.covariance[2, 2])
+        if widest_2 <= portable.square(_SURE_M) and turn_2 <= portable.square(_SURE_RAD):
+            return mean
+        poses = self._set.poses
+        return np.ascontiguousarray(np.concatenate([mean, poses[:: max(1, len(poses) // _JUDGED)]]))
+
+    def _is_better_elsewhere(self, view: ScanView) -> bool:
+        poses, counts, _ = global_search(self._table, self._rays, view, _SEARCH_COUNT)
+        if not len(poses):
+            return False
+        best = float(qualities(counts, self._params.dynamic_share).max())
+        needed = self._monitor.quality + self._params.lost_margin
+        return best >= max(needed, _CERTAIN_QUALITY)
+
+    def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
+        """Whether markers show another pose than the estimate, and the last scan fits it."""
+        assert self._odom_from_base is not None
+        before_from_then = self._odom_from_base.inverse() @ odom_from_base
+        pose = self._set.pose @ before_from_then
+        covariance = self._set.covariance + self._raster_covariance
+        if not self._monitor.contradicts(stamp_ns, seen, pose, covariance, odom_from_base):
+            return False
+        if self._view is None:
+            return True
+        then_from_scan_base = odom_from_base.inverse() @ self._view[0]
+        others = np.array([s.map_from_base @ then_from_scan_base for s in seen])
+        view = self._view[1]
+        # The marker's own error would let the scan fail there: it may draw the pose to the walls.
+        others, _ = refine(
+            self._field, others, view.points_m, prior_std_m=0.2, prior_std_rad=0.1,
+            return_std_m=0.2,
+        )  # fmt: skip
+        counts, _ = judge(self._rays, others, view)
+        best = float(qualities(counts, self._params.dynamic_share).max())
+        mine, _ = judge(self._rays, np.array([pose @ then_from_scan_base]), view)
+        own = float(qualities(mine, self._params.dynamic_share)[0])
+        return best >= own - 0.05
+
+    def _predict(self, stamp_ns: int, odom_from_base: SE2) -> None:
+        assert self._stamp_ns is not None
+        assert self._odom_from_base is not None
+        if stamp_ns <= self._stamp_ns:
+            return
+        self._set.predict(self._odom_from_base.inverse() @ odom_from_base)
+        self._stamp_ns, self._odom_from_base = stamp_ns, odom_from_base
+
+    def _is_due(self, last: tuple[int, SE2] | None, stamp_ns: int, odom_from_base: SE2) -> bool:
+        # At rest the same errors repeat: using each would make the estimate overconfident.
+        if last is None:
+            return True
+        if stamp_ns <= last[0]:
+            return False
+        turned = abs(wrap_angle(odom_from_base.yaw_rad - last[1].yaw_rad))
+        return (
+            not (self._set.settled or self._hypotheses is not None)
+            or odom_from_base.distance_m(last[1]) >= self._params.update_min_d
+            or turned >= self._params.update_min_a
+            or stamp_ns - last[0] >= self._params.still_update_period_s * 1e9
+        )
+
+    # Searching.
+
+    def _search(self, state: LocalizationState, reason: str) -> None:
+        p = self._params
+        self._hypotheses = Hypotheses(
+            self._rays, self._table, p.max_hypotheses, p.dynamic_share, p.min_returns
+        )
+        self._state, self._reasons, self._cause = state, (reason,), reason
+        self._last_marker.clear()
+
+    def _weigh_hypotheses(
+        self, hypotheses: Hypotheses, stamp_ns: int, odom_from_base: SE2, view: ScanView
+    ) -> bool:
+        due = hypotheses.is_due(odom_from_base)
+        if due:
+            hypotheses.add_keyframe(odom_from_base, view)
+        self._take_verdict(hypotheses, stamp_ns, odom_from_base)
+        return due
+
+    def _weigh_marker(
+        self,
+        hypotheses: Hypotheses,
+        stamp_ns: int,
+        odom_from_base: SE2,
+        map_from_marker: Array,
+        seen: Sequence[Sighting],
+    ) -> bool:
+        if hypotheses.keyframe_odometry is None and self._view is not None:
+            hypotheses.add_keyframe(*self._view)
+        keyframe = hypotheses.keyframe_odometry
+        if keyframe is None:
+            return False
+        keyframe_from_base = keyframe.inverse() @ odom_from_base
+        base_from_keyframe = keyframe_from_base.inverse()
+        poses = np.array([s.map_from_base @ base_from_keyframe for s in seen])
+        outlier = self._params.marker_outlier
+        hypotheses.add_marker(
+            MarkerSighting(map_from_marker, seen, keyframe_from_base, outlier), poses
+        )
+        self._take_verdict(hypotheses, stamp_ns, odom_from_base)
+        return True
+
+    def _take_verdict(self, hypotheses: Hypotheses, stamp_ns: int, odom_from_base: SE2) -> None:
+        verdict = hypotheses.verdict()
+        if verdict is not None and self._is_certain(verdict):
+            # What no search of this scan finds elsewhere, there is not.
+            hypotheses.search()
+            verdict = hypotheses.verdict()
+        if verdict is None:
+            self._reasons = (self._cause, "no pose fits what the robot sees, or it sees nothing")
+            return
+        keyframe = hypotheses.keyframe_odometry
+        assert keyframe is not None
+        if self._state == "lost":
+            self._state = "searching"
+        here = verdict.pose @ (keyframe.inverse() @ odom_from_base)
+        self._known = True
+        self._set.pose = here
+        self._stamp_ns, self._odom_from_base = stamp_ns, odom_from_base
+        self._monitor.quality = verdict.quality
+        if self._is_certain(verdict):
+            self._settle_on(verdict, here)
+        else:
+            poses = "one pose" if len(hypotheses) == 1 else f"{len(hypotheses)} poses"
+            self._reasons = (
+                self._cause,
+                f"{poses} in question, the likeliest with probability {verdict.certainty:.2f} "
+                f"and quality {verdict.quality:.2f}",
+            )
+
+    def _is_certain(self, verdict: Verdict) -> bool:
+        if verdict.certainty < self._params.search_certainty or verdict.quality < _CERTAIN_QUALITY:
+            return False
+        return (
+            verdict.markers >= _MARKERS_AGREE
+            or verdict.travel_m >= self._params.search_min_travel_m
+        )
+
+    def _settle_on(self, verdict: Verdict, here: SE2) -> None:
+        found = portable.inverse(verdict.information)
+        spread = np.diag(
+            [
+                portable.square(_FOUND_STD_M),
+                portable.square(_FOUND_STD_M),
+                portable.square(_FOUND_STD_RAD),
+            ]
+        )
+        self._set.begin(here, (found + found.T) / 2.0 + spread)
+        self._hypotheses = None
+        self._state = "localized"
+        why = "markers agree" if verdict.markers >= _MARKERS_AGREE else "no other pose fits"
+        self._reasons = (f"the pose was found: {why}",)
+        self._begin_at_latest_odometry(forget=False)
+
+    def _begin_at_latest_odometry(self, forget: bool = True) -> None:
+        if self._history and forget:
+            self._stamp_ns, self._odom_from_base = self._history.latest
+            # Earlier measurements are from another pose.
+            self._history.forget()
+        self._last_scan = None
+        self._last_marker.clear()
+        self._monitor.begin()
+        if forget:
+            self._view = None
+
+    def _spread_of(self, weighed: Array) -> Array:
+        """(3, 3) covariance of all hypotheses (n, 4) about the likeliest one."""
+        off = weighed[:, :3] - weighed[0, :3]
+        off[:, 2] = pf.wrapped(off[:, 2])
+        least = np.diag([0.01, 0.01, 0.01])
+        return portable.product(off.T * weighed[:, 3], off) + least

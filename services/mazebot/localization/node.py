@@ -1,0 +1,385 @@
+"""The node: odometry, scans and markers in, the robot's pose in the map out. The only file here
+that uses topics.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    CAMERA_OPTICAL_FRAME,
+    MAP_FRAME,
+    SCAN_FRAME,
+    SE2,
+    Array,
+    pose_matrix,
+    se2_from_matrix,
+)
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.action_documents import Reply
+from mazebot.common.messages.documents import (
+    Entities,
+    LocalizationStatus,
+    MappedMarker,
+    MarkerEntity,
+    World,
+)
+from mazebot.common.messages.topics import (
+    AMCL_POSE,
+    DETECTIONS,
+    ENTITIES,
+    GLOBAL_LOCALIZATION_REQUEST,
+    INITIAL_POSE,
+    LOCALIZATION_STATUS,
+    MAP,
+    ODOM,
+    PARTICLE_CLOUD,
+    REINITIALIZE_GLOBAL_LOCALIZATION,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+)
+from mazebot.common.node.frame_tree import FrameTree
+from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
+from mazebot.common.node.pose_estimate import (
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
+from mazebot.common.node.schedule import Schedule
+from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.common.world.costmap import MAX_MAP_CELLS
+from mazebot.localization.config import STEP_PERIOD_NS, LocalizationConfig
+from mazebot.localization.kernels import compile_kernels
+from mazebot.localization.messages import cloud_message
+from mazebot.localization.monte_carlo import Localization, LocalizationState
+
+_LOG = logging.getLogger("localization")
+
+_AMCL_POSE_PERIOD_NS = 100_000_000
+_STATUS_PERIOD_NS = 500_000_000
+_PARTICLES_PERIOD_NS = 500_000_000
+
+State = LocalizationState
+
+
+class LocalizationNode(Node):
+    """Localises the robot in the map: owns `map -> odom`."""
+
+    name: ClassVar[str] = "localization"
+    _config: LocalizationConfig
+    period_ns: ClassVar[int | None] = STEP_PERIOD_NS
+
+    def __init__(self, config: LocalizationConfig) -> None:
+        self._config = config
+        self._watch = SimulationWatch(config.seed)
+        self._world: World | None = None
+        self._map: msg.OccupancyGrid | None = None
+        self._entities: Entities | None = None
+        self._markers: dict[tuple[str, int], Array] = {}
+        self._static_frames = FrameTree()
+        self._base_from: dict[str, Array] = {}
+        self._localization: Localization | None = None
+        self._started = False
+        """Whether the filter was given the start pose."""
+        self._odom: tuple[int, SE2] | None = None
+        self._scanned = False
+        self._schedule = Schedule()
+        self._told: tuple[State, int | None] | None = None
+        """State and epoch of the status last published."""
+        compile_kernels(config)
+
+    def waiting_for(self) -> str | None:
+        """A phrase for the first missing input that keeps the pose from being known."""
+        if self._world is None:
+            return "the world"
+        if self._world.slam:
+            # Mapping localises the robot.
+            return None
+        if self._localization is None:
+            return "the map"
+        if SCAN_FRAME not in self._base_from:
+            return "the robot's fixed frames"
+        if self._odom is None:
+            return "odometry"
+        if not self._scanned:
+            return "a scan"
+        return None
+
+    def nominal_rates_hz(self) -> dict[str, float]:
+        """See Node."""
+        if self._localization is None or not self._started:
+            return {}
+        return {TF.name: 1e9 / STEP_PERIOD_NS, AMCL_POSE.name: 1e9 / _AMCL_POSE_PERIOD_NS}
+
+    def facts(self) -> dict[str, str]:
+        """The state, how well the scans match the map, and the number of particles."""
+        localization = self._localization
+        if self._is_off():
+            return {"state": "off: mapping localises the robot"}
+        if localization is None:
+            return {"state": self._state()}
+        return {
+            "state": self._state(),
+            "quality": f"{localization.quality:.2f}",
+            "particles": str(len(localization.particles())),
+        }
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Process sensor messages, publish pose and status."""
+        if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
+            _LOG.info("the simulation began anew: so does localisation")
+            self._begin_anew()
+        self._learn_world(inbox)
+        if self._is_off():
+            self._leave_to_mapping(inbox)
+            return
+        self._localize(inbox)
+        self._reinitialize(inbox)
+        self._tell(now_ns, outbox)
+
+    def _is_off(self) -> bool:
+        """Whether mapping localises the robot in this run."""
+        return self._world is not None and self._world.slam
+
+    def _leave_to_mapping(self, inbox: Inbox) -> None:
+        """Publish nothing. Of sensors only the newest messages wait, undecoded."""
+        inbox.new(INITIAL_POSE)
+        inbox.new(GLOBAL_LOCALIZATION_REQUEST)
+        for request in inbox.requests(REINITIALIZE_GLOBAL_LOCALIZATION):
+            request.respond(Reply(error="slam: mapping localises the robot of this run"))
+
+    def _learn_world(self, inbox: Inbox) -> None:
+        """Process latched topics. The same world or map, received again, changes nothing."""
+        world = inbox.latest(WORLD)
+        if world is not None and (self._world is None or world.hash != self._world.hash):
+            self._world = world
+            self.world_hash = world.hash
+            self._begin_anew()
+            self._register_markers()
+        grid = inbox.latest(MAP)
+        if grid is not None and not msg.same_grid(grid, self._map):
+            if len(grid.data) > MAX_MAP_CELLS:
+                inbox.reject(MAP, "not a map to localise in")
+                _LOG.error("map: %d cells: must be at most %d", len(grid.data), MAX_MAP_CELLS)
+            else:
+                self._map = grid
+                self._begin_anew()
+        entities = inbox.latest(ENTITIES)
+        if entities is not None:
+            self._entities = entities
+            self._register_markers()
+        for tree in inbox.new(TF_STATIC):
+            problem = self._static_frames.add(tree)
+            if problem:
+                inbox.reject(TF_STATIC, problem)
+                continue
+            self._base_from = {}
+            for frame in (SCAN_FRAME, CAMERA_OPTICAL_FRAME):
+                matrix = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
+                if matrix is not None:
+                    self._base_from[frame] = matrix
+
+    def _register_markers(self) -> None:
+        """Store the pose of each known marker. Two of one id cannot be distinguished: neither is
+        used.
+        """
+        self._markers = {}
+        if self._world is None:
+            return
+        known: Sequence[MarkerEntity | MappedMarker]
+        if self._world.mapped_markers is not None:
+            known = self._world.mapped_markers
+        elif self._entities is not None and self._entities.world_hash == self._world.hash:
+            known = self._entities.markers
+        else:
+            return
+        doubled = set()
+        for entity in known:
+            key = (entity.dictionary, entity.marker_id)
+            if key in self._markers:
+                doubled.add(key)
+            self._markers[key] = pose_matrix(entity)
+        for key in sorted(doubled):
+            _LOG.warning("marker %d of %s hangs in two places: not used", key[1], key[0])
+            del self._markers[key]
+
+    def _begin_anew(self) -> None:
+        """Drop all measurements; the filter restarts at the start pose."""
+        self._odom = None
+        self._scanned = self._started = False
+        self._schedule.clear()
+        self._localization = None
+        if self._map is None or self._world is None or self._is_off():
+            return
+        try:
+            self._localization = Localization(
+                self._config,
+                np.array(msg.cells_from_grid(self._map), np.int8),
+                self._map.info.resolution,
+                msg.se2_from_pose(self._map.info.origin),
+                random_generator(self._watch.seed, "localization/filter"),
+            )
+        except ValueError as error:
+            _LOG.error("map: %s", error)
+
+    def _localize(self, inbox: Inbox) -> None:
+        """Update the pose: odometry first, then scans and detections, oldest first."""
+        localization = self._localization
+        odometry, scans = inbox.new(ODOM), inbox.new(SCAN)
+        sightings, poses = inbox.new(DETECTIONS), inbox.new(INITIAL_POSE)
+        if localization is None:
+            return
+        for odom in odometry:
+            stamp_ns = msg.ns_from_time(odom.header.stamp)
+            if not self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
+                continue
+            odom_from_base = msg.se2_from_pose(odom.pose.pose)
+            localization.odometry(stamp_ns, odom_from_base)
+            self._odom = (stamp_ns, odom_from_base)
+        if self._odom is None or SCAN_FRAME not in self._base_from:
+            return
+        if not self._started:
+            self._start_at(localization, self._odom[1])
+        for initial in poses:
+            self._take_initial_pose(localization, initial, inbox)
+        seen: list[tuple[int, int, msg.LaserScan | msg.Detection3DArray]] = []
+        seen += [(msg.ns_from_time(s.header.stamp), 0, s) for s in scans]
+        seen += [(msg.ns_from_time(s.header.stamp), 1, s) for s in sightings]
+        for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
+            if isinstance(message, msg.LaserScan):
+                if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
+                    self._take_scan(localization, stamp_ns, message)
+            elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
+                self._take_detections(localization, stamp_ns, message, inbox)
+
+    def _start_at(self, localization: Localization, odom_from_base: SE2) -> None:
+        """Set the initial pose from the world's start and odometry, which begins at zero there.
+
+        This holds at the start, and for a process that is started while the robot is driving.
+        """
+        assert self._world is not None
+        self._started = True
+        config, origin = self._config, SE2(0.0, 0.0, 0.0)
+        pose = self._world.start.se2() @ odom_from_base
+        drift = config.odometry_drift_ratio * odom_from_base.distance_m(origin)
+        if not (config.initialize_at_start_pose or config.set_initial_pose):
+            localization.global_localization()
+            return
+        if config.set_initial_pose:
+            given = config.initial_pose
+            pose = SE2(given.x, given.y, given.yaw)
+        localization.initialize(pose, self._initial_covariance(drift))
+        _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
+
+    def _initial_covariance(self, drift: float = 0.0) -> Array:
+        """(3, 3) of (x, y, yaw), with this much more standard deviation in m and rad."""
+        variance_m2 = portable.square(self._config.initial_pose_std_m + drift)
+        variance_rad2 = portable.square(self._config.initial_pose_std_rad + drift)
+        return np.diag([variance_m2, variance_m2, variance_rad2])
+
+    def _take_initial_pose(
+        self, localization: Localization, initial: msg.PoseWithCovarianceStamped, inbox: Inbox
+    ) -> None:
+        pose = msg.se2_from_pose(initial.pose.pose)
+        assert self._map is not None
+        if initial.header.frame_id not in ("", MAP_FRAME):
+            inbox.reject(INITIAL_POSE, "frame is not map")
+        elif not msg.grid_contains(self._map, pose.x_m, pose.y_m):
+            inbox.reject(INITIAL_POSE, "outside the map")
+        else:
+            index = np.ix_([0, 1, 5], [0, 1, 5])
+            covariance = np.array(initial.pose.covariance, np.float64).reshape(6, 6)[index]
+            try:
+                localization.initialize(pose, covariance + self._initial_covariance())
+            except ValueError:
+                inbox.reject(INITIAL_POSE, "not a covariance")
+                return
+            _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
+
+    def _take_scan(self, localization: Localization, stamp_ns: int, scan: msg.LaserScan) -> None:
+        localization.scan(
+            stamp_ns, scan.ranges, scan.angle_min, scan.angle_increment,
+            scan.range_min, scan.range_max, se2_from_matrix(self._base_from[SCAN_FRAME]),
+        )  # fmt: skip
+        self._scanned = True
+
+    def _take_detections(
+        self, localization: Localization, stamp_ns: int, seen: msg.Detection3DArray, inbox: Inbox
+    ) -> None:
+        camera = self._base_from.get(CAMERA_OPTICAL_FRAME)
+        if camera is None:
+            return
+        for detection in seen.detections:
+            entry = self._marker_of(detection)
+            if entry is None:
+                inbox.reject(DETECTIONS, "unknown marker")
+                continue
+            localization.marker(stamp_ns, entry, marker_candidates(detection), camera)
+
+    def _marker_of(self, detection: msg.Detection3D) -> Array | None:
+        """map_from_marker of a detection; None if it is not one of the world's markers."""
+        if not detection.results:
+            return None
+        try:
+            marker_id = int(detection.results[0].hypothesis.class_id)
+        except ValueError:
+            return None
+        found = [matrix for (_, known_id), matrix in self._markers.items() if known_id == marker_id]
+        return found[0] if len(found) == 1 else None
+
+    def _reinitialize(self, inbox: Inbox) -> None:
+        """Answer the requests for global localisation."""
+        for request in inbox.requests(REINITIALIZE_GLOBAL_LOCALIZATION):
+            missing = self.waiting_for()
+            if self._localization is None or missing is not None:
+                request.respond(Reply(error=f"localization waits for {missing}"))
+                continue
+            self._localization.global_localization()
+            request.respond(Reply())
+        asked = inbox.new(GLOBAL_LOCALIZATION_REQUEST)
+        if asked and self._localization is not None and self.waiting_for() is None:
+            self._localization.global_localization()
+
+    def _state(self) -> State:
+        localization = self._localization
+        if localization is None or not self._started or not self._scanned:
+            return "uninitialized"
+        return localization.state
+
+    def _tell(self, now_ns: int, outbox: Outbox) -> None:
+        """Publish the pose, the particles and the status."""
+        localization = self._localization
+        if localization is not None and self._started and localization.initialized:
+            outbox.put(TF, transform_message(now_ns, localization.map_from_odom()))
+            if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
+                assert self._odom is not None
+                outbox.put(AMCL_POSE, pose_message(self._odom[0], *localization.pose()))
+            if self._schedule.is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
+                outbox.put(PARTICLE_CLOUD, cloud_message(now_ns, localization.particles()))
+        state = self._state()
+        # Called on every step, so that the period counts from the last status published.
+        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
+        reason = "" if localization is None else "; ".join(localization.reasons)
+        if due or self._told != (state, self._watch.epoch):
+            if self._told is None or self._told[0] != state:
+                _LOG.info("%s%s", state, f": {reason}" if reason else "")
+            self._told = (state, self._watch.epoch)
+            outbox.put(
+                LOCALIZATION_STATUS,
+                LocalizationStatus(
+                    state=state,
+                    quality=0.0 if localization is None else localization.quality,
+                    reason=reason,
+                    wants_motion=localization is not None and localization.wants_motion,
+                    epoch=self._watch.epoch,
+                ),
+            )

@@ -1,0 +1,136 @@
+"""Whether the pose can be believed: its quality against its long mean, and markers against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.localization.marker_model import Sighting
+from mazebot.localization.params import LocalizationParams
+
+_HOPELESS = 0.4
+"""Below this quality for `_HOPELESS_S` the pose is lost, though no other one is found."""
+_HOPELESS_S = 3.0
+_SEARCH_AGAIN_S = 2.0
+_GATE = 16.27
+"""99.9 % of chi squared with three degrees of freedom."""
+_STRIKE_S = 2.0
+_AGREE_M, _AGREE_RAD = 0.3, 0.3
+
+
+@dataclass(frozen=True)
+class _Strike:
+    stamp_ns: int
+    poses_in_odom: list[SE2]
+    """map_from_odom, if the sighting's candidates are right."""
+
+
+class PoseMonitor:
+    """Running means of the quality, and the time since it is suspect."""
+
+    def __init__(self, params: LocalizationParams) -> None:
+        self._params = params
+        self.begin()
+
+    def begin(self) -> None:
+        """Start anew, as at a pose that was just given."""
+        self.quality = 1.0
+        self._slow = 1.0
+        self._suspect_ns: int | None = None
+        self._hopeless_ns: int | None = None
+        self._searched_ns: int | None = None
+        self._strike: _Strike | None = None
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether the quality is far below its long mean."""
+        return self._suspect_ns is not None
+
+    def add(self, stamp_ns: int, quality: float) -> None:
+        """Add the quality of a scan at the pose (augmented MCL, Probabilistic Robotics, 8.3)."""
+        p = self._params
+        self.quality += p.recovery_alpha_fast * (quality - self.quality)
+        suspect = self.quality < p.suspect_quality * self._slow
+        if not suspect:
+            self._slow += p.recovery_alpha_slow * (quality - self._slow)
+            self._suspect_ns = self._searched_ns = None
+        elif self._suspect_ns is None:
+            self._suspect_ns = stamp_ns
+        if self.quality >= _HOPELESS:
+            self._hopeless_ns = None
+        elif self._hopeless_ns is None:
+            self._hopeless_ns = stamp_ns
+
+    def is_hopeless(self, stamp_ns: int) -> bool:
+        """Whether next to nothing fits, for long."""
+        return self._hopeless_ns is not None and stamp_ns - self._hopeless_ns >= _HOPELESS_S * 1e9
+
+    def wants_search(self, stamp_ns: int) -> bool:
+        """Whether another pose should be sought now; True but once in two seconds."""
+        if self._suspect_ns is None:
+            return False
+        if stamp_ns - self._suspect_ns < self._params.lost_after_s * 1e9:
+            return False
+        if self._searched_ns is not None and stamp_ns - self._searched_ns < _SEARCH_AGAIN_S * 1e9:
+            return False
+        self._searched_ns = stamp_ns
+        return True
+
+    def contradicts(
+        self,
+        stamp_ns: int,
+        seen: Sequence[Sighting],
+        map_from_base: SE2,
+        covariance: Array,
+        odom_from_base: SE2,
+    ) -> bool:
+        """Whether a marker's sighting is far from the pose, and the one before it was, too, and
+        both agree on another pose.
+        """
+        if any(_squared_distance(s, map_from_base, covariance) <= _GATE for s in seen):
+            self._strike = None
+            return False
+        base_from_odom = odom_from_base.inverse()
+        strike = _Strike(stamp_ns, [s.map_from_base @ base_from_odom for s in seen])
+        last, self._strike = self._strike, strike
+        if last is None or not 0 < stamp_ns - last.stamp_ns <= _STRIKE_S * 1e9:
+            return False
+        # Compared where the robot is: far from odom's origin a small turn is a long way.
+        return any(
+            _agree(one @ odom_from_base, other @ odom_from_base)
+            for one in last.poses_in_odom
+            for other in strike.poses_in_odom
+        )
+
+
+def _agree(one: SE2, other: SE2) -> bool:
+    turned = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
+    return one.distance_m(other) <= _AGREE_M and turned <= _AGREE_RAD
+
+
+def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array) -> float:
+    """Mahalanobis distance of the pose that a sighting gives, from the estimate."""
+    c, s = portable.cos_sin(sighting.map_from_base.yaw_rad)
+    place = portable.inverse(sighting.information)
+    turn_2 = portable.square(min(sighting.heading_std_rad, math.pi))
+    # The marker's own heading turns the robot's place about the marker.
+    arm_x, arm_y = -sighting.y_m, sighting.x_m
+    xx = float(place[0, 0]) + turn_2 * arm_x * arm_x
+    xy = float(place[0, 1]) + turn_2 * arm_x * arm_y
+    yy = float(place[1, 1]) + turn_2 * arm_y * arm_y
+    total = covariance.copy()
+    total[0, 0] += c * c * xx - 2.0 * c * s * xy + s * s * yy
+    total[1, 1] += s * s * xx + 2.0 * c * s * xy + c * c * yy
+    across = c * s * (xx - yy) + (c * c - s * s) * xy
+    total[0, 1] += across
+    total[1, 0] += across
+    total[2, 2] += turn_2
+    off = [
+        sighting.map_from_base.x_m - map_from_base.x_m,
+        sighting.map_from_base.y_m - map_from_base.y_m,
+        wrap_angle(sighting.map_from_base.yaw_rad - map_from_base.yaw_rad),
+    ]
+    return float(portable.product(off, portable.solve(total, off)))

@@ -1,0 +1,57 @@
+"""Compiles mapping's kernels before the robot moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages import messages as msg
+from mazebot.mapping.params import SlamParams
+from mazebot.mapping.slam import Slam
+
+_ROOM_M = 3.0
+_BEAMS = 180
+_AT_ONCE_M = 0.12
+
+
+def compile_kernels(params: SlamParams) -> None:
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
+    slam = Slam(params, SE2(0.0, 0.0, 0.0))
+    sensor = SE2(0.0, 0.0, 0.0)
+    map_from_marker = msg.matrix_from_pose(
+        msg.pose_from_se2(SE2(_ROOM_M / 2.0, 0.0, math.pi / 2.0), 0.3)
+    )
+    for step in range(12):
+        # There and back, and once where odometry does not say.
+        away = min(step, 11 - step)
+        pose = SE2(_AT_ONCE_M * away, 0.05 * away, 0.1 * away)
+        stamp_ns = (step + 1) * 100_000_000
+        slam.odometry(stamp_ns, pose if step != 6 else pose @ SE2(0.4, 0.0, 0.5))
+        slam.scan(
+            stamp_ns, _room(pose), 0.0, math.tau / _BEAMS, 0.1, 3.5, sensor
+        )  # fmt: skip
+        camera_from_marker = portable.product(portable.inverse(pose.matrix(0.2)), map_from_marker)
+        slam.marker(
+            stamp_ns, "DICT_4X4_100", 0, [(camera_from_marker, np.eye(6) * 1e-4, 1.0)], np.eye(4)
+        )
+    slam.grid()
+    Slam.restored(params, slam.document(0))
+
+
+def _room(pose: SE2) -> NDArray[np.float32]:
+    """Ranges to the walls of a square room about the origin."""
+    ranges = []
+    for beam in range(_BEAMS):
+        c, s = portable.cos_sin(pose.yaw_rad + beam * math.tau / _BEAMS)
+        half_m = _ROOM_M / 2.0
+        along = [
+            ((half_m if way > 0.0 else -half_m) - at) / way
+            for at, way in ((pose.x_m, c), (pose.y_m, s))
+            if abs(way) > 1e-9
+        ]
+        ranges.append(min(along))
+    return np.array(ranges, np.float32)

@@ -1,0 +1,120 @@
+"""Closes loops one after another, and takes an accepted one back when three others contradict it.
+
+A gate is only as good as the poses before: a false loop that comes first, while they are still
+uncertain, lets itself in and keeps the right ones out. The rejected are therefore remembered, and
+stand together against single accepted ones.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from mazebot.common.maths.frames import SE2, wrap_angle
+from mazebot.mapping.graph.optimizer import (
+    CHI2_99,
+    Candidate,
+    LoopVerdict,
+    close_loop,
+    optimize,
+)
+from mazebot.mapping.graph.pose_graph import LOOP, Graph
+
+_REMEMBERED = 12
+_VOTES = 3
+"""So many rejected loops, of different nodes, outweigh one accepted one."""
+_ALIKE_M, _ALIKE_RAD = 0.7, 0.2
+"""Rejected loops that differ by more have nothing to do with each other."""
+_SUSPECTS = 4
+"""Accepted loops that are looked at, those near the rejected one first."""
+
+
+class LoopCloser:
+    """The loops of a graph."""
+
+    def __init__(
+        self, graph: Graph, limit: float = CHI2_99, closed: int = 0, rejected: int = 0
+    ) -> None:
+        """`limit`: as of `close_loop`. `closed`, `rejected`: counts to go on from."""
+        self._graph = graph
+        self._limit = limit
+        self._rejected: deque[Candidate] = deque(maxlen=_REMEMBERED)
+        self.closed = closed
+        """Loops tried and still in the graph."""
+        self.rejected = rejected
+        """Loops tried and found wrong, those taken back included."""
+
+    def close(self, candidates: Candidate | Sequence[Candidate]) -> LoopVerdict:
+        """As `close_loop`. If rejected, but with earlier rejected ones more credible than one that
+        was accepted, these replace it: then it is accepted, too, and the indices of edges change.
+        """
+        tried = [candidates] if isinstance(candidates, Candidate) else list(candidates)
+        verdict = close_loop(self._graph, tried, self._limit)
+        if verdict.accepted:
+            self.closed += 1
+            return verdict
+        self.rejected += 1
+        if len(tried) != 1 or tried[0].kind != LOOP:
+            return verdict
+        self._rejected.append(tried[0])
+        alike = {one.target for one in self._rejected if self._alike(one, tried[0])}
+        return (self._exchanged() if len(alike) >= _VOTES else None) or verdict
+
+    def _alike(self, one: Candidate, other: Candidate) -> bool:
+        """Whether two rejected loops would move the place of the second about alike."""
+        places = []
+        for each in (one, other):
+            moved = self._graph.pose(each.source) @ each.source_from_target
+            map_from_wrong = moved @ self._graph.pose(each.target).inverse()
+            places.append(map_from_wrong @ self._graph.pose(other.target))
+        turn_rad = abs(wrap_angle(places[0].yaw_rad - places[1].yaw_rad))
+        return places[0].distance_m(places[1]) <= _ALIKE_M and turn_rad <= _ALIKE_RAD
+
+    def _exchanged(self) -> LoopVerdict | None:
+        """Replace an accepted loop by the newest rejected one and those that agree with it."""
+        graph = self._graph
+        newest = self._rejected[-1]
+        for suspect in self._suspects(newest):
+            saved = graph.snapshot()
+            edges = graph.edges
+            old = Candidate(
+                int(edges.source[suspect]),
+                int(edges.target[suspect]),
+                SE2(*edges.relative[suspect].tolist()),
+                edges.covariance[suspect].copy(),
+                LOOP,
+                int(edges.robust[suspect]),
+            )
+            graph.remove_edge(suspect)
+            optimize(graph)
+            verdict = close_loop(graph, newest, self._limit)
+            agreeing = [newest]
+            if verdict.accepted:
+                for other in list(self._rejected)[-2::-1]:
+                    if close_loop(graph, other, self._limit).accepted:
+                        agreeing.append(other)
+            votes = len({one.target for one in agreeing})
+            if votes >= _VOTES:
+                # It may have been no hindrance by itself.
+                kept = close_loop(graph, old, self._limit).accepted
+                used = {id(one) for one in agreeing}
+                left = [one for one in self._rejected if id(one) not in used]
+                self._rejected = deque(left, _REMEMBERED)
+                self.closed += len(agreeing) - (0 if kept else 1)
+                self.rejected += (0 if kept else 1) - len(agreeing)
+                return verdict
+            graph.restore(saved)
+        return None
+
+    def _suspects(self, newest: Candidate) -> list[int]:
+        """Accepted loops whose ends are the nearest, in the order of nodes, to the rejected one's:
+        they hold what it contradicts.
+        """
+        edges = self._graph.edges
+        loops = np.flatnonzero(edges.kind == LOOP)
+        apart = np.abs(edges.source[loops] - newest.source)
+        apart += np.abs(edges.target[loops] - newest.target)
+        nearest = loops[np.argsort(apart, kind="stable")][:_SUSPECTS]
+        return [int(edge) for edge in nearest]

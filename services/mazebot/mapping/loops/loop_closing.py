@@ -1,0 +1,110 @@
+"""Loops by lidar: a keyframe matched to keyframes near by estimate, but not by the graph's ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.mapping.graph.optimizer import Candidate, relative_covariance
+from mazebot.mapping.graph.pose_graph import Graph, Ints, information_of
+from mazebot.mapping.loops.loop_search import loop_search, search_map
+from mazebot.mapping.matching.local_map import local_map
+from mazebot.mapping.matching.refine import refine
+from mazebot.mapping.matching.scan_points import moved, thinned
+from mazebot.mapping.params import SlamParams
+
+_SIGMAS = 3.5
+"""A loop is looked for within so many standard deviations of where it is expected."""
+_CLOSE_M, _CLOSE_RAD = 0.15, 0.1
+"""Within this the refinement finds it without a search."""
+_APART = 0.1
+"""The second best pose, elsewhere, must have a score so much lower."""
+_CORRIDOR_FIT = 0.85
+"""Along a corridor, where a search finds many poses, the estimate may still be corrected across."""
+_NEWEST = 6
+"""Keyframes at most of the newer part of a loop."""
+_RETURNS, _SPACING_M = 400, 0.03
+_LOOSE = np.diag([4.0, 4.0, 10.0])
+"""Information of the start of the refinement: the loop is to be measured, not assumed."""
+_STD_M, _STD_RAD = 5e-3, 3e-3
+"""Of both parts in themselves."""
+
+
+def find_loop(
+    graph: Graph, clouds: Sequence[Array], sensors: Sequence[SE2], node: int, params: SlamParams
+) -> Candidate | None:
+    """A loop from a node to an older part of the map, if the scans there fit.
+
+    `clouds`: of each node, as `local_map` takes them; `sensors`: base_from_scan.
+    """
+    p = params
+    trusted, candidates = graph.trusted_and_candidates(node, p.loop_search_maximum_distance)
+    if len(candidates) < p.loop_match_minimum_chain_size:
+        return None
+    near = int(candidates[0])
+    old, _ = graph.trusted_and_candidates(near, p.link_scan_maximum_distance)
+    old = old[~np.isin(old, trusted)][: p.scan_buffer_size]
+    new = trusted[_within(graph, trusted, node, p.link_scan_maximum_distance / 2.0)][:_NEWEST]
+    if len(old) < p.loop_match_minimum_chain_size or len(new) < p.loop_match_minimum_chain_size:
+        return None
+    covariance = relative_covariance(graph, near, node)
+    window_m = _SIGMAS * float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
+    window_rad = _SIGMAS * float(np.sqrt(covariance[2, 2]))
+    here = graph.pose(node)
+    cloud = _joined(graph, clouds, new, here)
+    old = np.sort(old)
+    old_clouds = [clouds[one] for one in old.tolist()]
+    old_poses = [graph.pose(one) for one in old.tolist()]
+    start, ambiguous = here, False
+    if window_m > _CLOSE_M or window_rad > _CLOSE_RAD:
+        walls = np.concatenate(
+            [moved(one[:, :2], pose) for one, pose in zip(old_clouds, old_poses, strict=True)]
+        )
+        if not len(walls):
+            return None
+        found = loop_search(
+            search_map(walls, p.loop_search_space_resolution), thinned(cloud, 0.1, 200), here,
+            min(max(window_m, _CLOSE_M), p.loop_search_space_dimension / 2.0),
+            min(max(window_rad, _CLOSE_RAD), p.coarse_search_angle_offset * 1.5),
+            p.loop_match_minimum_response_coarse,
+        )  # fmt: skip
+        ambiguous = found is None or found.score - found.elsewhere < _APART
+        if found is not None and not ambiguous:
+            start = found.pose
+    fitted = refine(
+        local_map(old_poses, old_clouds, p.correlation_search_space_resolution),
+        start, _LOOSE, cloud, sensors[node], p.scan_match_std_m,
+    )  # fmt: skip
+    if fitted.fit < p.loop_match_minimum_response_fine:
+        return None
+    if ambiguous and not (fitted.open_direction and fitted.fit >= _CORRIDOR_FIT):
+        return None
+    near_pose = graph.pose(near)
+    c, s = portable.cos_sin(near_pose.yaw_rad)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    of_map = information_of(fitted.information + _LOOSE)
+    measured = portable.product(turn, of_map, turn.T)
+    measured += np.diag([_STD_M * _STD_M, _STD_M * _STD_M, _STD_RAD * _STD_RAD])
+    return Candidate(near, node, near_pose.inverse() @ fitted.map_from_base, measured)
+
+
+def _within(graph: Graph, nodes: Ints, node: int, radius_m: float) -> Ints:
+    """Indices into nodes of those within a radius of a node."""
+    x, y = (graph.poses[nodes, :2] - graph.poses[node, :2]).T
+    return np.flatnonzero(portable.hypot_each(x, y) <= radius_m)
+
+
+def _joined(graph: Graph, clouds: Sequence[Array], nodes: Ints, here: SE2) -> Array:
+    """(n, 2) returns of nodes in the frame of a pose, thinned."""
+    from_map = here.inverse()
+    parts = [
+        thinned(moved(clouds[one][:, :2], from_map @ graph.pose(one)), _SPACING_M, _RETURNS)
+        for one in nodes.tolist()
+    ]
+    joined = np.concatenate(parts)
+    if len(joined) > _RETURNS:
+        joined = joined[np.arange(_RETURNS) * len(joined) // _RETURNS]
+    return np.ascontiguousarray(joined)

@@ -1,0 +1,237 @@
+"""The occupancy grid: log-odds of cells, by the rays of the keyframes' scans.
+
+A cell is told about by each scan at most once, and by an end of a beam before any ray that passes
+it, so that grazing rays do not wear off walls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.kernels import kernel
+from mazebot.mapping.matching.scan_points import ScanPoints
+
+HIT, MISS, LIMIT = 0.85, -0.4, 3.5
+"""Log-odds that one scan adds to a cell, and the most that all may."""
+_CHUNK = 64
+"""The grid grows by whole chunks of so many cells."""
+MAX_CELLS = 25_000_000
+"""A grid that would grow beyond this leaves out what lies outside."""
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
+
+
+@dataclass(frozen=True)
+class MapGrid:
+    """An occupancy map as the bus and Nav2 have it."""
+
+    cells: NDArray[np.int8]
+    """(rows, columns) 0 free, 100 occupied, -1 unknown; row 0 at the smallest y"""
+    resolution_m: float
+    origin: SE2
+    """map_from_grid, of the corner of cell (0, 0)"""
+
+
+class Occupancy:
+    """A grid that grows with the scans; its cells begin at multiples of the resolution."""
+
+    def __init__(self, resolution_m: float) -> None:
+        self._resolution_m = resolution_m
+        self._row0 = self._column0 = 0
+        self._log_odds: NDArray[np.float32] = np.zeros((0, 0), np.float32)
+        self._told: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        """Number of the scan that last told about a cell; 0: none did."""
+        self._scans = 0
+
+    def clear(self) -> None:
+        """Forget all scans; the extent stays."""
+        self._log_odds[:] = 0.0
+        self._told[:] = 0
+        self._scans = 0
+
+    def rebuild(self, keyframes: Iterable[tuple[SE2, ScanPoints]]) -> None:
+        """Begin anew with these keyframes: map_from_base and what was seen there."""
+        self.clear()
+        for map_from_base, seen in keyframes:
+            self.add(map_from_base, seen)
+
+    def add(self, map_from_base: SE2, seen: ScanPoints) -> None:
+        """Add a scan."""
+        cells_per_m = 1.0 / self._resolution_m
+        sensor = map_from_base @ seen.sensor
+        ends = np.concatenate([seen.points_m, seen.misses_m])
+        moved = np.empty((len(ends), 2))
+        low, high = np.empty(2), np.empty(2)
+        _to_cells(
+            ends, map_from_base.x_m, map_from_base.y_m, map_from_base.yaw_rad, cells_per_m,
+            sensor.x_m * cells_per_m, sensor.y_m * cells_per_m, moved, low, high,
+        )  # fmt: skip
+        if not self._grow(low, high):
+            return
+        self._scans += 1
+        _trace(
+            self._log_odds, self._told, self._scans, self._row0, self._column0,
+            sensor.x_m * cells_per_m, sensor.y_m * cells_per_m, moved, len(seen.points_m),
+        )  # fmt: skip
+
+    def grid(self) -> MapGrid:
+        """The map as far as it was seen, with a margin of one cell; one unknown cell at least."""
+        resolution_m = self._resolution_m
+        told = self._told > 0
+        rows, columns = np.flatnonzero(told.any(axis=1)), np.flatnonzero(told.any(axis=0))
+        if not len(rows):
+            return MapGrid(np.full((1, 1), UNKNOWN, np.int8), resolution_m, SE2(0.0, 0.0, 0.0))
+        row, column = int(rows[0]), int(columns[0])
+        window = np.s_[row : int(rows[-1]) + 1, column : int(columns[-1]) + 1]
+        cells = np.full(np.array(told[window].shape) + 2, UNKNOWN, np.int8)
+        cells[1:-1, 1:-1] = np.where(
+            told[window], np.where(self._log_odds[window] > 0.0, OCCUPIED, FREE), UNKNOWN
+        )
+        origin = SE2(
+            (self._column0 + column - 1) * resolution_m,
+            (self._row0 + row - 1) * resolution_m,
+            0.0,
+        )
+        return MapGrid(cells, resolution_m, origin)
+
+    def unseen(self, map_from_base: SE2, seen: ScanPoints) -> int:
+        """How many cells that nothing was known about a scan tells about; the grid stays as it is.
+
+        Counted along every fourth ray.
+        """
+        cells_per_m = 1.0 / self._resolution_m
+        sensor = map_from_base @ seen.sensor
+        ends = np.concatenate([seen.points_m[::4], seen.misses_m[::4]])
+        moved = np.empty((len(ends), 2))
+        low, high = np.empty(2), np.empty(2)
+        _to_cells(
+            ends, map_from_base.x_m, map_from_base.y_m, map_from_base.yaw_rad, cells_per_m,
+            sensor.x_m * cells_per_m, sensor.y_m * cells_per_m, moved, low, high,
+        )  # fmt: skip
+        return int(
+            _count_unseen(
+                self._told,
+                self._row0,
+                self._column0,
+                sensor.x_m * cells_per_m,
+                sensor.y_m * cells_per_m,
+                moved,
+            )
+        )
+
+    def _grow(self, low: Array, high: Array) -> bool:
+        """Make room for cells from low to high (column, row); False where it would be too large."""
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            return False
+        rows, columns = self._log_odds.shape
+        column0, row0 = (math.floor(value / _CHUNK) * _CHUNK for value in (low - 1.0).tolist())
+        column1, row1 = (-math.floor(-value / _CHUNK) * _CHUNK for value in (high + 2.0).tolist())
+        if rows:
+            row0, column0 = min(row0, self._row0), min(column0, self._column0)
+            row1, column1 = max(row1, self._row0 + rows), max(column1, self._column0 + columns)
+        if (row1 - row0, column1 - column0) == (rows, columns):
+            return True
+        if (row1 - row0) * (column1 - column0) > MAX_CELLS:
+            return False
+        log_odds = np.zeros((row1 - row0, column1 - column0), np.float32)
+        told = np.zeros(log_odds.shape, np.int32)
+        if rows:
+            row, column = self._row0 - row0, self._column0 - column0
+            log_odds[row : row + rows, column : column + columns] = self._log_odds
+            told[row : row + rows, column : column + columns] = self._told
+        self._row0, self._column0, self._log_odds, self._told = row0, column0, log_odds, told
+        return True
+
+
+@kernel(
+    "void(float64[:, ::1], float64, float64, float64, float64, float64, float64, "
+    "float64[:, ::1], float64[::1], float64[::1])"
+)
+def _to_cells(
+    points: Array, x: float, y: float, yaw: float, cells_per_m: float, sensor_x: float,
+    sensor_y: float, moved: Array, low: Array, high: Array,
+) -> None:  # fmt: skip
+    """Ends of beams in cells of the map, and their extent with the sensor's."""
+    c, s = portable_kernels.cos_sin(yaw)
+    low[0] = high[0] = sensor_x
+    low[1] = high[1] = sensor_y
+    for i in range(points.shape[0]):
+        u = (x + c * points[i, 0] - s * points[i, 1]) * cells_per_m
+        v = (y + s * points[i, 0] + c * points[i, 1]) * cells_per_m
+        moved[i, 0], moved[i, 1] = u, v
+        low[0], low[1] = min(low[0], u), min(low[1], v)
+        high[0], high[1] = max(high[0], u), max(high[1], v)
+
+
+@kernel(
+    "void(float32[:, ::1], int32[:, ::1], int64, int64, int64, float64, float64, "
+    "float64[:, ::1], int64)"
+)
+def _trace(
+    log_odds: NDArray[np.float32],
+    told: NDArray[np.int32],
+    scan: int,
+    row0: int,
+    column0: int,
+    sensor_x: float,
+    sensor_y: float,
+    ends: Array,
+    hits: int,
+) -> None:
+    for i in range(hits):
+        column, row = math.floor(ends[i, 0]) - column0, math.floor(ends[i, 1]) - row0
+        if told[row, column] != scan:
+            told[row, column] = scan
+            log_odds[row, column] = min(log_odds[row, column] + HIT, LIMIT)
+    for i in range(ends.shape[0]):
+        # From cell to cell along the ray (Amanatides, Woo, 1987), up to the cell where it ended.
+        dx, dy = ends[i, 0] - sensor_x, ends[i, 1] - sensor_y
+        length = math.sqrt(dx * dx + dy * dy)
+        if length < 1e-9:
+            continue
+        dx, dy = dx / length, dy / length
+        column, row = math.floor(sensor_x), math.floor(sensor_y)
+        last_column, last_row = math.floor(ends[i, 0]), math.floor(ends[i, 1])
+        step_x = 1 if dx > 0.0 else -1
+        step_y = 1 if dy > 0.0 else -1
+        inverse_x = 1.0 / abs(dx) if abs(dx) > 1e-12 else 1e12
+        inverse_y = 1.0 / abs(dy) if abs(dy) > 1e-12 else 1e12
+        next_x = (column + 1 - sensor_x if dx > 0.0 else sensor_x - column) * inverse_x
+        next_y = (row + 1 - sensor_y if dy > 0.0 else sensor_y - row) * inverse_y
+        along = 0.0
+        while along < length and not (column == last_column and row == last_row):
+            r, c = row - row0, column - column0
+            if told[r, c] != scan:
+                told[r, c] = scan
+                log_odds[r, c] = max(log_odds[r, c] + MISS, -LIMIT)
+            if next_x < next_y:
+                along = next_x
+                next_x += inverse_x
+                column += step_x
+            else:
+                along = next_y
+                next_y += inverse_y
+                row += step_y
+
+
+@kernel("int64(int32[:, ::1], int64, int64, float64, float64, float64[:, ::1])")
+def _count_unseen(
+    told: NDArray[np.int32], row0: int, column0: int, sensor_x: float, sensor_y: float, ends: Array
+) -> int:
+    rows, columns = told.shape
+    count = 0
+    for i in range(ends.shape[0]):
+        dx, dy = ends[i, 0] - sensor_x, ends[i, 1] - sensor_y
+        steps = int(math.sqrt(dx * dx + dy * dy))
+        for j in range(1, steps):
+            r = math.floor(sensor_y + dy * j / steps) - row0
+            c = math.floor(sensor_x + dx * j / steps) - column0
+            if r < 0 or c < 0 or r >= rows or c >= columns or told[r, c] == 0:
+                count += 1
+    return count

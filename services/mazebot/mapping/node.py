@@ -1,0 +1,307 @@
+"""The node: odometry, scans and markers in; the map, its graph and the robot's pose in it out. The
+only file here that uses topics.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import ClassVar
+
+from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    CAMERA_OPTICAL_FRAME,
+    SCAN_FRAME,
+    SE2,
+    Array,
+    se2_from_matrix,
+)
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import LocalizationStatus, World
+from mazebot.common.messages.slam_documents import PoseGraph
+from mazebot.common.messages.topics import (
+    AMCL_POSE,
+    DETECTIONS,
+    LOCALIZATION_STATUS,
+    MAP,
+    ODOM,
+    POSE_GRAPH,
+    SCAN,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+)
+from mazebot.common.node.frame_tree import FrameTree
+from mazebot.common.node.node import Inbox, Node, Outbox
+from mazebot.common.node.pose_estimate import (
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
+from mazebot.common.node.schedule import Schedule
+from mazebot.common.node.simulation_watch import SimulationWatch
+from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
+from mazebot.mapping.graph.graph_file import load_graph
+from mazebot.mapping.kernels import compile_kernels
+from mazebot.mapping.messages import map_message, marker_name, planar
+from mazebot.mapping.slam import Slam
+
+_LOG = logging.getLogger("mapping")
+
+_AMCL_POSE_PERIOD_NS = 100_000_000
+_STATUS_PERIOD_NS = 500_000_000
+_GRAPH_PERIOD_NS = 5_000_000_000
+_LATE_NS = 2_000_000_000
+"""A process that hears its first odometry later than this may be one that was started again."""
+_RETURN_NS = 3_000_000_000
+"""For so long it waits for the graph that it had before."""
+
+
+class MappingNode(Node):
+    """Makes the map and localises the robot in it: owns `map -> odom` in a run with slam."""
+
+    name: ClassVar[str] = "mapping"
+    _config: MappingConfig
+    period_ns: ClassVar[int | None] = STEP_PERIOD_NS
+
+    def __init__(self, config: MappingConfig) -> None:
+        """Raises ConfigError where a saved graph cannot be read."""
+        self._config = config
+        if config.mode == "localization" and config.map_file_name is None:
+            raise ConfigError("mapping: mode: localization: must come with a map_file_name")
+        self._saved = None if config.map_file_name is None else load_graph(config.map_file_name)
+        if self._saved is not None:
+            Slam.restored(config, self._saved)
+        self._watch = SimulationWatch(config.seed)
+        self._world: World | None = None
+        self._static_frames = FrameTree()
+        self._base_from: dict[str, Array] = {}
+        self._returned: PoseGraph | None = None
+        """The graph of this service's process before."""
+        self._heard_ns: int | None = None
+        """When the first odometry came."""
+        self._slam: Slam | None = None
+        self._odom: tuple[int, SE2] | None = None
+        self._scanned = False
+        self._schedule = Schedule()
+        self._told: tuple[str, int | None] | None = None
+        """State and epoch of the status last published."""
+        self._map_told: int | None = None
+        """Version of the map last published."""
+        self._graph_told: tuple[int, int] | None = None
+        """Version and number of loops of the graph last published."""
+        self._counts = {"keyframes": 0, "markers": 0}
+        """Of the graph last published."""
+        compile_kernels(config)
+
+    def waiting_for(self) -> str | None:
+        """A phrase for the first missing input that keeps the map from being made."""
+        if self._world is None:
+            return "the world"
+        if not self._world.slam:
+            # The robot has a map, and localization finds it there.
+            return None
+        if SCAN_FRAME not in self._base_from:
+            return "the robot's fixed frames"
+        if self._odom is None:
+            return "odometry"
+        if self._slam is None:
+            return "the graph that it had before"
+        if not self._scanned:
+            return "a scan"
+        return None
+
+    def nominal_rates_hz(self) -> dict[str, float]:
+        """See Node."""
+        if self._slam is None:
+            return {}
+        return {TF.name: 1e9 / STEP_PERIOD_NS, AMCL_POSE.name: 1e9 / _AMCL_POSE_PERIOD_NS}
+
+    def facts(self) -> dict[str, str]:
+        """How well the scans fit, how large the graph is, and how many loops were closed."""
+        slam = self._slam
+        if self._world is not None and not self._world.slam:
+            return {"state": "off: the robot has a map"}
+        if slam is None:
+            return {"state": self._state()}
+        return {
+            "state": self._state(),
+            "quality": f"{slam.quality:.2f}",
+            **{name: str(count) for name, count in self._counts.items()},
+            "loops": str(slam.loops),
+            "loops rejected": str(slam.loops_rejected),
+        }
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Process sensor messages; publish the pose, the map and its graph."""
+        if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
+            _LOG.info("the simulation began anew: so does the map")
+            self._begin_anew()
+            self._returned = None
+        for graph in inbox.new(POSE_GRAPH):
+            self._returned = graph
+        self._learn_world(inbox)
+        if self._world is None or not self._world.slam:
+            return
+        self._measure(now_ns, self._world, inbox)
+        self._tell(now_ns, self._world, outbox)
+
+    def _learn_world(self, inbox: Inbox) -> None:
+        """Process latched topics. The same world, received again, changes nothing."""
+        world = inbox.latest(WORLD)
+        if world is not None and (self._world is None or world.hash != self._world.hash):
+            self._world = world
+            self.world_hash = world.hash
+            self._begin_anew()
+        for tree in inbox.new(TF_STATIC):
+            problem = self._static_frames.add(tree)
+            if problem:
+                inbox.reject(TF_STATIC, problem)
+                continue
+            self._base_from = {}
+            for frame in (SCAN_FRAME, CAMERA_OPTICAL_FRAME):
+                matrix = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
+                if matrix is not None:
+                    self._base_from[frame] = matrix
+
+    def _begin_anew(self) -> None:
+        """Drop the map and all measurements."""
+        self._slam = self._odom = self._heard_ns = None
+        self._scanned = False
+        self._schedule.clear()
+        self._map_told = self._graph_told = None
+        self._counts = dict.fromkeys(self._counts, 0)
+
+    def _measure(self, now_ns: int, world: World, inbox: Inbox) -> None:
+        """Take in measurements: odometry first, then scans and detections, oldest first."""
+        odometry, scans, sightings = inbox.new(ODOM), inbox.new(SCAN), inbox.new(DETECTIONS)
+        for odom in odometry:
+            stamp_ns = msg.ns_from_time(odom.header.stamp)
+            if not self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
+                continue
+            self._odom = (stamp_ns, msg.se2_from_pose(odom.pose.pose))
+            if self._slam is None:
+                self._slam = self._begun(now_ns, world, self._odom[1])
+            if self._slam is not None:
+                self._slam.odometry(*self._odom)
+        slam = self._slam
+        if slam is None or SCAN_FRAME not in self._base_from:
+            return
+        seen: list[tuple[int, int, msg.LaserScan | msg.Detection3DArray]] = []
+        seen += [(msg.ns_from_time(s.header.stamp), 0, s) for s in scans]
+        seen += [(msg.ns_from_time(s.header.stamp), 1, s) for s in sightings]
+        for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
+            if isinstance(message, msg.LaserScan):
+                if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
+                    self._take_scan(slam, stamp_ns, message)
+            elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
+                self._take_detections(slam, stamp_ns, message, inbox)
+
+    def _begun(self, now_ns: int, world: World, odom_from_base: SE2) -> Slam | None:
+        """The map to go on with: that of the process before, the saved one, or an empty one; None
+        while the first of these may still come.
+        """
+        if self._heard_ns is None:
+            self._heard_ns = now_ns
+        before = self._returned
+        if before is not None and self._watch.epoch is not None:
+            if (before.world_hash, before.epoch) == (world.hash, self._watch.epoch):
+                try:
+                    slam = self._restored(before)
+                except ConfigError as error:
+                    _LOG.error("the graph of the process before: %s", error)
+                    self._returned = None
+                else:
+                    _LOG.info("going on with the graph of %.1f s", before.stamp_ns * 1e-9)
+                    return slam
+        elif self._heard_ns > _LATE_NS and now_ns - self._heard_ns < _RETURN_NS:
+            return None
+        map_from_odom = world.start.se2()
+        if self._config.map_start_pose is not None:
+            map_from_odom = SE2(*self._config.map_start_pose) @ odom_from_base.inverse()
+        if self._saved is None:
+            return Slam(self._config, map_from_odom)
+        _LOG.info("Loaded a graph of %d keyframes", len(self._saved.nodes))
+        begun = {"map_from_odom": planar(map_from_odom)}
+        return self._restored(self._saved.model_copy(update=begun))
+
+    def _restored(self, graph: PoseGraph) -> Slam:
+        slam = Slam.restored(self._config, graph)
+        slam.fixed = self._config.mode == "localization"
+        return slam
+
+    def _take_scan(self, slam: Slam, stamp_ns: int, scan: msg.LaserScan) -> None:
+        slam.scan(
+            stamp_ns, scan.ranges, scan.angle_min, scan.angle_increment,
+            scan.range_min, scan.range_max, se2_from_matrix(self._base_from[SCAN_FRAME]),
+        )  # fmt: skip
+        self._scanned = True
+
+    def _take_detections(
+        self, slam: Slam, stamp_ns: int, seen: msg.Detection3DArray, inbox: Inbox
+    ) -> None:
+        camera = self._base_from.get(CAMERA_OPTICAL_FRAME)
+        if camera is None:
+            return
+        for detection in seen.detections:
+            name = marker_name(detection)
+            if name is None or not detection.results:
+                inbox.reject(DETECTIONS, "unknown marker")
+                continue
+            slam.marker(stamp_ns, *name, marker_candidates(detection), camera)
+
+    def _state(self) -> str:
+        return "localized" if self._slam is not None and self._scanned else "uninitialized"
+
+    def _tell(self, now_ns: int, world: World, outbox: Outbox) -> None:
+        """Publish the pose, the status, the map and its graph."""
+        slam = self._slam
+        if slam is not None:
+            outbox.put(TF, transform_message(now_ns, slam.map_from_odom()))
+            if self._schedule.is_due("amcl_pose", now_ns, _AMCL_POSE_PERIOD_NS):
+                assert self._odom is not None
+                outbox.put(AMCL_POSE, pose_message(self._odom[0], *slam.pose()))
+            if self._scanned:
+                self._tell_map(now_ns, slam, outbox)
+                self._tell_graph(now_ns, slam, world, outbox)
+        state = self._state()
+        # Called on every step, so that the period counts from the last status published.
+        due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
+        if due or self._told != (state, self._watch.epoch):
+            if self._told is None or self._told[0] != state:
+                _LOG.info("%s", state)
+            self._told = (state, self._watch.epoch)
+            outbox.put(
+                LOCALIZATION_STATUS,
+                LocalizationStatus(
+                    state="localized" if state == "localized" else "uninitialized",
+                    quality=0.0 if slam is None else slam.quality,
+                    epoch=self._watch.epoch,
+                ),
+            )
+
+    def _tell_map(self, now_ns: int, slam: Slam, outbox: Outbox) -> None:
+        if slam.map_version == self._map_told:
+            return
+        period_ns = max(round(self._config.map_update_interval * 1e9), STEP_PERIOD_NS)
+        if self._map_told is not None and not self._schedule.is_due("map", now_ns, period_ns):
+            return
+        self._map_told = slam.map_version
+        grid = slam.grid()
+        outbox.put(MAP, map_message(now_ns, grid.cells, grid.resolution_m, grid.origin))
+
+    def _tell_graph(self, now_ns: int, slam: Slam, world: World, outbox: Outbox) -> None:
+        state = slam.graph_version, slam.loops
+        told = self._graph_told
+        if state == told:
+            return
+        looped = told is None or told[1] != slam.loops
+        if not looped and not self._schedule.is_due("graph", now_ns, _GRAPH_PERIOD_NS):
+            return
+        self._graph_told = state
+        self._schedule.put_off("graph", now_ns + _GRAPH_PERIOD_NS)
+        graph = slam.document(now_ns)
+        self._counts = {"keyframes": len(graph.nodes), "markers": len(graph.landmarks)}
+        epoch = self._watch.epoch or 0
+        outbox.put(POSE_GRAPH, graph.model_copy(update={"world_hash": world.hash, "epoch": epoch}))

@@ -1,0 +1,601 @@
+"""Simultaneous localisation and mapping: the robot's pose, and the map that it makes on the way.
+
+Every scan is matched to a local map of the keyframes around that are trusted: connected through the
+graph by a way that is not much longer than the straight one. A scan becomes a keyframe only where
+no trusted one is near, so that neither the graph nor the time of a step grows in a known place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
+from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.common.messages.slam_documents import GraphLandmark, PoseGraph
+from mazebot.mapping.graph.graph_file import (
+    NodeScan,
+    graph_document,
+    graph_of,
+    metres,
+    millimetres,
+)
+from mazebot.mapping.graph.landmarks import MarkerCandidate, MarkerLandmarks
+from mazebot.mapping.graph.optimizer import CHI2_99, Covariances
+from mazebot.mapping.graph.pose_graph import ODOMETRY, SCAN_MATCH, Graph, information_of
+from mazebot.mapping.loops.loop_closer import LoopCloser
+from mazebot.mapping.loops.loop_closing import find_loop
+from mazebot.mapping.matching.correlative import correlate
+from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
+from mazebot.mapping.matching.occupancy import MapGrid, Occupancy
+from mazebot.mapping.matching.odometry_quality import OdometryQuality
+from mazebot.mapping.matching.refine import Refined, refine
+from mazebot.mapping.matching.scan_points import (
+    ScanPoints,
+    moved_cloud,
+    scan_points,
+    surface_cloud,
+    thinned,
+)
+from mazebot.mapping.params import SlamParams
+
+_SPACING_M = 0.01
+_MOST_RETURNS = 720
+_FEW_RETURNS = 10
+"""A scan with fewer returns does not correct the pose."""
+_JUMP_M, _JUMP_M_S = 1.0, 5.0
+"""Odometry that moves by more at once, and faster, has jumped: the robot stayed where it was."""
+_JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
+_FLOOR_STD_M, _FLOOR_STD_RAD = 1e-3, 5e-4
+"""What a scan adds to the pose's uncertainty, at least: matches of one place share their errors."""
+_LINK_STD_M, _LINK_STD_RAD = 1e-3, 1e-3
+"""Of the local map itself, whose keyframes are not exact."""
+_DRIFT_M2_PER_M = 0.01
+"""A wrong scale of odometry errs the same way all along a corridor: so the variance must grow for
+the sum of 1 % of 100 m to be one standard deviation.
+"""
+_LINKS = 3
+"""Keyframes at most that a new one is linked to."""
+_KNOWN_FIT, _KNOWN_FACTOR = 0.9, 2.0
+"""Where this share of the returns fits, keyframes may be so much farther apart."""
+_SURE_FIT = 0.8
+"""A scan that fits so well adds to what the keyframe next to it has seen."""
+_MOST_SCANS, _REBUILD_SCANS = 16, 4
+"""Scans of a keyframe, and how many of them are added until the local map is made anew."""
+_COMPACT_M = 0.025
+"""Their returns are averaged within cells of this side."""
+_LOST_FIT = 0.3
+"""Below it a scan says nothing about the pose."""
+_FAR = SE2(math.inf, 0.0, 0.0)
+_BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
+"""Of the pose of a robot that comes to a map made before."""
+_BETTER_FIT = 0.03
+_UNUSUAL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
+"""A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
+_SURE_SHARE = 0.15
+"""Where a smaller share of the returns tells about a direction, and against odometry, odometry is
+believed: somebody walks ahead of the robot in a corridor.
+"""
+_DOUBTED = np.outer([1.0, 1.0, 0.1], [1.0, 1.0, 0.1])
+"""What is left of odometry's information where another pose fits better. Its turns err: wheels slip
+in them, and stamps differ. Of its ways it is believed: see above.
+"""
+_TURNS = (-2.0, -1.0, 1.0, 2.0)
+"""Standard deviations of the heading from which a doubtful match is tried again."""
+_LARGE_MOVE_M, _LARGE_TURN_RAD = 0.3, 0.35
+"""Since the last scan: beyond it odometry is no start for the refinement."""
+_HALF_TRACK_M = 0.15
+_MARKER_NODE_M = 1.0
+"""A sighting is attached to a keyframe within this."""
+_ROUND_RAD = 5.5
+"""A lidar that sees more than this sees the same in whatever direction the robot faces."""
+
+
+class Slam:
+    """Odometry, scans and markers in; pose, grid and graph out. Times count on from the last."""
+
+    def __init__(self, params: SlamParams, map_from_odom: SE2) -> None:
+        """`map_from_odom`: where the robot is, if odometry were exact; at the start, it is."""
+        self._params = params
+        self._history = OdometryHistory()
+        self._graph = Graph()
+        self._seen: list[ScanPoints] = []
+        self._clouds: list[Array] = []
+        """Of each node, what several scans saw there, as `local_map` takes it."""
+        self._scans_of: list[int] = []
+        """Of each node, how many scans those are."""
+        self._placed: list[Array] = []
+        """Of each node, (3, 3) covariance of its pose in the local map then, by its own axes."""
+        self._stamps_ns: list[int] = []
+        self._occupancy = Occupancy(params.resolution)
+        self._grid: tuple[int, MapGrid] | None = None
+        self._map_from_odom = map_from_odom
+        self._scanned: tuple[int, SE2] | None = None
+        """Stamp of the last scan, and odometry there."""
+        self._pose = map_from_odom
+        """map_from_base at the last scan."""
+        self._covariance = PlanarCovariance()
+        """Of the pose in the local map."""
+        self._local_spread: tuple[tuple[int, int], Array] = ((-1, -1), np.zeros((3, 3)))
+        """Version of the graph, node, and its (3, 3) covariance in the map."""
+        self._local: LocalMap | None = None
+        self._local_nodes: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._local_at = self._pose
+        self._visited = False
+        """Whether the robot came next to another node."""
+        self._drift = np.zeros((2, 2))
+        """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
+        self._usual_fit = 1.0
+        """Running mean of the share of returns that fit."""
+        self._wheels = OdometryQuality()
+        self._reference = -1
+        """The trusted node next to the robot."""
+        self._markers = MarkerLandmarks(self._graph)
+        self._closer = LoopCloser(self._graph)
+        self._tried: set[int] = set()
+        """Nodes at which a loop was looked for since the last one was found."""
+        self.fixed = False
+        """The map stays as it is: scans only correct the pose."""
+        self.map_version = 0
+        self.graph_version = 0
+        self.quality = 0.0
+
+    @classmethod
+    def restored(cls, params: SlamParams, document: PoseGraph) -> Slam:
+        """Go on with a graph, from where its `map_from_odom` puts the robot.
+
+        Raises ConfigError in one line where the document contradicts itself.
+        """
+        slam = cls(params, document.map_from_odom.se2())
+        loaded = graph_of(document)
+        slam._graph = loaded.graph
+        slam._markers = MarkerLandmarks.restored(loaded.graph, loaded.landmarks)
+        for node, scan in enumerate(loaded.scans):
+            seen = ScanPoints(metres(scan.points_mm), metres(scan.misses_mm), scan.sensor)
+            slam._placed.append(np.zeros((3, 3)))
+            slam._keep(scan.stamp_ns, seen, thinned(seen.points_m, _SPACING_M, _MOST_RETURNS))
+            slam._occupancy.add(loaded.graph.pose(node), seen)
+        slam._covariance = PlanarCovariance(
+            x_x=_BEGIN_STD_M * _BEGIN_STD_M,
+            y_y=_BEGIN_STD_M * _BEGIN_STD_M,
+            yaw_yaw=_BEGIN_STD_RAD * _BEGIN_STD_RAD,
+        )
+        slam._closer = LoopCloser(
+            loaded.graph, closed=document.loops, rejected=document.loops_rejected
+        )
+        slam.map_version = slam.graph_version = 1
+        return slam
+
+    def document(self, stamp_ns: int) -> PoseGraph:
+        """The graph with its scans and markers; `restored` goes on with it."""
+        scans = [
+            NodeScan(at_ns, millimetres(seen.points_m), millimetres(seen.misses_m), seen.sensor)
+            for at_ns, seen in zip(self._stamps_ns, self._seen, strict=True)
+        ]
+        return graph_document(
+            self._graph,
+            scans,
+            self._markers.documents(),
+            stamp_ns=stamp_ns,
+            map_from_odom=self._map_from_odom,
+            resolution_m=self._params.resolution,
+            loops=self.loops,
+            loops_rejected=self.loops_rejected,
+        )
+
+    def markers(self) -> list[GraphLandmark]:
+        """The markers found so far, as they hang in the map."""
+        return self._markers.documents()
+
+    def anchor(self) -> tuple[int, SE2]:
+        """The keyframe next to the robot at the last scan, and the pose of its base in that
+        keyframe's frame: it stays right when the graph is optimised. -1 before the first keyframe.
+        """
+        if self._reference < 0:
+            return -1, self._pose
+        return self._reference, self._graph.pose(self._reference).inverse() @ self._pose
+
+    @property
+    def loops(self) -> int:
+        """Loops closed, by lidar or by marker."""
+        return self._closer.closed
+
+    @property
+    def loops_rejected(self) -> int:
+        """Loops tried and found wrong."""
+        return self._closer.rejected
+
+    @property
+    def keyframes(self) -> int:
+        """Number of keyframes."""
+        return len(self._seen)
+
+    @property
+    def graph(self) -> Graph:
+        """The graph as it is: not to be written to."""
+        return self._graph
+
+    def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
+        """Add odometry; a message that is not later than the last one, or not finite, is ignored.
+
+        As TF has it, map_from_odom changes with scans only.
+        """
+        self._history.add(stamp_ns, odom_from_base)
+
+    def map_from_odom(self) -> SE2:
+        """As corrected by the last scan."""
+        return self._map_from_odom
+
+    def pose(self) -> tuple[SE2, Array]:
+        """map_from_base by the latest odometry, and the (3, 3) covariance of x, y and yaw: that in
+        the local map, and that of the local map, by the graph.
+        """
+        if not self._history:
+            return self._pose, self._covariance.matrix()
+        pose = self._map_from_odom @ self._history.latest[1]
+        if self._reference < 0:
+            return pose, self._covariance.matrix()
+        here = (self.graph_version, self._reference)
+        if self._local_spread[0] != here:
+            self._local_spread = here, Covariances(self._graph).node(self._reference)
+        node = self._graph.pose(self._reference)
+        lever = np.eye(3)
+        lever[0, 2], lever[1, 2] = node.y_m - pose.y_m, pose.x_m - node.x_m
+        spread = portable.product(lever, self._local_spread[1], lever.T)
+        return pose, self._covariance.matrix() + spread
+
+    def grid(self) -> MapGrid:
+        """The map; the same object until `map_version` changes."""
+        if self._grid is None or self._grid[0] != self.map_version:
+            self._grid = (self.map_version, self._occupancy.grid())
+        return self._grid[1]
+
+    def scan(
+        self,
+        stamp_ns: int,
+        ranges_m: NDArray[np.float32],
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+        base_from_scan: SE2,
+    ) -> bool:
+        """Correct the pose by a scan (n,), and add to the map what it shows; True if it was used.
+
+        A scan is not used if it is not later than the last one, if there is no odometry for its
+        stamp, or if its description is not finite.
+        """
+        p = self._params
+        odom_from_base = self._history.at(stamp_ns)
+        if odom_from_base is None:
+            return False
+        described = (angle_min_rad, angle_increment_rad, *base_from_scan)
+        if not all(math.isfinite(value) for value in described) or math.isnan(range_max_m):
+            return False
+        if self._scanned is not None:
+            elapsed_s = (stamp_ns - self._scanned[0]) * 1e-9
+            if elapsed_s <= 0.0 or elapsed_s < p.minimum_time_interval:
+                return False
+        seen = scan_points(
+            ranges_m, angle_min_rad, angle_increment_rad,
+            range_min_m if p.min_laser_range < 0.0 else p.min_laser_range, range_max_m,
+            base_from_scan, p.max_laser_range,
+        )  # fmt: skip
+        sees_round = abs(angle_increment_rad) * len(ranges_m) > _ROUND_RAD
+        returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
+        motion = self._predict(stamp_ns, odom_from_base)
+        if not self._seen:
+            self._scanned = (stamp_ns, odom_from_base)
+            if not self.fixed:
+                self.quality = 1.0 if len(returns) else 0.0
+                self._add_keyframe(stamp_ns, seen, returns, matched=False)
+            return True
+        fit = self._match(returns, seen.sensor, motion)
+        self._scanned = (stamp_ns, odom_from_base)
+        if fit is not None:
+            self.quality = fit
+        if self.fixed:
+            self._local_map()
+        elif self._wants_keyframe(fit, sees_round):
+            self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
+        elif fit is not None and fit >= max(self._usual_fit - _UNUSUAL, _SURE_FIT):
+            self._enrich(returns, seen.sensor)
+        if self._visited:
+            self._visited = False
+            self._close_loop(self._reference)
+        self._map_from_odom = self._pose @ odom_from_base.inverse()
+        return True
+
+    def marker(
+        self,
+        stamp_ns: int,
+        dictionary: str,
+        marker_id: int,
+        candidates: Sequence[MarkerCandidate],
+        base_from_camera: Array,
+    ) -> bool:
+        """Take a sighting of a marker into account; True if it was used.
+
+        The candidates, of which at most one is right, are camera_from_marker (4, 4), its (6, 6)
+        covariance and its score; the camera's frame is optical. A marker that was seen long before
+        closes a loop.
+        """
+        odom_from_base = self._history.at(stamp_ns)
+        if odom_from_base is None or self._reference < 0 or self.fixed:
+            return False
+        graph = self._graph
+        before = graph.pose(self._reference)
+        node_from_base = before.inverse() @ (self._map_from_odom @ odom_from_base)
+        if node_from_base.distance_m(SE2(0.0, 0.0, 0.0)) > _MARKER_NODE_M:
+            return False
+        sighted = self._markers.sight(
+            self._reference, node_from_base, self._link_covariance(before.yaw_rad), dictionary,
+            marker_id, candidates, base_from_camera,
+        )  # fmt: skip
+        if sighted.outcome == "ignored":
+            return False
+        self.graph_version += 1
+        if sighted.outcome == "loop":
+            self._closer.closed += 1
+            self._tried = set()
+            self._follow(before)
+            assert self._scanned is not None
+            self._map_from_odom = self._pose @ self._scanned[1].inverse()
+        elif sighted.outcome == "loop_rejected":
+            self._closer.rejected += 1
+        return True
+
+    def _keep(self, stamp_ns: int, seen: ScanPoints, returns: Array) -> None:
+        """Keep the scan of a new node."""
+        self._stamps_ns.append(stamp_ns)
+        self._seen.append(seen)
+        self._clouds.append(surface_cloud(returns, seen.sensor))
+        self._scans_of.append(1)
+
+    def _enrich(self, returns: Array, sensor: SE2) -> None:
+        """Add a scan to what the keyframe next to the robot has seen: noise averages out."""
+        node = self._reference
+        if self._scans_of[node] >= _MOST_SCANS:
+            return
+        base_from_here = self._graph.pose(node).inverse() @ self._pose
+        if base_from_here.distance_m(SE2(0.0, 0.0, 0.0)) > self._params.minimum_travel_distance:
+            return
+        more = moved_cloud(surface_cloud(returns, sensor), base_from_here)
+        self._clouds[node] = np.concatenate([self._clouds[node], more])
+        self._scans_of[node] += 1
+        if self._scans_of[node] == _MOST_SCANS:
+            self._clouds[node] = compacted(self._clouds[node], _COMPACT_M)
+        if self._scans_of[node] % _REBUILD_SCANS == 0:
+            self._local = None
+
+    def _predict(self, stamp_ns: int, odom_from_base: SE2) -> SE2:
+        """Move the pose as odometry moved; that motion."""
+        p = self._params
+        if self._scanned is None:
+            self._pose = self._map_from_odom @ odom_from_base
+            return _FAR
+        before_ns, before = self._scanned
+        moved = before.inverse() @ odom_from_base
+        far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
+        elapsed_s = (stamp_ns - before_ns) * 1e-9
+        jumped = far_m > max(_JUMP_M, _JUMP_M_S * elapsed_s)
+        if jumped:
+            moved, far_m = SE2(0.0, 0.0, 0.0), 0.0
+            along = across = _JUMP_STD_M * _JUMP_STD_M
+            turn = _JUMP_STD_RAD * _JUMP_STD_RAD
+        else:
+            # Both wheels err on the way that they roll, also in a turn on the spot.
+            rolled_m = far_m + _HALF_TRACK_M * abs(moved.yaw_rad)
+            along = (
+                portable.square(p.odometry_translation_ratio * far_m)
+                + portable.square(p.odometry_translation_std_m_per_sqrt_m) * rolled_m
+            )
+            turn = (
+                portable.square(p.odometry_rotation_ratio * moved.yaw_rad)
+                + portable.square(p.odometry_rotation_std_rad_per_sqrt_m) * rolled_m
+            )
+            self._wheels.begin(self._covariance, along, turn)
+            along = across = self._wheels.shift * along + _FLOOR_STD_M * _FLOOR_STD_M
+            turn = self._wheels.turn * turn + _FLOOR_STD_RAD * _FLOOR_STD_RAD
+        pose = self._pose @ moved
+        c, s = portable.cos_sin(self._pose.yaw_rad)
+        self._covariance = (
+            self._covariance.moved(-(pose.y_m - self._pose.y_m), pose.x_m - self._pose.x_m)
+            .spread(along, c, s, 0.0)
+            .spread(across, -s, c, 0.0)
+            .spread(turn, 0.0, 0.0, 1.0)
+        )
+        self._pose = pose
+        return moved
+
+    def _match(self, returns: Array, sensor: SE2, moved: SE2) -> float | None:
+        """Correct the predicted pose by a scan; the share of returns that fit, None if it was not
+        used.
+        """
+        p = self._params
+        if len(returns) < _FEW_RETURNS or not p.use_scan_matching:
+            return None
+        local = self._local_map()
+        prior = information_of(self._covariance.matrix())
+        found = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m)
+        expected = max(self._usual_fit - _UNUSUAL, p.link_match_minimum_response_fine)
+        far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
+        doubtful = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD or found.fit < expected
+        contradicted = self._is_far(found, prior)
+        if contradicted and not found.open_direction:
+            sure = refine(
+                local, self._pose, prior, returns, sensor, p.scan_match_std_m,
+                few_share=_SURE_SHARE,
+            )  # fmt: skip
+            found = sure if sure.open_direction else found
+        if contradicted or doubtful:
+            doubted = prior * _DOUBTED
+            other = refine(
+                local, self._pose, doubted, returns, sensor, p.scan_match_std_m,
+                found.map_from_base,
+            )  # fmt: skip
+            if doubtful:
+                other = self._searched(local, doubted, returns, sensor, other)
+            if other.fit > found.fit + (_BETTER_FIT if doubtful else 0.0):
+                found, prior = other, doubted
+        self._usual_fit += _USUAL_GAIN * (found.fit - self._usual_fit)
+        if found.fit < _LOST_FIT:
+            return found.fit
+        if not (found.open_direction or doubtful or contradicted):
+            self._wheels.learn(self._pose, self._covariance, found)
+        if found.open_direction:
+            told = found.information[:2, :2]
+            trace = float(told[0, 0] + told[1, 1])
+            untold = np.eye(2) - told / trace if trace > 0.0 else np.eye(2)
+            self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * untold
+        self._pose = found.map_from_base
+        self._covariance = PlanarCovariance.from_matrix(information_of(prior + found.information))
+        return found.fit
+
+    def _is_far(self, found: Refined, prior: Array) -> bool:
+        """Whether a pose is farther from the predicted one than odometry's errors go."""
+        there, here = found.map_from_base, self._pose
+        yaw_rad = wrap_angle(there.yaw_rad - here.yaw_rad)
+        off = np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
+        return float(portable.product(off, prior, off)) > CHI2_99
+
+    def _searched(
+        self, local: LocalMap, prior: Array, returns: Array, sensor: SE2, found: Refined
+    ) -> Refined:
+        """What fits clearly better in a window around the prediction, or what was found."""
+        p = self._params
+        deviation_rad = math.sqrt(self._covariance.yaw_yaw)
+        best = found
+        for turns in _TURNS:
+            turned = self._pose @ SE2(0.0, 0.0, turns * deviation_rad)
+            other = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m, turned)
+            if other.fit > best.fit + _BETTER_FIT:
+                best = other
+        if best.fit >= self._usual_fit - _UNUSUAL:
+            return best
+        coarse = correlate(
+            local, self._pose, thinned(returns, p.correlation_search_space_resolution, 180),
+            p.correlation_search_space_dimension / 2.0, p.coarse_search_angle_offset,
+            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
+        )  # fmt: skip
+        other = refine(
+            local, self._pose, prior, returns, sensor, p.scan_match_std_m, coarse.map_from_base
+        )
+        return other if other.fit > best.fit + _BETTER_FIT else best
+
+    def _local_map(self) -> LocalMap:
+        """The map around the pose."""
+        p = self._params
+        stale = self._local_at.distance_m(self._pose) > p.minimum_travel_distance
+        if self._local is not None and not stale:
+            return self._local
+        graph = self._graph
+        if self._reference < 0:
+            self._reference = int(np.argmin(self._away_m(np.arange(len(graph.poses)))))
+        trusted, _ = graph.trusted_and_candidates(self._reference, p.link_scan_maximum_distance)
+        away_m = self._away_m(trusted)
+        nodes = trusted[np.argsort(away_m, kind="stable")][: p.scan_buffer_size]
+        if int(nodes[0]) != self._reference:
+            self._reference = int(nodes[0])
+            self._visited = True
+        self._local_nodes, self._local_at = nodes, self._pose
+        # In their own order, so that the same keyframes give the same map.
+        ordered = np.sort(nodes).tolist()
+        self._local = local_map(
+            [graph.pose(node) for node in ordered],
+            [self._clouds[node] for node in ordered],
+            p.correlation_search_space_resolution,
+        )
+        return self._local
+
+    def _away_m(self, nodes: NDArray[np.int64]) -> Array:
+        poses = self._graph.poses[nodes]
+        return portable.hypot_each(poses[:, 0] - self._pose.x_m, poses[:, 1] - self._pose.y_m)
+
+    def _wants_keyframe(self, fit: float | None, sees_round: bool) -> bool:
+        """Whether no trusted keyframe is near the pose."""
+        p = self._params
+        self._local_map()
+        away_m = self._away_m(self._local_nodes)
+        apart_m = p.minimum_travel_distance
+        if fit is not None and fit >= _KNOWN_FIT:
+            apart_m *= _KNOWN_FACTOR
+        if fit is not None and fit < max(self._usual_fit - _ODD, _LOST_FIT):
+            # Wherever this is, it must not be drawn into the map around for the sake of a step.
+            apart_m *= _KNOWN_FACTOR
+        near = self._local_nodes[away_m <= apart_m]
+        if not len(near) or sees_round:
+            return not len(near)
+        yaws = self._graph.poses[near, 2].tolist()
+        turned = min(abs(wrap_angle(yaw - self._pose.yaw_rad)) for yaw in yaws)
+        return turned > p.minimum_travel_heading
+
+    def _add_keyframe(self, stamp_ns: int, seen: ScanPoints, returns: Array, matched: bool) -> None:
+        """Make the scan at the pose a node, linked to those nearest to it."""
+        graph = self._graph
+        node = graph.add_node(self._pose)
+        self._placed.append(self._link_covariance(self._pose.yaw_rad))
+        self._keep(stamp_ns, seen, returns)
+        if node > 0:
+            away_m = self._away_m(self._local_nodes)
+            nearest = self._local_nodes[np.argsort(away_m, kind="stable")]
+            links = nearest[: _LINKS if matched else 1].tolist()
+            for source in links:
+                of_source = graph.pose(source)
+                covariance = self._link_covariance(of_source.yaw_rad) + self._placed[source]
+                graph.add_edge(
+                    SCAN_MATCH if matched else ODOMETRY, source, node,
+                    of_source.inverse() @ self._pose, covariance * len(links),
+                )  # fmt: skip
+        self._covariance = PlanarCovariance(x_x=1e-6, y_y=1e-6, yaw_yaw=2.5e-7)
+        self._drift = np.zeros((2, 2))
+        self._reference = node
+        self._local = None
+        self._occupancy.add(self._pose, seen)
+        self.map_version += 1
+        self.graph_version += 1
+        self._close_loop(node)
+
+    def _close_loop(self, node: int) -> None:
+        """Look for a loop at a node, and close it if it holds."""
+        if self.fixed or not self._params.do_loop_closing or node in self._tried:
+            return
+        self._tried.add(node)
+        sensors = [seen.sensor for seen in self._seen]
+        candidate = find_loop(self._graph, self._clouds, sensors, node, self._params)
+        if candidate is None:
+            return
+        before = self._graph.pose(self._reference)
+        verdict = self._closer.close(candidate)
+        self.graph_version += 1
+        if not verdict.accepted:
+            return
+        self._tried = {node}
+        self._follow(before)
+
+    def _follow(self, before: SE2) -> None:
+        """The nodes have moved: take the pose along with its reference, which was at `before`, and
+        draw the grid anew.
+        """
+        self._pose = self._graph.pose(self._reference) @ (before.inverse() @ self._pose)
+        self._local = None
+        self._occupancy.rebuild(
+            (self._graph.pose(node), seen) for node, seen in enumerate(self._seen)
+        )
+        self.map_version += 1
+        self.graph_version += 1
+
+    def _link_covariance(self, yaw_rad: float) -> Array:
+        """(3, 3) of the pose in the local map, by the axes of a node."""
+        c, s = portable.cos_sin(yaw_rad)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        covariance = portable.product(turn, self._covariance.matrix(), turn.T)
+        covariance[:2, :2] += portable.product(turn[:2, :2], self._drift, turn[:2, :2].T)
+        covariance[0, 0] += _LINK_STD_M * _LINK_STD_M
+        covariance[1, 1] += _LINK_STD_M * _LINK_STD_M
+        covariance[2, 2] += _LINK_STD_RAD * _LINK_STD_RAD
+        return covariance

@@ -1,0 +1,460 @@
+"""DockRobot and UndockRobot at a marker: the states of opennav_docking, a graceful approach, and a
+final straight steered by the marker's lateral and heading error.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.context import Dock, MarkerPose
+from mazebot.navigation.behavior.docking.dock_estimate import DockEstimate, SightingParams
+from mazebot.navigation.behavior.docking.graceful_controller import (
+    GracefulParams,
+    graceful_velocity,
+)
+from mazebot.navigation.behavior.motions.motion import TimeToCollision, toward
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.errors import NavigationError
+
+LEAST_STAGING_SHARE = 0.5
+"""Where there is no room for more, docking begins from this share of the way to the staging pose,
+and undocking ends there.
+"""
+
+
+class DockState(IntEnum):
+    """States of the feedback of DockRobot."""
+
+    NONE = 0
+    NAV_TO_STAGING_POSE = 1
+    INITIAL_PERCEPTION = 2
+    CONTROLLING = 3
+    WAIT_FOR_CHARGE = 4
+    RETRY = 5
+
+
+@dataclass(frozen=True, slots=True)
+class DockingParams:
+    """Names as in Nav2's docking server and its SimpleNonChargingDock."""
+
+    staging_x_offset_m: float = -0.7
+    """Of the staging pose, along the docked robot's heading."""
+    initial_perception_timeout_s: float = 8.0
+    external_detection_timeout_s: float = 1.0
+    dock_approach_timeout_s: float = 40.0
+    max_retries: int = 3
+    dock_prestaging_tolerance_m: float = 0.5
+    rotate_to_heading_angular_vel_rad_s: float = 0.5
+    lateral_tolerance_m: float = 0.012
+    longitudinal_tolerance_m: float = 0.015
+    yaw_tolerance_rad: float = 0.014
+    """Nav2 tests the straight distance alone (docking_threshold); each error has its own bound."""
+    undock_linear_tolerance_m: float = 0.05
+    undock_angular_tolerance_rad: float = 0.1
+    views: int = 15
+    """Sightings before the approach, and standing before the verdict."""
+    final_straight_m: float = 0.3
+    straight_speed_m_s: float = 0.06
+    lateral_length_m: float = 0.07
+    """On the final straight, errors fall to 1/e over about this length."""
+    acceleration_m_s2: float = 0.3
+    angular_acceleration_rad_s2: float = 1.5
+    graceful: GracefulParams = field(default_factory=GracefulParams)
+    sighting: SightingParams = field(default_factory=SightingParams)
+
+
+@dataclass(frozen=True, slots=True)
+class DockingStep:
+    """The answer to one step."""
+
+    state: DockState
+    velocity: Velocity
+    num_retries: int
+    done: bool
+
+
+def staging_pose(params: DockingParams, map_from_dock: SE2) -> SE2:
+    """Where docking begins: before the dock, on its axis."""
+    return map_from_dock @ SE2(params.staging_x_offset_m, 0.0, 0.0)
+
+
+class _Limited:
+    """The last command, from which the next may differ by as much as the accelerations allow."""
+
+    def __init__(self, params: DockingParams) -> None:
+        self._params = params
+        self.velocity = STOP
+
+    def toward(self, wanted: Velocity, elapsed_s: float) -> Velocity:
+        p = self._params
+        self.velocity = Velocity(
+            toward(self.velocity.linear_m_s, wanted.linear_m_s, p.acceleration_m_s2 * elapsed_s),
+            toward(
+                self.velocity.angular_rad_s,
+                wanted.angular_rad_s,
+                p.angular_acceleration_rad_s2 * elapsed_s,
+            ),
+        )
+        return self.velocity
+
+
+class Docker:
+    """One docking, from near the staging pose on."""
+
+    def __init__(
+        self,
+        params: DockingParams,
+        dock: Dock,
+        odom_from_dock: SE2 | None = None,
+    ) -> None:
+        """Begin to dock.
+
+        Args:
+            params: how to dock.
+            dock: the marker, and where the robot docks before it.
+            odom_from_dock: where the dock should be; None: anywhere ahead.
+        """
+        self._params = params
+        self._marker_from_dock = dock.marker_from_dock
+        self._dock = dock
+        self._expected = odom_from_dock
+        self._estimate = DockEstimate(params.sighting)
+        self._limited = _Limited(params)
+        self._state = DockState.INITIAL_PERCEPTION
+        self._since_ns: int | None = None
+        self._began_ns = 0
+        self._hidden_ns = 0
+        """When the marker was last out of the picture, by odometry."""
+        self._seen_before = 0
+        self._retries = 0
+        self._returns = 0
+        """Times that the robot went back for more room, with no attempt in between"""
+        self._aligning = False
+        self._verdict_from: int | None = None
+
+    @property
+    def odom_from_dock(self) -> SE2 | None:
+        """Pose of the docked robot by the marker; None before the first sighting."""
+        if self._estimate.count == 0:
+            return None
+        return self._estimate.odom_from_marker @ self._marker_from_dock
+
+    def step(
+        self,
+        now_ns: int,
+        elapsed_s: float,
+        odom_from_base: SE2,
+        marker: MarkerPose | None,
+        time_to_collision: TimeToCollision,
+    ) -> DockingStep:
+        """Advance by one control period.
+
+        Raises NavigationError with FAILED_TO_DETECT_DOCK or FAILED_TO_CONTROL when the retries are
+        spent.
+        """
+        if self._since_ns is None:
+            self._since_ns = self._began_ns = now_ns
+        oldest_ns = self._began_ns - self._params.external_detection_timeout_s * 1e9
+        if marker is not None and marker.stamp_ns >= oldest_ns:
+            self._estimate.add(marker)
+        try:
+            return self._work(now_ns, elapsed_s, odom_from_base, time_to_collision)
+        except NavigationError as error:
+            if self._retries >= self._params.max_retries:
+                raise
+            self._retries += 1
+            self._enter(DockState.RETRY, now_ns)
+            if self._estimate.count == 0 or error.code is ErrorCode.FAILED_TO_DETECT_DOCK:
+                self._enter(DockState.INITIAL_PERCEPTION, now_ns)
+            return self._answer(STOP, elapsed_s)
+
+    def _work(
+        self, now_ns: int, elapsed_s: float, base: SE2, time_to_collision: TimeToCollision
+    ) -> DockingStep:
+        if self._state is DockState.INITIAL_PERCEPTION:
+            return self._perceive(now_ns, elapsed_s, base)
+        dock = self.odom_from_dock
+        assert dock is not None
+        dock_from_base = dock.inverse() @ base
+        if self._state is DockState.RETRY:
+            return self._return_to_staging(now_ns, elapsed_s, dock_from_base, time_to_collision)
+        return self._approach(now_ns, elapsed_s, base, dock_from_base, time_to_collision)
+
+    def _perceive(self, now_ns: int, elapsed_s: float, base: SE2) -> DockingStep:
+        p, estimate = self._params, self._estimate
+        running_s = self._running_s(now_ns)
+        fresh = now_ns - estimate.last_stamp_ns <= p.external_detection_timeout_s * 1e9
+        seen = estimate.count > 0 and fresh
+        if estimate.count - self._seen_before >= p.views and self._stands(elapsed_s):
+            dock = self.odom_from_dock
+            assert dock is not None
+            at = dock.inverse() @ base
+            # Further back there is nothing to gain.
+            near = at.x_m > p.staging_x_offset_m - p.dock_prestaging_tolerance_m
+            too_near = near and _needs_more_room(p, at) and self._returns < _MOST_RETURNS
+            self._returns = self._returns + 1 if too_near else 0
+            self._enter(DockState.RETRY if too_near else DockState.CONTROLLING, now_ns)
+            return self._answer(STOP, elapsed_s)
+        if running_s > p.initial_perception_timeout_s:
+            raise NavigationError(
+                ErrorCode.FAILED_TO_DETECT_DOCK,
+                f"the dock's marker was seen {estimate.count - self._seen_before} times in "
+                f"{running_s:.1f} s: must be {p.views} times",
+            )
+        if seen:
+            bearing_rad = _bearing(base, estimate.odom_from_marker)
+            # In the middle of the picture, so that it stays in view on the way.
+            turning = abs(bearing_rad) > 0.35 or (
+                abs(self._limited.velocity.angular_rad_s) > 0.0 and abs(bearing_rad) > 0.1
+            )
+            return self._answer(self._turn(bearing_rad if turning else 0.0), elapsed_s)
+        return self._answer(self._search(running_s, base), elapsed_s)
+
+    def _search(self, running_s: float, base: SE2) -> Velocity:
+        """Look to where the dock should be, then to both sides of it."""
+        expected_rad = 0.0
+        if self._expected is not None:
+            marker = self._expected @ self._marker_from_dock.inverse()
+            expected_rad = _bearing(base, marker)
+            if abs(expected_rad) > 0.45:
+                return self._turn(expected_rad)
+        # Once to the left, twice as far to the right, and so on.
+        left = int(running_s / 1.5 + 0.5) % 2 == 0
+        rate = self._params.rotate_to_heading_angular_vel_rad_s
+        return Velocity(0.0, rate if left else -rate)
+
+    def _approach(
+        self,
+        now_ns: int,
+        elapsed_s: float,
+        base: SE2,
+        at: SE2,
+        time_to_collision: TimeToCollision,
+    ) -> DockingStep:
+        p = self._params
+        self._check_approach(now_ns, base, at, time_to_collision)
+        if self._aligning:
+            return self._align(now_ns, elapsed_s, at)
+        if at.x_m < -p.final_straight_m:
+            # Beyond the beginning of the straight, so that the speed does not vanish there.
+            target = SE2(-p.final_straight_m + p.graceful.slowdown_radius_m, 0.0, 0.0)
+            wanted = graceful_velocity(p.graceful, at.inverse() @ target, backward=False)
+            slowing = p.straight_speed_m_s + math.sqrt(
+                2.0 * 0.5 * p.acceleration_m_s2 * (-p.final_straight_m - at.x_m)
+            )
+            if wanted.linear_m_s > slowing:
+                share = slowing / wanted.linear_m_s
+                wanted = Velocity(slowing, wanted.angular_rad_s * share)
+            return self._answer(wanted, elapsed_s)
+        left_m = -at.x_m - self._limited.velocity.linear_m_s * elapsed_s
+        if left_m <= 0.0:
+            self._aligning, self._verdict_from = True, None
+            return self._align(now_ns, elapsed_s, at)
+        speed_m_s = min(p.straight_speed_m_s, math.sqrt(p.acceleration_m_s2 * left_m))
+        return self._answer(self._along_axis(at, max(speed_m_s, 0.01)), elapsed_s)
+
+    def _is_hidden(self, base: SE2, at: SE2) -> bool:
+        """Whether the marker is out of the picture because of where the robot looks, and odometry
+        is good enough to go on by: a curve to a dock far aside leads there.
+        """
+        marker = self._marker_from_dock.inverse()
+        half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
+        outside = abs(_bearing(at, marker)) > self._dock.half_view_rad - half_side_rad
+        return outside and self._estimate.position_std_m(base) <= self._params.lateral_tolerance_m
+
+    def _check_approach(
+        self, now_ns: int, base: SE2, at: SE2, time_to_collision: TimeToCollision
+    ) -> None:
+        p = self._params
+        if self._is_hidden(base, at):
+            self._hidden_ns = now_ns
+        if self._running_s(now_ns) > p.dock_approach_timeout_s:
+            raise NavigationError(
+                ErrorCode.FAILED_TO_CONTROL,
+                f"the dock was not reached in {p.dock_approach_timeout_s:.0f} s: {-at.x_m:.3f} m "
+                f"before it, {at.y_m:.3f} m aside",
+            )
+        lost_s = (now_ns - max(self._estimate.last_stamp_ns, self._hidden_ns)) * 1e-9
+        # So near the end odometry is good enough, and so near the marker it has to be.
+        by_odometry = (
+            at.x_m >= -0.5 * p.final_straight_m
+            or (self._marker_from_dock @ at).x_m < self._dock.whole_view_m
+        )
+        if lost_s > p.external_detection_timeout_s and not by_odometry:
+            raise NavigationError(
+                ErrorCode.FAILED_TO_DETECT_DOCK,
+                f"the dock's marker has not been seen for {lost_s:.1f} s, {-at.x_m:.2f} m before "
+                "the dock",
+            )
+        speed = self._limited.velocity
+        if speed.linear_m_s > 0.0:
+            contact_s = time_to_collision(speed)
+            if contact_s < speed.linear_m_s / p.acceleration_m_s2 + 0.5:
+                raise NavigationError(
+                    ErrorCode.FAILED_TO_CONTROL,
+                    f"something is in the way {-at.x_m:.2f} m before the dock",
+                )
+
+    def _align(self, now_ns: int, elapsed_s: float, at: SE2) -> DockingStep:
+        """Turn to the dock's heading on the spot, then judge by new sightings."""
+        p, estimate = self._params, self._estimate
+        turn_rad = -at.yaw_rad
+        judging = self._verdict_from is not None
+        if abs(turn_rad) > (p.yaw_tolerance_rad if judging else 0.3 * p.yaw_tolerance_rad):
+            self._verdict_from = None
+            return self._answer(self._turn(turn_rad), elapsed_s)
+        if not self._stands(elapsed_s):
+            return self._answer(STOP, elapsed_s)
+        if self._verdict_from is None:
+            self._verdict_from = estimate.count
+            self._since_verdict_ns = now_ns
+        waited_s = (now_ns - self._since_verdict_ns) * 1e-9
+        unseen = waited_s > 2.0 * p.external_detection_timeout_s
+        if estimate.count - self._verdict_from < p.views and not unseen:
+            return self._answer(STOP, elapsed_s)
+        if abs(at.y_m) > p.lateral_tolerance_m or at.x_m > p.longitudinal_tolerance_m:
+            raise NavigationError(
+                ErrorCode.FAILED_TO_CONTROL,
+                f"docked {at.y_m:.3f} m aside and {at.x_m:.3f} m too far: must be within "
+                f"{p.lateral_tolerance_m} m and {p.longitudinal_tolerance_m} m",
+            )
+        if at.x_m < -p.longitudinal_tolerance_m:
+            self._aligning = False
+            return self._answer(STOP, elapsed_s)
+        return DockingStep(self._state, STOP, self._retries, True)
+
+    def _return_to_staging(
+        self, now_ns: int, elapsed_s: float, at: SE2, time_to_collision: TimeToCollision
+    ) -> DockingStep:
+        p = self._params
+        far_m = p.staging_x_offset_m - at.x_m
+        back = far_m >= p.dock_prestaging_tolerance_m or (
+            far_m >= 0.0 and not _needs_more_room(p, at)
+        )
+        if back or self._running_s(now_ns) > p.dock_approach_timeout_s:
+            self._enter(DockState.INITIAL_PERCEPTION, now_ns)
+            return self._answer(STOP, elapsed_s)
+        wanted = self._along_axis(at, -p.straight_speed_m_s * 2.0)
+        if time_to_collision(wanted) < 1.0:
+            # As far back as there is room.
+            self._enter(DockState.INITIAL_PERCEPTION, now_ns)
+            if at.x_m > -p.final_straight_m:
+                raise NavigationError(
+                    ErrorCode.FAILED_TO_CONTROL,
+                    f"something is behind the robot, {-at.x_m:.2f} m before the dock",
+                )
+            return self._answer(STOP, elapsed_s)
+        return self._answer(wanted, elapsed_s)
+
+    def _along_axis(self, at: SE2, speed_m_s: float) -> Velocity:
+        """Drive along the dock's axis, ahead or back: lateral and heading error fall like a
+        critically damped spring over the length driven.
+        """
+        p = self._params
+        inverse = 1.0 / p.lateral_length_m
+        sine = portable.sin(at.yaw_rad)
+        ahead = 1.0 if speed_m_s > 0.0 else -1.0
+        lateral = min(max(at.y_m, -0.06), 0.06)
+        per_metre = -ahead * inverse * inverse * lateral - 2.0 * inverse * sine
+        most = p.graceful.v_angular_max_rad_s
+        rate = min(max(per_metre * abs(speed_m_s), -most), most)
+        return Velocity(speed_m_s, rate)
+
+    def _turn(self, angle_rad: float) -> Velocity:
+        p = self._params
+        if abs(angle_rad) < 1e-6:
+            return STOP
+        rate = min(
+            math.sqrt(p.angular_acceleration_rad_s2 * abs(angle_rad)),
+            p.rotate_to_heading_angular_vel_rad_s,
+            2.0 * abs(angle_rad) + 0.01,
+        )
+        return Velocity(0.0, math.copysign(rate, angle_rad))
+
+    def _stands(self, elapsed_s: float) -> bool:
+        v, w = self._limited.velocity
+        return abs(v) < 1e-3 and abs(w) <= self._params.angular_acceleration_rad_s2 * elapsed_s
+
+    def _enter(self, state: DockState, now_ns: int) -> None:
+        self._state, self._since_ns = state, now_ns
+        self._aligning, self._verdict_from = False, None
+        self._seen_before = self._estimate.count if state is DockState.INITIAL_PERCEPTION else 0
+
+    def _running_s(self, now_ns: int) -> float:
+        return (now_ns - (self._since_ns or 0)) * 1e-9
+
+    def _answer(self, wanted: Velocity, elapsed_s: float) -> DockingStep:
+        velocity = self._limited.toward(wanted, elapsed_s)
+        return DockingStep(self._state, velocity, self._retries, False)
+
+
+_MOST_RETURNS = 2
+
+
+def _needs_more_room(params: DockingParams, dock_from_base: SE2) -> bool:
+    """Whether the dock is too near, or too far aside, to be reached in one curve."""
+    room_m = -dock_from_base.x_m - params.final_straight_m
+    return room_m < 0.1 or abs(dock_from_base.y_m) > 0.45 * room_m
+
+
+def _bearing(base: SE2, target: SE2) -> float:
+    """Direction to a target in the robot's frame."""
+    at = base.inverse() @ target
+    return portable.atan2(at.y_m, at.x_m)
+
+
+class Undocker:
+    """One undocking: straight back from the dock to its staging pose."""
+
+    def __init__(self, params: DockingParams, max_undocking_time_s: float = 30.0) -> None:
+        self._params = params
+        self._time_s = max_undocking_time_s
+        self._limited = _Limited(params)
+        self._start: SE2 | None = None
+        self._start_ns = 0
+
+    def step(
+        self,
+        now_ns: int,
+        elapsed_s: float,
+        odom_from_base: SE2,
+        time_to_collision: TimeToCollision,
+    ) -> DockingStep:
+        """Advance by one control period.
+
+        Raises NavigationError with FAILED_TO_CONTROL where something is behind the robot, and with
+        DOCKING_TIMEOUT.
+        """
+        p = self._params
+        if self._start is None:
+            self._start, self._start_ns = odom_from_base, now_ns
+        at = self._start.inverse() @ odom_from_base
+        left_m = at.x_m - p.staging_x_offset_m
+        if left_m <= p.undock_linear_tolerance_m and abs(at.yaw_rad) <= (
+            p.undock_angular_tolerance_rad
+        ):
+            if abs(self._limited.velocity.linear_m_s) <= p.acceleration_m_s2 * elapsed_s:
+                return DockingStep(DockState.NONE, STOP, 0, True)
+        if (now_ns - self._start_ns) * 1e-9 > self._time_s:
+            raise NavigationError(
+                ErrorCode.DOCKING_TIMEOUT,
+                f"undocking took more than {self._time_s:.0f} s: {left_m:.2f} m are left",
+            )
+        speed_m_s = p.graceful.v_linear_max_m_s
+        if left_m > 0.0 and time_to_collision(Velocity(-speed_m_s, 0.0)) < 1.0:
+            if at.x_m <= LEAST_STAGING_SHARE * p.staging_x_offset_m:
+                if self._limited.velocity == STOP:
+                    return DockingStep(DockState.NONE, STOP, 0, True)
+                velocity = self._limited.toward(STOP, elapsed_s)
+                return DockingStep(DockState.CONTROLLING, velocity, 0, False)
+            raise NavigationError(
+                ErrorCode.FAILED_TO_CONTROL, "undocking: something is behind the robot"
+            )
+        slow = math.sqrt(p.acceleration_m_s2 * max(left_m, 0.0))
+        wanted = Velocity(-min(speed_m_s, slow), -0.5 * at.yaw_rad)
+        return DockingStep(DockState.CONTROLLING, self._limited.toward(wanted, elapsed_s), 0, False)

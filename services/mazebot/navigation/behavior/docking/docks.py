@@ -1,0 +1,195 @@
+"""The docks of a world: before each marker, the nearest place from which the camera sees all of
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import SE2, Array, pose_matrix
+from mazebot.common.messages.documents import MarkerEntity
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.context import Dock, planar_marker
+from mazebot.navigation.errors import NavigationError
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """What a pinhole camera without distortion sees."""
+
+    base_from_camera: Array
+    """(4, 4), the camera's optical frame: x right, y down, z forward."""
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    size_px: tuple[int, int]
+
+    def whole_view_m(self, height_m: float, side_m: float, margin: float) -> float:
+        """Least distance from which all of an upright square is in the picture, while the robot
+        stands straight before it.
+
+        Args:
+            height_m: of the square's centre above the floor.
+            side_m: its side.
+            margin: share of the picture's width and height that is left free at each edge.
+
+        Returns inf where there is no such distance.
+        """
+        half_m = side_m / 2.0
+        rotation, at = self.base_from_camera[:3, :3], self.base_from_camera[:3, 3]
+        least_m = 0.0
+        limits = []
+        for y_m in (-half_m, half_m):
+            for z_m in (height_m - half_m, height_m + half_m):
+                here = portable.product(rotation.T, -at + (0.0, y_m, z_m))
+                # In the camera's frame, a corner at the distance d is at here + d * forward.
+                forward = rotation[0]
+                for axis in (0, 1):
+                    focal, centre = self.focal_px[axis], self.centre_px[axis]
+                    size = self.size_px[axis]
+                    before, after = centre - margin * size, (1.0 - margin) * size - centre
+                    for sign, room in ((-1.0, before), (1.0, after)):
+                        fixed = room * here[2] - sign * focal * here[axis]
+                        grows = room * forward[2] - sign * focal * forward[axis]
+                        limits.append((float(fixed), float(grows)))
+                limits.append((float(here[2]), float(forward[2])))
+        for fixed, grows in limits:
+            if grows > 0.0:
+                least_m = max(least_m, -fixed / grows)
+        seen = all(fixed + least_m * grows >= -1e-9 for fixed, grows in limits)
+        return least_m if seen else math.inf
+
+    def half_view_rad(self, margin: float) -> float:
+        """Angle from straight ahead to the nearer of the picture's left and right edge, less the
+        margin, a share of its width; 0 where the camera does not look ahead.
+        """
+        least_rad = math.inf
+        for sign, u_px in ((1.0, margin * self.size_px[0]), (-1.0, (1 - margin) * self.size_px[0])):
+            ray = np.array([(u_px - self.centre_px[0]) / self.focal_px[0], 0.0, 1.0])
+            x, y, _ = portable.product(self.base_from_camera[:3, :3], ray).tolist()
+            least_rad = min(least_rad, sign * portable.atan2(y, x))
+        return max(least_rad, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class DockPlaces:
+    """Where the robot docks before a marker."""
+
+    least_m: float = 0.4
+    """Never nearer to a marker than this: the robot's front is 0.07 m ahead of its pose."""
+    most_m: float = 2.5
+    """A marker that is seen whole only from further away is no dock."""
+    picture_margin: float = 0.02
+    """Share of the picture left free at each edge: the docked robot is a little off."""
+    most_bearing_rad: float = 0.35
+    """A pose given for docking faces a marker if the marker is this near to its heading."""
+    most_aslant_rad: float = 0.8
+    """... and it looks at the marker's face within this angle of its normal."""
+
+
+@dataclass
+class Docks:
+    """The docks of a world, by name and by id of their markers."""
+
+    places: DockPlaces = field(default_factory=DockPlaces)
+    known: dict[str, Dock] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    """Why a marker is no dock."""
+
+    def __len__(self) -> int:
+        """Number of names, of docks and of markers that are none."""
+        return len(self.known) + len(self.refused)
+
+    def docked(self) -> dict[str, SE2]:
+        """Pose of the docked robot in the map, by the dock's name."""
+        return {name: dock.map_from_dock for name, dock in self.known.items()}
+
+    def learn(self, markers: Iterable[MarkerEntity], camera: CameraView | None) -> None:
+        """Forget the docks before, and make each of these markers a dock, if it can be one.
+
+        Args:
+            markers: all markers of the world.
+            camera: None while it is not known, or there is none.
+        """
+        self.known.clear()
+        self.refused.clear()
+        for marker in markers:
+            names = (marker.name, str(marker.marker_id))
+            try:
+                dock = self._dock(marker, camera)
+            except ValueError as error:
+                self.refused.update(dict.fromkeys(names, str(error)))
+            else:
+                self.known.update(dict.fromkeys(names, dock))
+
+    def _dock(self, marker: MarkerEntity, camera: CameraView | None) -> Dock:
+        map_from_marker = planar_marker(pose_matrix(marker))
+        if camera is None:
+            raise ValueError("docking needs the camera, and nothing has come of it yet")
+        places, height_m = self.places, marker.position_m[2]
+        seen_m = camera.whole_view_m(height_m, marker.panel_side_m, places.picture_margin)
+        if seen_m > places.most_m:
+            raise ValueError(
+                f"the camera sees all of it, {marker.panel_side_m:.2f} m wide at a height of "
+                f"{height_m:.2f} m, only from {seen_m:.2f} m away: must be at most "
+                f"{places.most_m} m"
+            )
+        # In whole centimetres: the same for cameras that differ in the last bit.
+        away_m = max(places.least_m, math.ceil(seen_m * 100.0 - 1e-6) / 100.0)
+        return Dock(
+            str(marker.marker_id), map_from_marker, SE2(away_m, 0.0, math.pi), seen_m,
+            marker.panel_side_m, camera.half_view_rad(places.picture_margin),
+        )  # fmt: skip
+
+    def by_name(self, name: str) -> Dock:
+        """A dock by its marker's name or id.
+
+        Raises NavigationError with DOCK_NOT_IN_DB where there is no such marker, and
+        DOCK_NOT_VALID where the robot cannot dock at it.
+        """
+        if name in self.refused:
+            raise NavigationError(
+                ErrorCode.DOCK_NOT_VALID, f"dock {name!r:.60}: {self.refused[name]}"
+            )
+        if name not in self.known:
+            raise NavigationError(
+                ErrorCode.DOCK_NOT_IN_DB, f"dock {name!r:.60}: must be one of {_listed(self.known)}"
+            )
+        return self.known[name]
+
+    def at(self, map_from_dock: SE2) -> Dock:
+        """The dock whose docked robot has this pose: it faces the dock's marker.
+
+        Raises NavigationError with DOCK_NOT_VALID where it faces none.
+        """
+        places = self.places
+        faced = []
+        for dock in self.known.values():
+            seen = map_from_dock.inverse() @ dock.map_from_marker
+            away_m = math.hypot(seen.x_m, seen.y_m)
+            bearing_rad = abs(portable.atan2(seen.y_m, seen.x_m))
+            back = dock.map_from_marker.inverse() @ map_from_dock
+            aslant_rad = abs(portable.atan2(back.y_m, back.x_m))
+            if (
+                away_m <= places.most_m
+                and bearing_rad <= places.most_bearing_rad
+                and aslant_rad <= places.most_aslant_rad
+            ):
+                faced.append((away_m, dock.marker_id, dock, back))
+        if not faced:
+            x_m, y_m, yaw_rad = map_from_dock
+            raise NavigationError(
+                ErrorCode.DOCK_NOT_VALID,
+                f"dock_pose ({x_m:.2f}, {y_m:.2f}, {yaw_rad:.2f}): must face a marker within "
+                f"{places.most_m} m; docks are {_listed(self.known)}",
+            )
+        _, _, dock, back = min(faced, key=lambda one: one[:2])
+        return replace(dock, marker_from_dock=back)
+
+
+def _listed(docks: Mapping[str, Dock]) -> str:
+    return ", ".join(sorted(docks)) or "none"

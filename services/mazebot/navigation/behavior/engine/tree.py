@@ -1,0 +1,314 @@
+"""The behaviour tree engine: nodes that are ticked and halted, with the semantics of
+BehaviorTree.CPP 4.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import ClassVar, NamedTuple, Protocol, TypeVar
+
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior.context import NavigationContext, TrackingFeedback
+from mazebot.navigation.behavior.docking.docking import DockingParams, DockingStep
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.ports import Port, as_flag, as_integer, as_number
+from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
+from mazebot.navigation.planning.path import PlannedPath
+
+T = TypeVar("T")
+
+
+class NodeStatus(Enum):
+    """What a node answers when it is ticked; IDLE: it has not been since it was last reset."""
+
+    IDLE = "IDLE"
+    RUNNING = "RUNNING"
+    SUCCESS = "SUCCESS"
+    FAILURE = "FAILURE"
+    SKIPPED = "SKIPPED"
+
+    @property
+    def active(self) -> bool:
+        """Whether a node with this status keeps what it remembers (BT::isStatusActive)."""
+        return self not in (NodeStatus.IDLE, NodeStatus.SKIPPED)
+
+
+class TreeError(Exception):
+    """A tree that cannot go on: the one-line message names the node and its port."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a task has ended."""
+
+    code: int
+    message: str
+
+
+class Errand(Protocol):
+    """A task within a task."""
+
+    def step(self, now_ns: int) -> Ending | None:
+        """Advance by one control period; the ending in its last one."""
+        ...
+
+    def halt(self) -> None:
+        """Cancel what runs."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """How an action of a tree failed."""
+
+    action: str
+    code: int
+    message: str
+    tick_number: int
+
+
+@dataclass
+class TreeRun:
+    """What all nodes of one tree share."""
+
+    context: NavigationContext
+    behaviors: BehaviorServerParams = field(default_factory=BehaviorServerParams)
+    docking: DockingParams = field(default_factory=DockingParams)
+    control_period_s: float = 0.05
+    """Time between two ticks: over it a behaviour may change its speeds at its first step."""
+    navigate: Callable[[SE2], Errand] | None = None
+    """Begins a NavigateToPose by its default tree, for actions that drive somewhere first."""
+    tick_number: int = 0
+    number_of_recoveries: int = 0
+    plans: int = 0
+    """Paths computed so far."""
+    tracking: TrackingFeedback | None = None
+    """Newest feedback of FollowPath."""
+    running_motion: Motion | None = None
+    """The behaviour that runs, for feedback."""
+    docking_step: DockingStep | None = None
+    """The newest state of DockRobot."""
+    failures: list[Failure] = field(default_factory=list)
+    """The newest failure of each action."""
+
+    def failed(self, action: str, code: int, message: str) -> None:
+        """Remember a failure of an action."""
+        self.failures = [one for one in self.failures if one.action != action]
+        self.failures.append(Failure(action, code, message, self.tick_number))
+
+    def cause(self) -> Failure | None:
+        """The failure that a task which has failed is to report.
+
+        The newest of planning and control, since recoveries are only tried because of one; without
+        any, the newest of all. Nav2 reports the lowest code, also where that failure was overcome.
+        """
+        causes = [one for one in self.failures if 100 <= one.code < 600] or self.failures
+        return max(causes, key=lambda one: one.tick_number, default=None)
+
+
+@dataclass(frozen=True)
+class NodePlace:
+    """What a node is told at its construction."""
+
+    uid: int
+    kind: str
+    name: str
+    attributes: dict[str, str]
+    """Text of each port that the XML gives."""
+    blackboard: Blackboard
+    run: TreeRun
+    in_recovery: bool = False
+    """Whether it lies below the second child of a RecoveryNode."""
+
+
+class NodeSnapshot(NamedTuple):
+    """One line of a drawn tree."""
+
+    uid: int
+    name: str
+    kind: str
+    status: NodeStatus
+    """What it answered last in the ticks that count; IDLE where none of them reached it."""
+    depth: int
+
+
+class Node(ABC):
+    """A node; its class says which ports it has and how many children it takes."""
+
+    ports: ClassVar[tuple[Port, ...]] = ()
+    fewest_children: ClassVar[int] = 0
+    most_children: ClassVar[int | None] = 0
+
+    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
+        self.place = place
+        self.children = tuple(children)
+        self.status = NodeStatus.IDLE
+        """What it answered last, until its parent resets it."""
+        self._answered = NodeStatus.IDLE
+        self._answered_in_tick = -1
+        self._keys = {port: _key(port, text) for port, text in place.attributes.items()}
+
+    def __str__(self) -> str:
+        return f"{self.place.kind} '{self.place.name}'"
+
+    @property
+    def context(self) -> NavigationContext:
+        """The robot and its costmaps, planner and controller."""
+        return self.place.run.context
+
+    def tick(self, now_ns: int) -> NodeStatus:
+        """Let the node work for one tick; returns its status, never IDLE."""
+        status = self._tick(now_ns)
+        assert status is not NodeStatus.IDLE, f"{self} answered IDLE"
+        self.status = self._answered = status
+        self._answered_in_tick = self.place.run.tick_number
+        return status
+
+    def halt(self) -> None:
+        """Stop the node if it is running, and reset its status to IDLE."""
+        if self.status is NodeStatus.RUNNING:
+            self._halt()
+        self.status = NodeStatus.IDLE
+
+    def snapshot(self, depth: int, since: int) -> NodeSnapshot:
+        """This node as one line, with its newest answer since a tick."""
+        place = self.place
+        answered = self._answered if self._answered_in_tick >= since else NodeStatus.IDLE
+        return NodeSnapshot(place.uid, place.name, place.kind, answered, depth)
+
+    def walk(self) -> Iterator[Node]:
+        """This node and all below it."""
+        return (node for node, _ in self.walk_with_depth())
+
+    def walk_with_depth(self, depth: int = 0) -> Iterator[tuple[Node, int]]:
+        """This node and all below it, each before its children, with their depths."""
+        yield self, depth
+        for child in self.children:
+            yield from child.walk_with_depth(depth + 1)
+
+    @abstractmethod
+    def _tick(self, now_ns: int) -> NodeStatus: ...
+
+    def _halt(self) -> None:
+        """Stop what runs; the status is still RUNNING."""
+        self.halt_children()
+
+    def halt_children(self, first: int = 0) -> None:
+        """Halt the children from an index on."""
+        for child in self.children[first:]:
+            child.halt()
+
+    def key(self, port: str) -> str | None:
+        """Blackboard key that a port refers to; None for a literal or a port that is not given."""
+        return self._keys.get(port)
+
+    def get(self, port: str) -> object | None:
+        """Value of an input port: from the blackboard, the XML or the port's default."""
+        key = self.key(port)
+        given: object | None
+        if key is not None:
+            given = self.place.blackboard.get(key)
+        else:
+            given = self.place.attributes.get(port)
+        return self._default(port) if given is None else given
+
+    def number(self, port: str) -> float:
+        """Value of an input port that holds a number."""
+        return self._read(port, as_number)
+
+    def integer(self, port: str) -> int:
+        """Value of an input port that holds a whole number."""
+        return self._read(port, as_integer)
+
+    def flag(self, port: str) -> bool:
+        """Value of an input port that holds true or false."""
+        return self._read(port, as_flag)
+
+    def text(self, port: str) -> str:
+        """Value of an input port as text; empty where there is none."""
+        value = self.get(port)
+        return "" if value is None else str(value)
+
+    def pose(self, port: str) -> SE2 | None:
+        """Value of an input port that holds a pose in the map frame; None where there is none."""
+        value = self.get(port)
+        if value is not None and not isinstance(value, SE2):
+            raise TreeError(f"{self}, port {port!r}: must be a pose on the blackboard")
+        return value
+
+    def poses(self, port: str) -> tuple[SE2, ...]:
+        """Value of an input port that holds poses; empty where there are none."""
+        value = self.get(port)
+        if value is None:
+            return ()
+        if not isinstance(value, Sequence) or not all(isinstance(pose, SE2) for pose in value):
+            raise TreeError(f"{self}, port {port!r}: must be poses on the blackboard")
+        return tuple(value)
+
+    def path(self, port: str) -> PlannedPath | None:
+        """Value of an input port that holds a path; None where there is none."""
+        value = self.get(port)
+        if value is not None and not isinstance(value, PlannedPath):
+            raise TreeError(f"{self}, port {port!r}: must be a path on the blackboard")
+        return value
+
+    def put(self, port: str, value: object) -> None:
+        """Write an output port, if the XML connects it to the blackboard."""
+        key = self.key(port)
+        if key is not None:
+            self.place.blackboard.set(key, value)
+
+    def _read(self, port: str, convert: Callable[[object], T]) -> T:
+        try:
+            return convert(self.get(port))
+        except ValueError as error:
+            raise TreeError(f"{self}, port {port!r}: {error}") from None
+
+    def _default(self, port: str) -> str | None:
+        for one in self.ports:
+            if one.name == port:
+                return one.default
+        return None
+
+
+def _key(port: str, text: str) -> str | None:
+    if not (text.startswith("{") and text.endswith("}")):
+        return None
+    inner = text[1:-1].strip()
+    return port if inner == "=" else inner
+
+
+class BehaviorTree:
+    """A tree that can be ticked, with its blackboard."""
+
+    def __init__(self, name: str, root: Node, blackboard: Blackboard, run: TreeRun) -> None:
+        self.name = name
+        self.root = root
+        self.blackboard = blackboard
+        self.run = run
+        self._nodes = tuple(root.walk_with_depth())
+
+    def tick(self, now_ns: int) -> NodeStatus:
+        """Tick the root once; when the tree has ended it is reset, and the next tick starts over.
+
+        Raises TreeError where a port holds nothing that its node can use.
+        """
+        self.run.tick_number += 1
+        status = self.root.tick(now_ns)
+        if status is not NodeStatus.RUNNING:
+            self.root.halt()
+        return status
+
+    def halt(self) -> None:
+        """Cancel what runs."""
+        self.root.halt()
+
+    def snapshot(self, since: int | None = None) -> tuple[NodeSnapshot, ...]:
+        """The newest answer of every node since a tick, parents before their children; None: in
+        the last tick.
+        """
+        first = self.run.tick_number if since is None else since
+        return tuple([node.snapshot(depth, first) for node, depth in self._nodes])

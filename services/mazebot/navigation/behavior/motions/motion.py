@@ -1,0 +1,97 @@
+"""What the behaviours of the behaviour server share: Spin, BackUp, DriveOnHeading, Wait and
+AssistedTeleop are motions that are stepped until they are done.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import STOP, Velocity
+
+TimeToCollision = Callable[[Velocity], float]
+"""Seconds until the robot touches something at a constant velocity; inf: not within the look-ahead.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorServerParams:
+    """Names as in Nav2's behavior_server; lower limits where Nav2's exceed those of this robot."""
+
+    simulate_ahead_time_s: float = 2.0
+    max_rotational_vel_rad_s: float = 1.0
+    min_rotational_vel_rad_s: float = 0.1
+    rotational_acc_lim_rad_s2: float = 1.6
+    acceleration_limit_m_s2: float = 0.8
+    deceleration_limit_m_s2: float = 0.8
+    minimum_speed_m_s: float = 0.02
+    """At the end of a drive; a request below it is driven as it is."""
+    projection_time_s: float = 1.0
+    """Assisted teleoperation slows down where a collision is nearer than this."""
+    teleop_linear_limit_m_s: float = 0.46
+    teleop_angular_limit_rad_s: float = 1.9
+
+
+class MotionStep(NamedTuple):
+    """The answer of a motion to one step."""
+
+    done: bool
+    velocity: Velocity
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The robot at one step of a motion."""
+
+    running_s: float
+    """Time since the first step."""
+    elapsed_s: float
+    """Time since the last command, within which the speeds may change."""
+    odom_from_base: SE2
+    time_to_collision: TimeToCollision
+
+
+class Motion(ABC):
+    """A behaviour, from its first step until it is done or raises NavigationError."""
+
+    def __init__(self) -> None:
+        self._start_ns: int | None = None
+        self._last_ns = 0
+        self.feedback = 0.0
+        """What the action's feedback reports: angle turned, distance driven, or time."""
+
+    def step(
+        self,
+        now_ns: int,
+        control_period_s: float,
+        odom_from_base: SE2,
+        time_to_collision: TimeToCollision,
+    ) -> MotionStep:
+        """Advance by one control period.
+
+        Raises NavigationError with a code of the 700s where it cannot go on.
+        """
+        elapsed_s = control_period_s
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        else:
+            # A late step is followed by one in time: less than a period after it.
+            elapsed_s = min(max((now_ns - self._last_ns) * 1e-9, 0.0), control_period_s)
+        self._last_ns = now_ns
+        running_s = (now_ns - self._start_ns) * 1e-9
+        return self._advance(Moment(running_s, elapsed_s, odom_from_base, time_to_collision))
+
+    @abstractmethod
+    def _advance(self, at: Moment) -> MotionStep: ...
+
+
+STANDING = MotionStep(False, STOP)
+DONE = MotionStep(True, STOP)
+
+
+def toward(last: float, wanted: float, most: float) -> float:
+    """The speed nearest to a wanted one that differs from the last by no more than `most`."""
+    return min(max(wanted, last - most), last + most)

@@ -1,0 +1,165 @@
+"""How the robot moves while it does not know where it is: by the lidar and odometry alone.
+
+It looks around once where a camera may see markers, and then drives into open space where it has
+not been yet: one short-ranged scan fits many places of a map, scans along a drive fit few.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.kernels import kernel
+from mazebot.navigation.control.collision import STOP, Velocity
+
+_HEADINGS = 48
+_CORRIDOR_HALF_WIDTH_M = 0.2
+_AHEAD_M = 0.2
+"""Free length that is kept before the robot's centre."""
+_FAR_M, _NEW_M = 2.0, 2.0
+"""Free length and distance from known places beyond which more is not better."""
+_CRUMB_M = 0.3
+_LEG_M = 1.2
+_ESCAPE_M_S = 0.1
+"""Away from something that a turn would touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchMotionParams:
+    """Speeds of the search."""
+
+    linear_vel_m_s: float = 0.3
+    angular_vel_rad_s: float = 1.2
+    linear_accel_m_s2: float = 0.8
+    angular_accel_rad_s2: float = 1.8
+    min_time_to_collision_s: float = 1.0
+    control_period_s: float = 0.05
+
+
+class SearchMotion:
+    """One search, from its first step until the robot is localised."""
+
+    def __init__(self, params: SearchMotionParams, look_around: bool) -> None:
+        """`look_around`: turn once on the spot before driving."""
+        self._params = params
+        self._left_rad = math.tau if look_around else 0.0
+        self._last_yaw_rad: float | None = None
+        self._heading_rad: float | None = None
+        self._leg_from = SE2(0.0, 0.0, 0.0)
+        self._crumbs_m: list[tuple[float, float]] = []
+        self._velocity = STOP
+
+    def step(
+        self, odom_from_base: SE2, echoes_m: Array, time_to_collision: Callable[[Velocity], float]
+    ) -> Velocity:
+        """Velocity for the next control period.
+
+        Args:
+            odom_from_base: the robot's pose by odometry.
+            echoes_m: (n, 2) float64, the newest scan's echoes in the robot's base frame.
+            time_to_collision: seconds until the footprint touches something at a velocity.
+        """
+        self._remember(odom_from_base)
+        wanted = self._turn_around(odom_from_base.yaw_rad)
+        if wanted is None:
+            wanted = self._drive_on(odom_from_base, echoes_m)
+        velocity = self._limited(wanted)
+        if time_to_collision(velocity) <= self._params.min_time_to_collision_s:
+            # What is wanted is not possible: another direction, and a turn to it, if that is free.
+            self._left_rad, self._heading_rad = 0.0, None
+            on_m_s = _ESCAPE_M_S if self._velocity.linear_m_s > 0.0 else -_ESCAPE_M_S
+            velocity = STOP
+            for escape in (
+                Velocity(0.0, wanted.angular_rad_s),
+                Velocity(on_m_s, 0.0),
+                Velocity(-on_m_s, 0.0),
+                Velocity(0.0, -wanted.angular_rad_s),
+            ):
+                limited = self._limited(escape)
+                if time_to_collision(limited) > self._params.min_time_to_collision_s:
+                    velocity = limited
+                    break
+        self._velocity = velocity
+        return velocity
+
+    def _remember(self, odom_from_base: SE2) -> None:
+        here = (odom_from_base.x_m, odom_from_base.y_m)
+        if not self._crumbs_m or math.dist(here, self._crumbs_m[-1]) >= _CRUMB_M:
+            self._crumbs_m.append(here)
+
+    def _turn_around(self, yaw_rad: float) -> Velocity | None:
+        if self._left_rad <= 0.0:
+            return None
+        if self._last_yaw_rad is not None:
+            self._left_rad -= wrap_angle(yaw_rad - self._last_yaw_rad)
+        self._last_yaw_rad = yaw_rad
+        return Velocity(0.0, self._params.angular_vel_rad_s)
+
+    def _drive_on(self, odom_from_base: SE2, echoes_m: Array) -> Velocity:
+        free_m = _free_lengths(echoes_m, _HEADINGS, _CORRIDOR_HALF_WIDTH_M)
+        if self._heading_rad is not None:
+            bearing_rad = wrap_angle(self._heading_rad - odom_from_base.yaw_rad)
+            ahead_m = free_m[round(bearing_rad / math.tau * _HEADINGS) % _HEADINGS] - _AHEAD_M
+            if ahead_m < 0.15 or odom_from_base.distance_m(self._leg_from) > _LEG_M:
+                self._heading_rad = None
+        if self._heading_rad is None:
+            self._heading_rad = self._best_heading_rad(odom_from_base, free_m)
+            self._leg_from = odom_from_base
+        bearing_rad = wrap_angle(self._heading_rad - odom_from_base.yaw_rad)
+        rate_rad_s = min(max(2.0 * bearing_rad, -1.0), 1.0) * self._params.angular_vel_rad_s
+        if abs(bearing_rad) > 0.4:
+            return Velocity(0.0, rate_rad_s)
+        ahead_m = float(free_m[0]) - _AHEAD_M
+        speed_m_s = min(self._params.linear_vel_m_s, max(0.0, ahead_m))
+        return Velocity(speed_m_s, rate_rad_s)
+
+    def _best_heading_rad(self, odom_from_base: SE2, free_m: Array) -> float:
+        """The direction, in odom, that leads farthest into the open and away from known places."""
+        crumbs_m = np.array(self._crumbs_m)
+        best_rad, best = odom_from_base.yaw_rad, -math.inf
+        for number in range(_HEADINGS):
+            bearing_rad = wrap_angle(math.tau * number / _HEADINGS)
+            way_m = min(float(free_m[number]) - _AHEAD_M, _FAR_M)
+            if way_m < 0.2:
+                continue
+            heading_rad = odom_from_base.yaw_rad + bearing_rad
+            c, s = portable_kernels.cos_sin(heading_rad)
+            east_m = crumbs_m[:, 0] - odom_from_base.x_m - c * way_m
+            north_m = crumbs_m[:, 1] - odom_from_base.y_m - s * way_m
+            new_m = math.sqrt(float((east_m * east_m + north_m * north_m).min()))
+            score = way_m + 1.5 * min(new_m, _NEW_M) - 0.3 * abs(bearing_rad)
+            if score > best:
+                best_rad, best = heading_rad, score
+        return wrap_angle(best_rad)
+
+    def _limited(self, wanted: Velocity) -> Velocity:
+        p, last = self._params, self._velocity
+        dv, dw = (
+            p.linear_accel_m_s2 * p.control_period_s,
+            p.angular_accel_rad_s2 * p.control_period_s,
+        )
+        return Velocity(
+            min(max(wanted.linear_m_s, last.linear_m_s - dv), last.linear_m_s + dv),
+            min(max(wanted.angular_rad_s, last.angular_rad_s - dw), last.angular_rad_s + dw),
+        )
+
+
+@kernel()
+def _free_lengths(echoes_m: Array, headings: int, half_width_m: float) -> Array:
+    """(headings,) metres from the robot's centre to the first echo in a corridor to each side;
+    heading i is i / headings of a turn to the left.
+    """
+    free_m = np.full(headings, 10.0)
+    for i in range(headings):
+        c, s = portable_kernels.cos_sin(2.0 * math.pi * i / headings)
+        for k in range(len(echoes_m)):
+            along = c * echoes_m[k, 0] + s * echoes_m[k, 1]
+            aside = c * echoes_m[k, 1] - s * echoes_m[k, 0]
+            if along > 0.0 and abs(aside) < half_width_m and along < free_m[i]:
+                free_m[i] = along
+    return free_m

@@ -1,0 +1,159 @@
+"""All node kinds by their names in XML: those of nav2_behavior_tree, and BehaviorTree.CPP's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from mazebot.navigation.behavior.engine.tree import Node
+from mazebot.navigation.behavior.nodes import (
+    controls,
+    decorators,
+    nodes_behaviors,
+    nodes_conditions,
+    nodes_control,
+    nodes_goals,
+    nodes_planning,
+)
+
+CONTROLS: Final[Mapping[str, type[Node]]] = MappingProxyType(
+    {
+        "Sequence": controls.InSequence,
+        "SequenceWithMemory": controls.SequenceWithMemory,
+        "Fallback": controls.Fallback,
+        "ReactiveSequence": controls.ReactiveSequence,
+        "ReactiveFallback": controls.ReactiveFallback,
+        "PipelineSequence": controls.PipelineSequence,
+        "RecoveryNode": controls.RecoveryNode,
+        "RoundRobin": controls.RoundRobin,
+        "NonblockingSequence": controls.NonblockingSequence,
+        "PersistentSequence": controls.PersistentSequence,
+    }
+)
+
+DECORATORS: Final[Mapping[str, type[Node]]] = MappingProxyType(
+    {
+        "Inverter": decorators.Inverter,
+        "ForceSuccess": decorators.ForceSuccess,
+        "ForceFailure": decorators.ForceFailure,
+        "KeepRunningUntilFailure": decorators.KeepRunningUntilFailure,
+        "Repeat": decorators.Repeat,
+        "RetryUntilSuccessful": decorators.RetryUntilSuccessful,
+        "Timeout": decorators.Timeout,
+        "RateController": decorators.RateController,
+        "DistanceController": decorators.DistanceController,
+        "SpeedController": decorators.SpeedController,
+        "SingleTrigger": decorators.SingleTrigger,
+        "GoalUpdater": decorators.GoalUpdater,
+        "GoalUpdatedController": decorators.GoalUpdatedController,
+        "PathLongerOnApproach": decorators.PathLongerOnApproach,
+    }
+)
+
+CONDITIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
+    {
+        "AreErrorCodesPresent": nodes_conditions.AreErrorCodesPresent,
+        "ArePosesNear": nodes_conditions.ArePosesNear,
+        "DistanceTraveled": nodes_conditions.DistanceTraveled,
+        "GlobalUpdatedGoal": nodes_conditions.GlobalUpdatedGoal,
+        "GoalReached": nodes_conditions.GoalReached,
+        "GoalUpdated": nodes_conditions.GoalUpdated,
+        "InitialPoseReceived": nodes_conditions.InitialPoseReceived,
+        "IsGoalNearby": nodes_planning.IsGoalNearby,
+        "IsStuck": nodes_conditions.IsStuck,
+        "IsWithinPathTrackingBounds": nodes_conditions.IsWithinPathTrackingBounds,
+        "PathExpiringTimer": nodes_planning.PathExpiringTimer,
+        "TimeExpired": nodes_conditions.TimeExpired,
+        "TransformAvailable": nodes_conditions.TransformAvailable,
+        "WouldAControllerRecoveryHelp": nodes_conditions.WouldAControllerRecoveryHelp,
+        "WouldAPlannerRecoveryHelp": nodes_conditions.WouldAPlannerRecoveryHelp,
+        "WouldARouteRecoveryHelp": nodes_conditions.WouldARouteRecoveryHelp,
+        "WouldASmootherRecoveryHelp": nodes_conditions.WouldASmootherRecoveryHelp,
+        "IsPathValid": nodes_planning.ValidatePath,
+        "IsPoseOccupied": nodes_conditions.CheckPoseOccupancy,
+        "IsStopped": nodes_conditions.CheckStopStatus,
+    }
+)
+
+ACTIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
+    {
+        "AlwaysSuccess": nodes_conditions.AlwaysSuccess,
+        "AlwaysFailure": nodes_conditions.AlwaysFailure,
+        "SetBlackboard": nodes_conditions.SetBlackboard,
+        "AppendGoalPoseToGoals": nodes_goals.AppendGoalPoseToGoals,
+        "AssistedTeleop": nodes_behaviors.AssistedTeleopNode,
+        "BackUp": nodes_behaviors.BackUpNode,
+        **{
+            f"Cancel{what}": nodes_control.CancelControl
+            for what in ("AssistedTeleop", "BackUp", "Control", "DriveOnHeading", "Spin", "Wait")
+        },
+        "CheckPoseOccupancy": nodes_conditions.CheckPoseOccupancy,
+        "CheckStopStatus": nodes_conditions.CheckStopStatus,
+        "ClearCostmapAroundPose": nodes_control.ClearCostmapAroundPose,
+        "ClearCostmapAroundRobot": nodes_control.ClearCostmapAroundRobot,
+        "ClearCostmapExceptRegion": nodes_control.ClearCostmapExceptRegion,
+        "ClearEntireCostmap": nodes_control.ClearEntireCostmap,
+        "ComputePathThroughPoses": nodes_planning.ComputePathThroughPoses,
+        "ComputePathToPose": nodes_planning.ComputePathToPose,
+        "ConcatenatePaths": nodes_planning.ConcatenatePaths,
+        "ControllerSelector": nodes_control.selector("ControllerSelector", "controller"),
+        "DockRobot": nodes_behaviors.DockRobotNode,
+        "DriveOnHeading": nodes_behaviors.DriveOnHeadingNode,
+        "FollowPath": nodes_control.FollowPath,
+        "GetCurrentPose": nodes_goals.GetCurrentPose,
+        "GetNextFewGoals": nodes_goals.GetNextFewGoals,
+        "GetPoseFromPath": nodes_planning.GetPoseFromPath,
+        "GoalCheckerSelector": nodes_control.selector("GoalCheckerSelector", "goal_checker"),
+        "PathHandlerSelector": nodes_control.selector("PathHandlerSelector", "path_handler"),
+        "PlannerSelector": nodes_control.selector("PlannerSelector", "planner"),
+        "ProgressCheckerSelector": nodes_control.selector(
+            "ProgressCheckerSelector", "progress_checker"
+        ),
+        "ReinitializeGlobalLocalization": nodes_control.ReinitializeGlobalLocalization,
+        "RemoveInCollisionGoals": nodes_goals.RemoveInCollisionGoals,
+        "RemovePassedGoals": nodes_goals.RemovePassedGoals,
+        "SmoothPath": nodes_planning.SmoothPath,
+        "SmootherSelector": nodes_control.selector("SmootherSelector", "smoother"),
+        "Spin": nodes_behaviors.SpinNode,
+        "ToggleCollisionMonitor": nodes_control.ToggleCollisionMonitor,
+        "TruncatePath": nodes_planning.TruncatePath,
+        "TruncatePathLocal": nodes_planning.TruncatePathLocal,
+        "UndockRobot": nodes_behaviors.UndockRobotNode,
+        "ValidatePath": nodes_planning.ValidatePath,
+        "Wait": nodes_behaviors.WaitNode,
+    }
+)
+
+NODE_KINDS: Final[Mapping[str, type[Node]]] = MappingProxyType(
+    {**CONTROLS, **DECORATORS, **CONDITIONS, **ACTIONS}
+)
+
+_ROUTES = "there is no route graph"
+UNSUPPORTED: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "ComputeRoute": _ROUTES,
+        "ComputeAndTrackRoute": _ROUTES,
+        "CancelComputeAndTrackRoute": _ROUTES,
+        "ExtractRouteNodesAsGoals": _ROUTES,
+        "FollowObject": "objects are not followed",
+        "CancelFollowObject": "objects are not followed",
+        "IsBatteryLow": "the robot has no battery",
+        "IsBatteryCharging": "the robot has no battery",
+        "NavigateToPose": "a tree cannot start another task: use a SubTree",
+        "NavigateThroughPoses": "a tree cannot start another task: use a SubTree",
+        "PauseResumeController": "tasks are paused as a whole",
+    }
+)
+"""Nav2's node kinds that parse but do not run, and why."""
+
+RENAMED_PORTS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "robot_frame": "robot_base_frame",
+        "max_position_error_left": "max_error_left",
+        "max_position_error_right": "max_error_right",
+        "max_heading_error": "max_error_heading",
+        "input_wapoint_statuses": "input_waypoint_statuses",
+    }
+)
+"""Names of ports in trees of other distributions."""

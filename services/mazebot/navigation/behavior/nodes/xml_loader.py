@@ -1,0 +1,274 @@
+"""Behaviour trees from XML in BehaviorTree.CPP's format 4, as Nav2's own files have it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from mazebot.common.config import ConfigError
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.ports import READERS, Port
+from mazebot.navigation.behavior.engine.tree import BehaviorTree, Node, NodePlace, TreeRun
+from mazebot.navigation.behavior.engine.xml_elements import Element, parse
+from mazebot.navigation.behavior.nodes.node_kinds import (
+    NODE_KINDS,
+    RENAMED_PORTS,
+    UNSUPPORTED,
+)
+
+TREES = Path(__file__).parents[1] / "trees"
+"""The trees that come with navigation."""
+DEFAULT_NAV_TO_POSE = TREES / "navigate_to_pose_w_replanning_and_recovery.xml"
+DEFAULT_NAV_THROUGH_POSES = TREES / "navigate_through_poses_w_replanning_and_recovery.xml"
+
+_EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
+"""Tags that name their kind in the attribute ID."""
+_RESERVED = {"name", "ID"}
+_SCRIPTS = {
+    *("_skipIf", "_failureIf", "_successIf", "_while"),
+    *("_onSuccess", "_onFailure", "_onHalted", "_post"),
+}
+
+
+@dataclass(frozen=True)
+class TreeFile:
+    """Trees that have been read and checked."""
+
+    source: str
+    main_id: str
+    trees: dict[str, Element]
+    """Root node of each tree, by its ID."""
+    warnings: tuple[str, ...]
+    """One line each: what is ignored."""
+    unsupported: tuple[str, ...]
+    """One line each: nodes that Nav2 has and that do not run here."""
+
+    def kinds(self) -> set[str]:
+        """Node kinds used."""
+        return {_kind(one) for root in self.trees.values() for one in root.walk()}
+
+    def build(self, run: TreeRun, blackboard: Blackboard | None = None) -> BehaviorTree:
+        """A tree that can be ticked. Raises ConfigError where a node is not supported."""
+        if self.unsupported:
+            raise ConfigError("; ".join(self.unsupported))
+        board = blackboard or Blackboard()
+        return BehaviorTree(
+            self.main_id, _Builder(self, run).tree(self.main_id, board, False), board, run
+        )
+
+
+def read_tree_file(path: Path) -> TreeFile:
+    """Read a file. Raises ConfigError, in one line."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
+    return read_tree(text, str(path))
+
+
+def read_tree(text: str | bytes, source: str) -> TreeFile:
+    """Read and check trees.
+
+    Raises ConfigError, in one line that names the source, its line, the node and the port. Unknown
+    ports are warnings; nodes of Nav2 that do not run here are listed as unsupported.
+    """
+    root = parse(text, source)
+    if root.tag != "root":
+        raise ConfigError(
+            f"{source}:{root.line}: the first element is <{root.tag}>: must be <root>"
+        )
+    warnings = []
+    form = root.attributes.get("BTCPP_format")
+    if form is None:
+        warnings.append(f"{source}:{root.line}: no BTCPP_format: read as format 4")
+    elif form != "4":
+        raise ConfigError(f"{source}:{root.line}: BTCPP_format is {form!r:.20}: must be 4")
+    trees: dict[str, Element] = {}
+    for element in root.children:
+        if element.tag == "TreeNodesModel":
+            continue
+        if element.tag != "BehaviorTree":
+            raise ConfigError(
+                f"{source}:{element.line}: <{element.tag}> in <root>: must be <BehaviorTree>"
+            )
+        name = element.attributes.get("ID")
+        if not name:
+            raise ConfigError(f"{source}:{element.line}: <BehaviorTree> has no ID")
+        if name in trees:
+            raise ConfigError(f"{source}:{element.line}: there are two trees with ID {name!r:.60}")
+        if len(element.children) != 1:
+            raise ConfigError(
+                f"{source}:{element.line}: tree {name!r:.60} has {len(element.children)} root "
+                "nodes: must be one"
+            )
+        trees[name] = element.children[0]
+    main = _main_id(root, trees, source)
+    checker = _Checker(source, trees)
+    for tree in trees.values():
+        checker.check(tree)
+    checker.check_subtrees(main, ())
+    return TreeFile(source, main, trees, (*warnings, *checker.warnings), tuple(checker.unsupported))
+
+
+def _main_id(root: Element, trees: dict[str, Element], source: str) -> str:
+    if not trees:
+        raise ConfigError(f"{source}:{root.line}: there is no <BehaviorTree>")
+    main = root.attributes.get("main_tree_to_execute")
+    if main is None:
+        if len(trees) > 1:
+            raise ConfigError(
+                f"{source}:{root.line}: main_tree_to_execute is missing: must be one of "
+                f"{', '.join(sorted(trees))}"
+            )
+        return next(iter(trees))
+    if main not in trees:
+        raise ConfigError(
+            f"{source}:{root.line}: main_tree_to_execute is {main!r:.60}: must be one of "
+            f"{', '.join(sorted(trees))}"
+        )
+    return main
+
+
+def _kind(element: Element) -> str:
+    return element.attributes.get("ID", "") if element.tag in _EXPLICIT else element.tag
+
+
+class _Checker:
+    """Checks elements, and collects what is ignored and what does not run."""
+
+    def __init__(self, source: str, trees: dict[str, Element]) -> None:
+        self.source = source
+        self._trees = trees
+        self.warnings: list[str] = []
+        self.unsupported: list[str] = []
+
+    def check(self, element: Element) -> None:
+        """Check a node and those below it."""
+        kind = _kind(element)
+        at = f"{self.source}:{element.line}: {kind or element.tag}"
+        for name in element.attributes:
+            if name in _SCRIPTS:
+                raise ConfigError(f"{at}, attribute {name!r}: scripts are not supported")
+        if element.tag == "SubTree":
+            self._check_subtree(element)
+            return
+        if kind in UNSUPPORTED:
+            self.unsupported.append(f"{at} is not supported: {UNSUPPORTED[kind]}")
+        elif kind not in NODE_KINDS:
+            raise ConfigError(
+                f"{at} is not a known node{_meant(kind, [*NODE_KINDS, *UNSUPPORTED])}"
+            )
+        else:
+            self._check_known(at, NODE_KINDS[kind], element)
+        for child in element.children:
+            self.check(child)
+
+    def _check_known(self, at: str, node: type[Node], element: Element) -> None:
+        found, fewest, most = len(element.children), node.fewest_children, node.most_children
+        if found < fewest or (most is not None and found > most):
+            wanted = f"{fewest}" if fewest == most else f"at least {fewest}"
+            raise ConfigError(f"{at} has {found} children: must have {wanted}")
+        ports = {port.name: port for port in node.ports}
+        given = {RENAMED_PORTS.get(name, name): text for name, text in element.attributes.items()}
+        for name, text in given.items():
+            if name in ports:
+                _check_text(at, ports[name], text)
+            elif name not in _RESERVED:
+                self.warnings.append(
+                    f"{at}, port {name!r:.60}: ignored, there is no such port{_meant(name, ports)}"
+                )
+        for port in ports.values():
+            if port.required and port.name not in given:
+                raise ConfigError(f"{at}, port {port.name!r}: is missing")
+
+    def _check_subtree(self, element: Element) -> None:
+        at = f"{self.source}:{element.line}: SubTree"
+        name = element.attributes.get("ID", "")
+        if name not in self._trees:
+            raise ConfigError(
+                f"{at}: there is no tree with ID {name!r:.60}{_meant(name, self._trees)}"
+            )
+        if element.children:
+            raise ConfigError(f"{at} {name!r:.60} has children: must have none")
+
+    def check_subtrees(self, name: str, above: tuple[str, ...]) -> None:
+        """Refuse trees that contain themselves."""
+        if name in above:
+            way = " in ".join((*above[above.index(name) :], name)[::-1])
+            raise ConfigError(f"{self.source}: a tree contains itself: {way}")
+        for element in self._trees[name].walk():
+            if element.tag == "SubTree":
+                self.check_subtrees(element.attributes["ID"], (*above, name))
+
+
+def _check_text(at: str, port: Port, text: str) -> None:
+    if text.startswith("{") and text.endswith("}"):
+        return
+    if port.output:
+        # Nav2 takes an output that is not connected as a name without effect.
+        return
+    try:
+        READERS[port.type](text)
+    except ValueError as error:
+        raise ConfigError(f"{at}, port {port.name!r}: {error}") from None
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+class _Builder:
+    """Makes nodes of elements, numbered in the order of the text."""
+
+    def __init__(self, file: TreeFile, run: TreeRun) -> None:
+        self._file = file
+        self._run = run
+        self._numbers = count(1)
+
+    def tree(self, name: str, board: Blackboard, in_recovery: bool) -> Node:
+        return self._node(self._file.trees[name], board, in_recovery)
+
+    def _node(self, element: Element, board: Blackboard, in_recovery: bool) -> Node:
+        if element.tag == "SubTree":
+            return self.tree(element.attributes["ID"], _board_below(element, board), in_recovery)
+        kind = _kind(element)
+        place = NodePlace(
+            next(self._numbers),
+            kind,
+            element.attributes.get("name", kind),
+            {
+                RENAMED_PORTS.get(key, key): text
+                for key, text in element.attributes.items()
+                if key not in _RESERVED
+            },
+            board,
+            self._run,
+            in_recovery,
+        )
+        children = [
+            self._node(child, board, in_recovery or (kind == "RecoveryNode" and index == 1))
+            for index, child in enumerate(element.children)
+        ]
+        return NODE_KINDS[kind](place, children)
+
+
+def _board_below(element: Element, board: Blackboard) -> Blackboard:
+    """The blackboard of a SubTree: its attributes remap keys, or give values."""
+    remapped, values = {}, {}
+    for key, text in element.attributes.items():
+        if key in _RESERVED or key.startswith("_"):
+            continue
+        if text.startswith("{") and text.endswith("}"):
+            inner = text[1:-1].strip()
+            remapped[key] = key if inner == "=" else inner
+        else:
+            values[key] = text
+    auto = element.attributes.get("_autoremap", "false").strip().lower() in ("true", "1")
+    below = Blackboard(board, remapped, auto)
+    for key, text in values.items():
+        below.hold(key, text)
+    return below

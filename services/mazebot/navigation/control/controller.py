@@ -1,0 +1,173 @@
+"""What a controller is: it takes a path and gives a velocity, twenty times a second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mazebot.common.config import ConfigError, one_line
+from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
+from mazebot.navigation.control.goal_checker import GoalCheckerParams
+from mazebot.navigation.control.path_handler import PathHandlerParams
+from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
+from mazebot.navigation.planning.path import PlannedPath
+
+
+class ControllerParams(BaseModel):
+    """The base of a controller's parameters: unknown names and infinite numbers are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """What every controller must know of the robot and of the goal's tolerances."""
+
+    footprint: Footprint = WAFFLE
+    """The convex outline in base_footprint."""
+    max_linear_vel_m_s: float = 0.46
+    max_angular_vel_rad_s: float = 1.9
+    max_linear_accel_m_s2: float = 1.0
+    max_angular_accel_rad_s2: float = 2.0
+    """The plant's limits (services/mazebot/physics/config.py): no command may ask for more."""
+    control_period_s: float = 0.05
+    goal_checker: GoalCheckerParams = field(default_factory=GoalCheckerParams)
+    path_handler: PathHandlerParams = field(default_factory=PathHandlerParams)
+
+    def limited(self, wanted: Velocity, last: Velocity, elapsed_s: float) -> Velocity:
+        """The velocity nearest to a wanted one within the limits of speed and acceleration."""
+        dv = self.max_linear_accel_m_s2 * elapsed_s
+        dw = self.max_angular_accel_rad_s2 * elapsed_s
+        v_max, w_max = self.max_linear_vel_m_s, self.max_angular_vel_rad_s
+        linear = min(max(wanted.linear_m_s, -v_max), v_max)
+        angular = min(max(wanted.angular_rad_s, -w_max), w_max)
+        return Velocity(
+            min(max(linear, last.linear_m_s - dv), last.linear_m_s + dv),
+            min(max(angular, last.angular_rad_s - dw), last.angular_rad_s + dw),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """The controller's output for one control period."""
+
+    velocity: Velocity
+    reached: bool
+    """The robot stands at the goal, within both tolerances."""
+    blocked: bool
+    """No velocity along the path is collision-free."""
+    distance_remaining_m: float
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """A controller, constructed as `Class(params, robot, random)` where `params` is an instance of
+    its own `Params` and `random` the one source of random numbers.
+
+    It computes only: no clock, file, topic or thread. `set_path` is called with every new path
+    (`same_goal`: it leads to the goal of the path before), `step` once in every control period
+    while there is a path, `stop` when the robot was commanded to stop and the path is dropped.
+    """
+
+    Params: ClassVar[type[ControllerParams]]
+
+    @property
+    def path(self) -> PlannedPath | None:
+        """The path being followed."""
+
+    @property
+    def index(self) -> int:
+        """Index of the path's point that the robot has reached."""
+
+    @property
+    def xy_reached(self) -> bool:
+        """Whether only the final turn is left."""
+
+    @property
+    def velocity(self) -> Velocity:
+        """The last command."""
+
+    def set_path(self, path: PlannedPath, same_goal: bool) -> None:
+        """Follow a path."""
+
+    def step(self, elapsed_s: float, around: Surroundings) -> Control:
+        """Velocity for the next control period; `elapsed_s` has passed since the last one."""
+
+    def stop(self) -> None:
+        """Drop the path and the last command."""
+
+
+class PathlessController:
+    """A base for controllers that need no path: keeps what the interface asks for.
+
+    A class derived from it defines `Params` and `command`.
+    """
+
+    Params: ClassVar[type[ControllerParams]] = ControllerParams
+
+    def __init__(self, params: Any, robot: Robot, random: np.random.Generator) -> None:
+        self.params = params
+        self.robot = robot
+        self.random = random
+        self._path: PlannedPath | None = None
+        self._velocity = STOP
+
+    @property
+    def path(self) -> PlannedPath | None:
+        """See Controller."""
+        return self._path
+
+    @property
+    def index(self) -> int:
+        """See Controller."""
+        return 0
+
+    @property
+    def xy_reached(self) -> bool:
+        """See Controller."""
+        return False
+
+    @property
+    def velocity(self) -> Velocity:
+        """See Controller."""
+        return self._velocity
+
+    def set_path(self, path: PlannedPath, same_goal: bool) -> None:
+        """See Controller."""
+        self._path = path
+
+    def stop(self) -> None:
+        """See Controller."""
+        self._path, self._velocity = None, STOP
+
+    def step(self, elapsed_s: float, around: Surroundings) -> Control:
+        """The command, within the robot's limits; the goal is reached where it is near."""
+        goal = None if self._path is None else self._path.goal
+        to_goal_m = math.inf if goal is None else around.map_from_base.distance_m(goal)
+        self._velocity = self.robot.limited(self.command(around), self._velocity, elapsed_s)
+        return Control(self._velocity, self.arrived(to_goal_m), False, to_goal_m)
+
+    def arrived(self, to_goal_m: float) -> bool:
+        """Whether the drive is over; here within the goal's position tolerance."""
+        return to_goal_m <= self.robot.goal_checker.xy_goal_tolerance
+
+    def command(self, around: Surroundings) -> Velocity:
+        """The wanted velocity."""
+        raise NotImplementedError
+
+
+def make_params(
+    params: type[ControllerParams], values: Mapping[str, object], source: str
+) -> ControllerParams:
+    """A controller's parameters from a mapping; raises ConfigError that names the source, field,
+    value and what would be right.
+    """
+    try:
+        return params.model_validate(dict(values))
+    except ValidationError as error:
+        raise ConfigError(f"{source}: {one_line(error)}") from error

@@ -1,0 +1,131 @@
+"""Whether the robot is stuck: it is told to move, and does not."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from mazebot.common.maths.frames import SE2
+from mazebot.navigation.control.collision import Velocity
+
+
+class StuckDetectorParams(BaseModel):
+    """When a robot counts as stuck. Nav2 has no such detector; see its progress checker."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    time_allowance: float = Field(
+        2.0, gt=0, description="s; motion is compared over the last so many seconds"
+    )
+    required_distance: float = Field(
+        0.1, gt=0, description="m; less commanded motion than this says nothing"
+    )
+    required_angle: float = Field(
+        0.4, gt=0, description="rad; less commanded turning than this says nothing"
+    )
+    least_share: float = Field(
+        0.2, gt=0, lt=1, description="share of the motion that must take place"
+    )
+
+
+class Stuck(NamedTuple):
+    """Why the robot counts as stuck."""
+
+    slips: bool
+    """The wheels turn, and the robot stays; else the wheels do not turn."""
+    text: str
+
+
+class _Sample(NamedTuple):
+    now_ns: int
+    commanded_m: float
+    commanded_rad: float
+    odom_from_base: SE2
+    map_from_base: SE2
+
+
+class StuckDetector:
+    """Compares commands with odometry, and odometry with localisation, over a window of time."""
+
+    def __init__(self, params: StuckDetectorParams) -> None:
+        self._params = params
+        self._samples: deque[_Sample] = deque()
+
+    def reset(self) -> None:
+        """Begin anew, e.g. with another goal or after a jump of the pose."""
+        self._samples.clear()
+
+    def update(
+        self, now_ns: int, command: Velocity, odom_from_base: SE2, map_from_base: SE2
+    ) -> Stuck | None:
+        """Take what was commanded since the last call and where the robot is; why it is stuck, or
+        None. A stop begins anew: a robot that stands has not to move.
+        """
+        p, samples = self._params, self._samples
+        if max(map(abs, command)) < 1e-3:
+            samples.clear()
+            return None
+        elapsed_s = (now_ns - samples[-1].now_ns) * 1e-9 if samples else 0.0
+        if elapsed_s < 0.0:
+            samples.clear()
+            elapsed_s = 0.0
+        samples.append(
+            _Sample(
+                now_ns,
+                abs(command.linear_m_s) * elapsed_s,
+                abs(command.angular_rad_s) * elapsed_s,
+                odom_from_base,
+                map_from_base,
+            )
+        )
+        allowance_ns = p.time_allowance * 1e9
+        while len(samples) > 1 and now_ns - samples[1].now_ns >= allowance_ns:
+            samples.popleft()
+        if now_ns - samples[0].now_ns < allowance_ns:
+            return None
+        return self._judge()
+
+    def _judge(self) -> Stuck | None:
+        p, samples = self._params, list(self._samples)
+        told_m = sum([each.commanded_m for each in samples[1:]])
+        told_rad = sum([each.commanded_rad for each in samples[1:]])
+        odom_m, odom_rad = _moved([each.odom_from_base for each in samples])
+        # Most often the newest pose alone shows that the robot moves.
+        ends = _moved([samples[0].map_from_base, samples[-1].map_from_base])
+        if not self._lacks(told_m, told_rad, odom_m, odom_rad) and not self._lacks(
+            odom_m, odom_rad, *ends
+        ):
+            return None
+        true_m, true_rad = _moved([each.map_from_base for each in samples])
+        seconds = p.time_allowance
+        if self._lacks(told_m, told_rad, odom_m, odom_rad):
+            text = f"commanded {told_m:.2f} m and {told_rad:.2f} rad in {seconds:.1f} s, "
+            return Stuck(False, f"{text}odometry has {odom_m:.2f} m and {odom_rad:.2f} rad")
+        if self._lacks(odom_m, odom_rad, true_m, true_rad):
+            text = f"the wheels turned for {odom_m:.2f} m and {odom_rad:.2f} rad in {seconds:.1f} s"
+            return Stuck(True, f"{text}, localisation has {true_m:.2f} m and {true_rad:.2f} rad")
+        return None
+
+    def _lacks(self, wanted_m: float, wanted_rad: float, m: float, rad: float) -> bool:
+        """Whether motion is missing, and none of either kind takes place."""
+        p = self._params
+        asked = wanted_m >= p.required_distance or wanted_rad >= p.required_angle
+        moves = (wanted_m >= p.required_distance and m >= p.least_share * wanted_m) or (
+            wanted_rad >= p.required_angle and rad >= p.least_share * wanted_rad
+        )
+        return asked and not moves
+
+
+def _moved(poses: list[SE2]) -> tuple[float, float]:
+    """Greatest distance, and greatest turn, from the first pose: noise about one place does not
+    add up.
+    """
+    x_m, y_m, yaw_rad = poses[0]
+    return (
+        max([math.hypot(x - x_m, y - y_m) for x, y, _ in poses]),
+        # As wrap_angle does, without a call for each pose.
+        max([abs((yaw - yaw_rad + math.pi) % (2.0 * math.pi) - math.pi) for _, _, yaw in poses]),
+    )

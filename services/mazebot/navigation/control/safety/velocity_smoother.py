@@ -1,0 +1,197 @@
+"""The velocity smoother: commands under the robot's limits of speed and acceleration, by the rules
+of nav2_velocity_smoother. It comes before the collision monitor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.controller import ControllerParams
+
+Feedback = Literal["OPEN_LOOP", "CLOSED_LOOP"]
+
+_ROUNDING: Final = 1e-9
+"""A command that keeps to the limits by its own arithmetic passes unchanged."""
+_Most = Annotated[float, Field(ge=0.0)]
+_Least = Annotated[float, Field(le=0.0)]
+_Accel = Annotated[float, Field(gt=0.0)]
+_Decel = Annotated[float, Field(lt=0.0)]
+_MAX_VELOCITY, _MIN_VELOCITY = Velocity(0.46, 1.9), Velocity(-0.46, -1.9)
+_MAX_ACCEL, _MAX_DECEL = Velocity(1.0, 2.0), Velocity(-1.0, -2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VelocitySmootherParams:
+    """Names as in Nav2, for x and theta; the limits are a waffle's."""
+
+    feedback: Feedback = "OPEN_LOOP"
+    """Whether it goes on from its last command, or from the measured velocity."""
+    scale_velocities: bool = False
+    """Whether both axes are limited by one factor, which keeps the curvature of a motion."""
+    max_velocity: Velocity = _MAX_VELOCITY
+    min_velocity: Velocity = _MIN_VELOCITY
+    max_accel: Velocity = _MAX_ACCEL
+    max_decel: Velocity = _MAX_DECEL
+    deadband_velocity: Velocity = STOP
+    """Smaller speeds are published as 0."""
+    velocity_timeout_s: float = 1.0
+    """A command this old is followed by a ramp to 0."""
+
+    def check(self) -> None:
+        """Raises ValueError with a phrase that names the field."""
+        for field, values, sign, must in (
+            ("max_velocity", self.max_velocity, 1.0, "at least 0"),
+            ("min_velocity", self.min_velocity, -1.0, "at most 0"),
+            ("max_accel", self.max_accel, 1.0, "more than 0"),
+            ("max_decel", self.max_decel, -1.0, "less than 0"),
+            ("deadband_velocity", self.deadband_velocity, 1.0, "at least 0"),
+        ):
+            for axis, value in zip(("x", "theta"), values, strict=True):
+                right = value * sign >= 0.0 if must.startswith("at") else value * sign > 0.0
+                if not (right and math.isfinite(value)):
+                    raise ValueError(f"{field} {value:g} in {axis}: must be {must}")
+        if not self.velocity_timeout_s >= 0.0:
+            raise ValueError(f"velocity_timeout {self.velocity_timeout_s:g}: must be at least 0 s")
+
+
+class VelocitySmootherConfig(ControllerParams):
+    """Names, and the three values for x, y and theta, as in Nav2; the robot has no y."""
+
+    feedback: Feedback = Field(
+        "OPEN_LOOP",
+        description="OPEN_LOOP: goes on from its last command; CLOSED_LOOP: from odometry",
+    )
+    scale_velocities: bool = Field(
+        False, description="limit both axes by one factor, which keeps the curvature"
+    )
+    max_velocity: tuple[_Most, _Most, _Most] = Field(
+        (0.46, 0.0, 1.9), description="m/s, m/s, rad/s; the robot's own limits are 0.46 and 1.9"
+    )
+    min_velocity: tuple[_Least, _Least, _Least] = Field(
+        (-0.46, 0.0, -1.9), description="m/s, m/s, rad/s; backwards and clockwise"
+    )
+    max_accel: tuple[_Accel, float, _Accel] | None = Field(
+        None, description="m/s2, m/s2, rad/s2; none: max_linear_accel and max_angular_accel"
+    )
+    max_decel: tuple[_Decel, float, _Decel] | None = Field(
+        None, description="m/s2, m/s2, rad/s2, negative; none: as strong as the acceleration"
+    )
+    deadband_velocity: tuple[_Most, _Most, _Most] = Field(
+        (0.0, 0.0, 0.0), description="m/s, m/s, rad/s; slower commands are sent as 0"
+    )
+    velocity_timeout: float = Field(
+        1.0, ge=0, description="s; a command this old is followed by a ramp to a stop"
+    )
+
+    def params(
+        self, max_linear_accel_m_s2: float, max_angular_accel_rad_s2: float
+    ) -> VelocitySmootherParams:
+        """With the accelerations of the robot where none are given here."""
+        accel = self.max_accel or (max_linear_accel_m_s2, 0.0, max_angular_accel_rad_s2)
+        decel = self.max_decel or (-accel[0], 0.0, -accel[2])
+        return VelocitySmootherParams(
+            feedback=self.feedback,
+            scale_velocities=self.scale_velocities,
+            max_velocity=_planar(self.max_velocity),
+            min_velocity=_planar(self.min_velocity),
+            max_accel=_planar(accel),
+            max_decel=_planar(decel),
+            deadband_velocity=_planar(self.deadband_velocity),
+            velocity_timeout_s=self.velocity_timeout,
+        )
+
+
+def _planar(values: tuple[float, float, float]) -> Velocity:
+    return Velocity(values[0], values[2])
+
+
+class VelocitySmoother:
+    """Follows the newest command within the limits."""
+
+    def __init__(self, params: VelocitySmootherParams) -> None:
+        """Raises ValueError with a phrase if a limit is none."""
+        params.check()
+        self._params = params
+        self._command: Velocity | None = None
+        self._command_ns = 0
+        self._last = STOP
+
+    @property
+    def last(self) -> Velocity:
+        """The velocity last given, without the dead band."""
+        return self._last
+
+    def take(self, now_ns: int, command: Velocity) -> bool:
+        """Take a new command; False if it is ignored, because it is not finite."""
+        if not (math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s)):
+            return False
+        self._command, self._command_ns = command, now_ns
+        return True
+
+    def reset(self, velocity: Velocity = STOP) -> None:
+        """Forget the command and go on from a velocity: after a stop that was not its own."""
+        self._command, self._last = None, velocity
+
+    def step(self, now_ns: int, elapsed_s: float, measured: Velocity = STOP) -> Velocity | None:
+        """The velocity to send now; None: there is no command, and the robot is stopped.
+
+        Args:
+            now_ns: the time.
+            elapsed_s: since the step before, in which the velocity may change.
+            measured: by odometry, for CLOSED_LOOP.
+        """
+        params = self._params
+        if self._command is None:
+            return None
+        target = self._clipped(self._command)
+        if now_ns - self._command_ns > params.velocity_timeout_s * 1e9:
+            if self._last == STOP:
+                self._command = None
+                return None
+            target = STOP
+        current = measured if params.feedback == "CLOSED_LOOP" else self._last
+        self._last = self._towards(current, target, elapsed_s)
+        v, w = self._last
+        dead = params.deadband_velocity
+        return Velocity(
+            v if abs(v) >= dead.linear_m_s else 0.0, w if abs(w) >= dead.angular_rad_s else 0.0
+        )
+
+    def _clipped(self, command: Velocity) -> Velocity:
+        low, high = self._params.min_velocity, self._params.max_velocity
+        if not self._params.scale_velocities:
+            return Velocity(
+                min(max(command.linear_m_s, low.linear_m_s), high.linear_m_s),
+                min(max(command.angular_rad_s, low.angular_rad_s), high.angular_rad_s),
+            )
+        scale = 1.0
+        for value, least, most in zip(command, low, high, strict=True):
+            limit = most if value > 0.0 else least
+            if abs(value) > abs(limit):
+                scale = min(scale, limit / value)
+        return Velocity(command.linear_m_s * scale, command.angular_rad_s * scale)
+
+    def _towards(self, current: Velocity, target: Velocity, elapsed_s: float) -> Velocity:
+        params = self._params
+        changes, shares = [], []
+        for now, wanted, accel, decel in zip(
+            current, target, params.max_accel, params.max_decel, strict=True
+        ):
+            # Faster in the same direction is acceleration, everything else deceleration.
+            faster = abs(wanted) >= abs(now) and now * wanted >= 0.0
+            most = (accel if faster else -decel) * elapsed_s + _ROUNDING
+            change = wanted - now
+            changes.append(change)
+            shares.append(min(1.0, most / abs(change)) if change != 0.0 else 1.0)
+        if params.scale_velocities:
+            shares = [min(shares)] * 2
+        values = [
+            wanted if share == 1.0 else now + change * share
+            for now, wanted, change, share in zip(current, target, changes, shares, strict=True)
+        ]
+        return Velocity(*values)

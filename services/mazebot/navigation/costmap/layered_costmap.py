@@ -1,0 +1,330 @@
+"""The global costmap: a static layer from the map, an obstacle layer from the scan, inflation, and
+keepout zones, as in Nav2; and the rolling local one, of the same layers without the map.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import Cells, Clearance, Mask
+from mazebot.navigation.costmap.costmap import (
+    FREE_SPACE,
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    NO_INFORMATION,
+    Costmap,
+    Costs,
+    GridFrame,
+    frame_of,
+)
+from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
+from mazebot.navigation.costmap.inflation_layer import (
+    Inflation,
+    InflationParams,
+    Squares,
+    Window,
+    compose,
+    inflate,
+)
+from mazebot.navigation.costmap.obstacle_layer import (
+    NOTHING_MOVES,
+    Moving,
+    ObstacleLayer,
+    ObstacleParams,
+    Scan,
+    denoised_ranges,
+    scan_points,
+)
+from mazebot.navigation.costmap.static_layer import NAV2_STATIC, StaticParams, static_costs
+
+__all__ = [
+    "FREE_SPACE",
+    "INSCRIBED_INFLATED_OBSTACLE",
+    "LETHAL_OBSTACLE",
+    "NO_INFORMATION",
+    "Costmap",
+    "Costs",
+    "GridFrame",
+    "InflationParams",
+    "LayeredCostmap",
+    "LocalCostmap",
+    "ObstacleParams",
+    "Scan",
+    "StaticParams",
+    "denoised_ranges",
+    "frame_of",
+    "inflate",
+    "scan_points",
+]
+
+_NO_ZONES: Costs = np.empty((0, 0), np.uint8)
+
+
+class LayeredCostmap:
+    """The layers and the combined costmap."""
+
+    def __init__(
+        self,
+        frame: GridFrame,
+        cells: Cells,
+        inflation: InflationParams,
+        obstacle: ObstacleParams,
+        static: StaticParams = NAV2_STATIC,
+        footprint: Footprint = WAFFLE,
+    ) -> None:
+        """Build the costmap of a map.
+
+        Args:
+            frame: position of the cells.
+            cells: (rows, columns) int8 occupancy, 100 occupied, -1 unknown.
+            inflation: how cost falls with distance.
+            obstacle: how the scan marks and clears.
+            static: how the map's values become costs.
+            footprint: the robot's, whose own place is cleared.
+        """
+        self._inflation_params = inflation
+        self._static_params = static
+        self._footprint = footprint
+        self._obstacles = ObstacleLayer(frame.rows, frame.columns, obstacle)
+        self._zones = _NO_ZONES
+        self.revision = 0
+        """Increases with every change of the master costmap."""
+        self._place(frame, cells)
+        self._combine(None)
+
+    def take_map(self, frame: GridFrame, cells: Cells, static_margin_m: float) -> None:
+        """Replace the static layer by that of a map which has grown or changed: the obstacles stay
+        where they are, except those that are now explained by the map. Keepout zones are gone.
+
+        Args:
+            frame: position of the cells; of another resolution, all obstacles are forgotten.
+            cells: (rows, columns) int8 occupancy, 100 occupied, -1 unknown.
+            static_margin_m: an obstacle this near to a wall of the map is the wall's.
+        """
+        before, resolution_m = self.frame, frame.resolution_m
+        if before.resolution_m == resolution_m:
+            row = round((before.origin_y_m - frame.origin_y_m) / resolution_m)
+            column = round((before.origin_x_m - frame.origin_x_m) / resolution_m)
+            self._obstacles.resize(frame.rows, frame.columns, row, column)
+        else:
+            self._obstacles.resize(frame.rows, frame.columns, frame.rows, frame.columns)
+        self._zones = _NO_ZONES
+        self._place(frame, cells)
+        self._obstacles.marked[self.static.distance_m <= static_margin_m] = False
+        self._combine(None)
+
+    def _place(self, frame: GridFrame, cells: Cells) -> None:
+        """Compute everything that depends on the static layer."""
+        self.frame = frame
+        self._inflation = Inflation(self._inflation_params, frame.resolution_m)
+        self._base: Costs = static_costs(cells, self._static_params)
+        lethal: Mask = self._base == LETHAL_OBSTACLE
+        self._squares: Squares = self._inflation.squares(lethal)
+        self.static = self._blank()
+        """The costmap of the static map, with its keepout zones."""
+        self.master = self._blank()
+        """The costmap of all layers."""
+        self._combine_static()
+
+    def update(
+        self,
+        map_from_scan: SE2,
+        ranges_m: NDArray[np.float32],
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        *,
+        now_ns: int = 0,
+        map_from_base: SE2 | None = None,
+        moving_m: Moving = NOTHING_MOVES,
+        static_margin_m: float | None = None,
+    ) -> bool:
+        """Mark cells with echoes and clear those that rays pass. Returns True if the costmap
+        changed.
+
+        Args:
+            map_from_scan: the lidar's pose at the scan.
+            ranges_m: one for each ray; `inf` is no echo, `-inf` and NaN no measurement.
+            angle_min_rad: of the first ray.
+            angle_increment_rad: between two rays.
+            range_min_m: shorter ranges are no measurement.
+            now_ns: time of the scan, by which marks are forgotten.
+            map_from_base: the robot's pose, whose own place is cleared; None: it is not.
+            moving_m: (n, 3) circles of things that move, x, y, radius: what a prediction has
+                does not stay on the costmap, neither they nor their trail.
+            static_margin_m: instead of the parameter, where the error of the pose is known: the
+                better it is, the nearer to walls things are marked.
+        """
+        scan = Scan(ranges_m, angle_min_rad, angle_increment_rad, range_min_m)
+        resolution_m = self.frame.resolution_m
+        moving = np.array(moving_m, np.float64).reshape(-1, 3)
+        moving[:, 0] -= self.frame.origin_x_m
+        moving[:, 1] -= self.frame.origin_y_m
+        column, row = self.frame.place(map_from_scan.x_m, map_from_scan.y_m)
+        changed = self._obstacles.update(
+            scan, (column, row, map_from_scan.yaw_rad), resolution_m,
+            self._walls_m(), now_ns, moving / resolution_m, static_margin_m,
+        )  # fmt: skip
+        if map_from_base is not None:
+            column, row = self.frame.place(map_from_base.x_m, map_from_base.y_m)
+            under = self._obstacles.clear_footprint(
+                self._footprint, column, row, map_from_base.yaw_rad, resolution_m
+            )
+            changed = _joined(changed, under)
+        if changed is not None:
+            self._combine(changed)
+        return changed is not None
+
+    def clear(self) -> None:
+        """Clear every obstacle that is not on the map, as Nav2's clear_entirely service does."""
+        changed = self._obstacles.clear()
+        if changed is not None:
+            self._combine(changed)
+
+    def clear_around(self, pose: SE2, reset_distance_m: float) -> None:
+        """Clear the obstacles in a square around a pose, as Nav2's clear_around service does.
+
+        Args:
+            pose: the middle of the square, whose sides are along the axes of the costmap.
+            reset_distance_m: length of its sides.
+        """
+        self._clear_square(pose, reset_distance_m, inside=True)
+
+    def clear_except(self, pose: SE2, reset_distance_m: float) -> None:
+        """Clear the obstacles outside of a square around a pose, as Nav2's clear_except service
+        does.
+        """
+        self._clear_square(pose, reset_distance_m, inside=False)
+
+    def set_keepout(self, zone_costs: Costs | None) -> None:
+        """Set the costs of keepout zones, (rows, columns) as `keepout_costs` makes them; None: no
+        zones.
+
+        Raises ValueError with a phrase if they have another shape.
+        """
+        zones = _NO_ZONES if zone_costs is None else np.array(zone_costs, np.uint8)
+        if zones.size and zones.shape != self.master.costs.shape:
+            raise ValueError(f"zones of {zones.shape} cells: must be {self.master.costs.shape}")
+        self._zones = zones
+        self._combine_static()
+        self._combine(None)
+
+    def with_keepout(self, zone_costs: Costs) -> tuple[Costmap, Costmap]:
+        """The static and the combined costmap as they would be with other keepout zones, (rows,
+        columns) as for `set_keepout`.
+        """
+        whole = 0, self.frame.rows, 0, self.frame.columns
+        static, master = self._blank(), self._blank()
+        nothing = np.zeros(self._base.shape, np.bool_)
+        for costmap, marked in ((static, nothing), (master, self._obstacles.marked)):
+            self._compose(costmap, marked, whole, zone_costs)
+        return static, master
+
+    def _walls_m(self) -> Clearance | None:
+        return self.static.distance_m
+
+    def _clear_square(self, pose: SE2, side_m: float, inside: bool) -> None:
+        column, row = self.frame.place(pose.x_m, pose.y_m)
+        half = side_m / 2.0 / self.frame.resolution_m
+        square = (
+            round(row - half), round(row + half), round(column - half), round(column + half)
+        )  # fmt: skip
+        changed = self._obstacles.clear_square(square, inside)
+        if changed is not None:
+            self._combine(changed)
+
+    def _blank(self) -> Costmap:
+        shape = self.frame.rows, self.frame.columns
+        return Costmap(
+            self.frame, self._inflation.inscribed_radius_m,
+            np.zeros(shape, np.uint8), np.zeros(shape, np.float32),
+        )  # fmt: skip
+
+    def _combine_static(self) -> None:
+        nothing = np.zeros(self._base.shape, np.bool_)
+        self._compose(self.static, nothing, (0, self.frame.rows, 0, self.frame.columns))
+
+    def _combine(self, changed: Window | None) -> None:
+        """Compute the master costmap anew within reach of what changed; None: all of it."""
+        rows, columns = self.frame.rows, self.frame.columns
+        row0, row1, column0, column1 = changed or (0, rows, 0, columns)
+        reach = self._inflation.reach
+        window = (
+            max(row0 - reach, 0), min(row1 + reach, rows),
+            max(column0 - reach, 0), min(column1 + reach, columns),
+        )  # fmt: skip
+        self._compose(self.master, self._obstacles.marked, window)
+        self.revision += 1
+
+    def _compose(
+        self, costmap: Costmap, marked: Mask, window: Window, zones: Costs | None = None
+    ) -> None:
+        inflation = self._inflation
+        compose(
+            costmap.costs, costmap.distance_m, self._squares, self._base,
+            self._zones if zones is None else zones, marked,
+            inflation.cost, inflation.distance_m, inflation.reach, inflation.inflate_unknown,
+            *window,
+        )  # fmt: skip
+
+
+class LocalCostmap(LayeredCostmap):
+    """A window of the obstacle layer that moves with the robot, in the odometry's frame: it depends
+    on no map and on no localisation. Its poses are in `odom`.
+    """
+
+    def __init__(
+        self,
+        resolution_m: float,
+        inflation: InflationParams,
+        obstacle: ObstacleParams,
+        size_m: tuple[float, float] = (3.0, 3.0),
+        footprint: Footprint = WAFFLE,
+    ) -> None:
+        """An empty window about the origin.
+
+        Args:
+            resolution_m: side of a cell.
+            inflation: how cost falls with distance.
+            obstacle: how the scan marks and clears.
+            size_m: Nav2's width and height.
+            footprint: the robot's, whose own place is cleared.
+        """
+        columns, rows = (max(1, round(side / resolution_m)) for side in size_m)
+        frame = GridFrame(
+            resolution_m, -(columns // 2) * resolution_m, -(rows // 2) * resolution_m, rows, columns
+        )
+        self._column, self._row = -(columns // 2), -(rows // 2)
+        super().__init__(
+            frame, np.zeros((rows, columns), np.int8), inflation, obstacle, footprint=footprint
+        )
+
+    def move(self, odom_from_base: SE2) -> None:
+        """Move the window so that the robot is in its middle, by whole cells."""
+        frame = self.frame
+        column = round(odom_from_base.x_m / frame.resolution_m) - frame.columns // 2
+        row = round(odom_from_base.y_m / frame.resolution_m) - frame.rows // 2
+        if (column, row) == (self._column, self._row):
+            return
+        self._obstacles.roll(row - self._row, column - self._column)
+        self._column, self._row = column, row
+        self.frame = GridFrame(
+            frame.resolution_m, column * frame.resolution_m, row * frame.resolution_m,
+            frame.rows, frame.columns,
+        )  # fmt: skip
+        self.static, self.master = self._blank(), self._blank()
+        self._combine_static()
+        self._combine(None)
+
+    def _walls_m(self) -> Clearance | None:
+        return None
+
+
+def _joined(one: Window | None, other: Window | None) -> Window | None:
+    if one is None or other is None:
+        return one or other
+    return (
+        min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]), max(one[3], other[3])
+    )  # fmt: skip

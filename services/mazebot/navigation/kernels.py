@@ -1,0 +1,94 @@
+"""Compiles navigation's kernels before the robot moves."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+import numpy as np
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.node.node import random_generator
+from mazebot.navigation.behavior.actions import NavigateToPose
+from mazebot.navigation.behavior.context import PathCheck
+from mazebot.navigation.behavior.motions.search_motion import SearchMotion
+from mazebot.navigation.build import Drive, made_drive
+from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
+from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
+from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
+from mazebot.navigation.costmap.layered_costmap import frame_of, scan_points
+from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.warm_up import run_planning_kernels
+from mazebot.navigation.robot import View
+
+_LOG = logging.getLogger("navigation")
+_NOWHERE = SE2(0.0, 0.0, 0.0)
+
+
+def compile_kernels(config: NavigationConfig) -> None:
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves.
+
+    Raises ConfigError where a controller or a tree that is named cannot be used.
+    """
+    cells = np.zeros((60, 60), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    cells[30, 20:40] = 100
+    compile_collision_kernels()
+    run_planning_kernels()
+    drive = made_drive(
+        config, frame_of(0.05, _NOWHERE, cells), cells, random_generator(0, "navigation/warm")
+    )
+    level = _LOG.level
+    _LOG.setLevel(logging.CRITICAL)
+    try:
+        compile_mppi_kernels(drive.robot.costmap.static, SE2(1.0, 1.0, 0.0), config.robot())
+        _drive(drive)
+    except NavigationError:
+        # The robot is too large for the room; everything else is compiled.
+        pass
+    finally:
+        _LOG.setLevel(level)
+
+
+def _drive(drive: Drive) -> None:
+    robot, start = drive.robot, SE2(1.0, 1.0, 0.0)
+    ranges = np.full(360, 1.2, np.float32)
+    ranges[40:60] = 0.6
+    step = math.tau / 360
+    points_m = scan_points(_NOWHERE, denoised_ranges(ranges), 0.0, step, 0.1, 3.5)
+    points_m = moved_points(points_m, _NOWHERE, _NOWHERE)
+    for i in range(3):
+        now_ns = i * CONTROL_PERIOD_NS
+        robot.local_costmap.move(SE2(0.1 * i, 0.0, 0.0))
+        for costmap in (robot.local_costmap, robot.costmap):
+            costmap.update(
+                start, ranges, 0.0, step, 0.1, now_ns=now_ns, map_from_base=start,
+                moving_m=np.array([[2.0, 2.0, 0.2]]),
+            )  # fmt: skip
+        drive.tracker.update(
+            now_ns * 1e-9, points_m + np.array([1.0 + 0.02 * i, 1.0]),
+            robot.costmap.static.distance_m, robot.costmap.frame,
+        )  # fmt: skip
+    moving = drive.tracker.tracks(0.1)
+    robot.costmap.clear_around(start, 1.0)
+    robot.costmap.clear()
+    for name, controller in robot.controllers.items():
+        robot.begin(View(0, start, start, STOP, points_m, moving))
+        path = robot.compute_path(None, [SE2(2.0, 2.3, 0.0)], "any_angle")
+        robot.compute_path(start, [SE2(2.0, 2.3, 0.0)], "a_star")
+        robot.collisions(path, PathCheck())
+        controller.set_path(path, same_goal=False)
+        for velocity in (STOP, Velocity(0.2, 0.1)):
+            controller.step(0.05, robot.around())
+            robot.time_to_collision(velocity)
+        controller.stop()
+        _LOG.debug("compiled %s", name)
+    sources = {"scan": SourcePoints(0, points_m)}
+    drive.monitor.step(0, Velocity(0.4, 0.2), Velocity(0.3, 0.1), sources)
+    SearchMotion(drive.search, look_around=False).step(start, points_m, robot.time_to_collision)
+    drive.navigator.start(0, NavigateToPose(SE2(2.0, 2.3, 0.0)))
+    drive.navigator.step(0)
+    drive.navigator.cancel(0)

@@ -1,0 +1,320 @@
+"""Perception: camera images in, marker detections out."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import (
+    BASE_FOOTPRINT_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    Array,
+    pose_matrix,
+)
+from mazebot.common.maths.pose_history import PoseHistory
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import Entities, MarkerEntity
+from mazebot.common.messages.topics import (
+    CAMERA_IMAGE,
+    CAMERA_INFO,
+    DETECTIONS,
+    ENTITIES,
+    MAP_DETECTIONS,
+    PHOTO,
+    PHOTO_REQUEST,
+    TF,
+    TF_STATIC,
+    WORLD,
+    Topic,
+)
+from mazebot.common.node.frame_tree import FrameTree
+from mazebot.common.node.node import Inbox, Node, Outbox
+from mazebot.common.world.marker_picture import marker_count, own_dictionaries
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.detect import dictionary_exists, grey_from_rgb
+from mazebot.perception.find import Found, MarkerFinder, Name
+from mazebot.perception.picture import png_from_rgb
+from mazebot.perception.pose import Camera
+
+_INFOS_KEPT = 10
+_ODOMETRY_KEPT = 100
+_CLOCK_LAG_NS = 100_000_000
+"""Transforms may be newer than the clock by this much."""
+_DISTORTION_LENGTHS = (4, 5, 8, 12, 14)
+
+UNKNOWN_KEY, MISPLACED_KEY = "unknown marker ", "misplaced marker "
+"""Starts of keys in /diagnostics, before dictionary and id."""
+
+_log = logging.getLogger("perception")
+
+
+class PerceptionNode(Node):
+    """Detects the markers of the world, each with every pose that its corners allow.
+
+    Detections are in the frame of their image, which is the camera's optical frame; they are also
+    published in the map, by the pose that navigation estimates, for users.
+    """
+
+    name = "perception"
+    _config: PerceptionConfig
+    wakes = (CAMERA_IMAGE, CAMERA_INFO)
+    depth = 4
+
+    def __init__(self, config: PerceptionConfig) -> None:
+        self._config = config
+        self._entities: Entities | None = None
+        self._finder = MarkerFinder(config)
+        self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
+        """The world's own"""
+        self._slam = False
+        """Whether nobody knows which markers hang where."""
+        self._ignored: dict[str, int] = {}
+        """How often, by key in /diagnostics"""
+        self._infos: dict[int, msg.CameraInfo] = {}
+        self._image: msg.Image | None = None
+        self._photo_wanted_ns: int | None = None
+        """A picture of this time or later is to be published."""
+        self._published = False
+        self._static_frames = FrameTree()
+        self._odom_from_base = PoseHistory(_ODOMETRY_KEPT)
+        self._map_from_odom: Array | None = None
+        self._now_ns = 0
+
+    def nominal_rates_hz(self) -> dict[str, Topic[msg.Image]]:
+        """See Node."""
+        return {DETECTIONS.name: CAMERA_IMAGE}
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Detect markers in each image whose intrinsics are received."""
+        if now_ns < self._now_ns:
+            self._forget_pictures()
+        self._now_ns = now_ns
+        self._take_world(inbox)
+        self._take_transforms(inbox)
+        for info in inbox.new(CAMERA_INFO):
+            self._take_info(info, inbox)
+        for request in inbox.new(PHOTO_REQUEST):
+            self._photo_wanted_ns = request.stamp_ns
+        images = inbox.new(CAMERA_IMAGE)
+        if self._image is not None:
+            images.insert(0, self._image)
+            self._image = None
+        for index, image in enumerate(images):
+            info_ = self._infos.get(msg.ns_from_time(image.header.stamp))
+            if info_ is not None:
+                self._perceive(image, info_, inbox, outbox)
+            elif index == len(images) - 1:
+                # Its intrinsics may still arrive.
+                self._image = image
+            else:
+                inbox.reject(CAMERA_IMAGE, "no camera_info of its stamp")
+
+    def facts(self) -> dict[str, str]:
+        """How often each marker was ignored that is not of the world, or not in its place."""
+        return {key: str(count) for key, count in sorted(self._ignored.items())}
+
+    def waiting_for(self) -> str | None:
+        """The first missing input for detections."""
+        if not self.world_hash:
+            return "the world"
+        if self._entities is None or self._entities.world_hash != self.world_hash:
+            return "the entities of the world"
+        if self._published:
+            return None
+        return "a picture" if self._image is None else "the camera's intrinsics"
+
+    def _take_world(self, inbox: Inbox) -> None:
+        world = inbox.latest(WORLD)
+        if world is not None and world.hash != self.world_hash:
+            self.world_hash = world.hash
+            self._dictionaries = own_dictionaries(world.dictionaries)
+            self._slam = world.slam
+            self._published = False
+            self._forget_pictures()
+        entities = inbox.latest(ENTITIES)
+        if entities is not None:
+            self._entities = entities
+        elif world is None:
+            return
+        self._finder.clear()
+        if self._entities is None or self._entities.world_hash != self.world_hash:
+            return
+        if self._slam:
+            self._register_dictionaries(self._entities.markers)
+        for entity in self._entities.markers:
+            self._register(entity, inbox)
+
+    def _forget_pictures(self) -> None:
+        """Drop images and transforms, which are from the simulation before."""
+        self._image = self._photo_wanted_ns = None
+        self._infos.clear()
+        self._odom_from_base.clear()
+        self._map_from_odom = None
+        self._ignored.clear()
+        self._finder.forget_picture()
+
+    def _register_dictionaries(self, markers: Iterable[MarkerEntity]) -> None:
+        """Look for every marker of each dictionary used, at the size that most of its markers have:
+        which ones hang in the world is to be found out.
+        """
+        sizes: dict[str, Counter[float]] = {}
+        for entity in markers:
+            sizes.setdefault(entity.dictionary, Counter())[entity.marker_size_m] += 1
+        for name, counts in sizes.items():
+            book = self._dictionaries.get(name)
+            if book is None and not dictionary_exists(name):
+                continue
+            (side_m, _), *_ = counts.most_common(1)
+            for marker_id in range(marker_count(name, book)):
+                self._finder.register(name, marker_id, side_m, None, book)
+
+    def _register(self, entity: MarkerEntity, inbox: Inbox) -> None:
+        name = entity.dictionary
+        book = self._dictionaries.get(name)
+        if book is None and not dictionary_exists(name):
+            inbox.reject(ENTITIES, "unknown dictionary")
+            _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
+            return
+        map_from_marker = None if self._slam else pose_matrix(entity)
+        self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker, book)
+
+    def _take_transforms(self, inbox: Inbox) -> None:
+        for transforms in inbox.new(TF_STATIC):
+            problem = self._static_frames.add(transforms)
+            if problem:
+                inbox.reject(TF_STATIC, problem)
+        # The clock arrives after the measurements of its time.
+        latest_ns = self._now_ns + _CLOCK_LAG_NS
+        for transforms in inbox.new(TF):
+            for entry in transforms.transforms:
+                pair = entry.header.frame_id, entry.child_frame_id
+                if pair == (ODOM_FRAME, BASE_FOOTPRINT_FRAME):
+                    stamp_ns = msg.ns_from_time(entry.header.stamp)
+                    if stamp_ns > latest_ns:
+                        # From a simulation that has ended since.
+                        inbox.reject(TF, "later than now")
+                        continue
+                    self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
+                elif pair == (MAP_FRAME, ODOM_FRAME):
+                    self._map_from_odom = msg.matrix_from_transform(entry.transform)
+
+    def _take_info(self, info: msg.CameraInfo, inbox: Inbox) -> None:
+        if not (info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0):
+            inbox.reject(CAMERA_INFO, "intrinsics of no pinhole camera")
+        elif len(info.d) and len(info.d) not in _DISTORTION_LENGTHS:
+            inbox.reject(CAMERA_INFO, "unknown number of distortion coefficients")
+        else:
+            self._infos[msg.ns_from_time(info.header.stamp)] = info
+            while len(self._infos) > _INFOS_KEPT:
+                del self._infos[next(iter(self._infos))]
+
+    def _perceive(
+        self, image: msg.Image, info: msg.CameraInfo, inbox: Inbox, outbox: Outbox
+    ) -> None:
+        if image.encoding != "rgb8":
+            inbox.reject(CAMERA_IMAGE, "encoding is not rgb8")
+            return
+        if (image.width, image.height) != (info.width, info.height):
+            inbox.reject(CAMERA_IMAGE, "size is not that of camera_info")
+            return
+        if image.step < 3 * image.width or image.width * image.height == 0:
+            inbox.reject(CAMERA_IMAGE, "rows shorter than the width")
+            return
+        self._publish_photo(image, outbox)
+        found = self._find(image, info)
+        stamp_ns, frame = msg.ns_from_time(image.header.stamp), image.header.frame_id
+        outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
+        map_from_camera = self._map_from_camera(stamp_ns, frame)
+        if map_from_camera is not None:
+            outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
+        self._published = True
+
+    def _publish_photo(self, image: msg.Image, outbox: Outbox) -> None:
+        """Publish the image where navigation wants a picture, and it is not of before that."""
+        wanted_ns = self._photo_wanted_ns
+        if wanted_ns is None or msg.ns_from_time(image.header.stamp) < wanted_ns:
+            return
+        self._photo_wanted_ns = None
+        photo = msg.CompressedImage(
+            header=image.header,
+            format="rgb8; png compressed",
+            data=png_from_rgb(image.data, image.height, image.width, image.step),
+        )
+        outbox.put(PHOTO, photo)
+
+    def _find(self, image: msg.Image, info: msg.CameraInfo) -> list[Found]:
+        if not self._finder.registered:
+            return []
+        camera = Camera(
+            np.asarray(info.k, np.float64).reshape(3, 3),
+            np.asarray(info.d if len(info.d) else np.zeros(5), np.float64),
+        )
+        grey = grey_from_rgb(image.data, image.height, image.width, image.step)
+        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, image.header.frame_id)
+        findings = self._finder.find(grey, camera, base_from_camera)
+        for name in findings.unknown:
+            self._ignore(UNKNOWN_KEY, name, "which is not registered")
+        for name in findings.misplaced:
+            self._ignore(MISPLACED_KEY, name, "which is not at its registered height and tilt")
+        return findings.found
+
+    def _ignore(self, key: str, name: Name, reason: str) -> None:
+        one = f"{name[0]}:{name[1]}"
+        if f"{key}{one}" not in self._ignored:
+            _log.warning("Ignoring marker %s, %s", one, reason)
+        self._ignored[f"{key}{one}"] = self._ignored.get(f"{key}{one}", 0) + 1
+
+    def _map_from_camera(self, stamp_ns: int, camera_frame: str) -> Array | None:
+        tolerance_ns = round(self._config.transform_tolerance_s * 1e9)
+        odom_from_base = self._odom_from_base.at(stamp_ns, tolerance_ns)
+        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, camera_frame)
+        if self._map_from_odom is None or odom_from_base is None or base_from_camera is None:
+            return None
+        return portable.product(
+            portable.product(self._map_from_odom, odom_from_base), base_from_camera
+        )
+
+
+def _detections(
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: list[Found]
+) -> msg.Detection3DArray:
+    """The message of the markers found, transformed to a frame."""
+    return msg.Detection3DArray(
+        header=msg.header(stamp_ns, frame),
+        detections=[_detection(stamp_ns, frame, frame_from_camera, one) for one in found],
+    )
+
+
+def _detection(
+    stamp_ns: int, frame: str, frame_from_camera: Array, found: Found
+) -> msg.Detection3D:
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = frame_from_camera[:3, :3]
+    results = [
+        msg.ObjectHypothesisWithPose(
+            hypothesis=msg.ObjectHypothesis(class_id=str(found.marker_id), score=solution.score),
+            pose=msg.PoseWithCovariance(
+                pose=msg.pose_from_matrix(
+                    portable.product(frame_from_camera, solution.camera_from_marker)
+                ),
+                covariance=np.ascontiguousarray(
+                    portable.product(turn, solution.covariance, turn.T).reshape(36)
+                ),
+            ),
+        )
+        for solution in found.solutions
+    ]
+    return msg.Detection3D(
+        header=msg.header(stamp_ns, frame),
+        results=results,
+        bbox=msg.BoundingBox3D(
+            center=results[0].pose.pose, size=msg.Vector3(found.side_m, found.side_m, 0.0)
+        ),
+        id=f"{found.dictionary}:{found.marker_id}",
+    )

@@ -1,0 +1,116 @@
+"""Finds the markers of one dictionary in a single picture of any size, as thoroughly as it can."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths.opencv import without_ipp
+from mazebot.perception.code_check import CodeCheck
+from mazebot.perception.config import PerceptionConfig
+from mazebot.perception.corners import HALF_WIDTH_PX, Corners, refine_corners
+from mazebot.perception.detect import Detector, Sighting, Threshold, same_place
+from mazebot.perception.pose import Camera, Solution, solve
+
+_SMALLEST_SHARE = 0.01
+"""Of a picture's longer side: no marker's perimeter is shorter. Else texture takes all the time."""
+_MODULE_PX = 2
+_LARGE_PX = 1200
+"""A longer side is halved until it is not: an edge may be blurred over more than a window."""
+_BLUR_SHARE = 0.006
+"""Of a picture's longer side: how far a large picture's edges may be blurred."""
+
+
+@dataclass(frozen=True)
+class PhotoMarker:
+    """A marker in a picture.
+
+    `corners` is (4, 2) in pixels as in Sighting. `clarity` is CodeCheck's. `solutions` are both
+    poses that explain the corners, the better one first; empty without a camera.
+    """
+
+    marker_id: int
+    corners: Corners
+    clarity: float
+    solutions: tuple[Solution, ...]
+
+    @property
+    def ambiguity(self) -> float | None:
+        """Reprojection error of the worse pose over that of the better one; near 1 either may be
+        true. None: there is one pose only.
+        """
+        if len(self.solutions) < 2:
+            return None
+        better, worse = (one.reprojection_error_px for one in self.solutions[:2])
+        return worse / max(better, 1e-9)
+
+
+def markers_in_photo(
+    grey: NDArray[np.uint8],
+    book: cv2.aruco.Dictionary,
+    camera: Camera | None = None,
+    side_m: float = 0.0,
+    corner_sigma_px: float = 0.3,
+) -> list[PhotoMarker]:
+    """The markers in a picture, by id and then from left to right.
+
+    Both thresholds of perception are used on the picture and, if it is large, on ever smaller
+    copies of it; corners and codes are always judged in the picture itself.
+
+    Args:
+        grey: (height, width) picture.
+        book: the dictionary.
+        camera: intrinsics for the poses; None: without poses.
+        side_m: side of the black square.
+        corner_sigma_px: least standard deviation of a corner's coordinate, for the covariances.
+    """
+    config = PerceptionConfig()
+    modules, check = int(book.markerSize) + 2, CodeCheck(book)
+    blur_px = max(HALF_WIDTH_PX, _BLUR_SHARE * max(grey.shape))
+    found: list[tuple[Sighting, float]] = []
+    for rough in _sightings_at_all_sizes(grey, book, config):
+        one = Sighting(rough.marker_id, refine_corners(grey, rough.corners, modules, blur_px))
+        clarity = check.clarity(grey, one.corners, one.marker_id)
+        if clarity >= config.min_clarity and not any(same_place(one, other) for other, _ in found):
+            found.append((one, clarity))
+    found.sort(key=lambda pair: (pair[0].marker_id, float(pair[0].corners[0, 0])))
+    return [
+        PhotoMarker(
+            one.marker_id,
+            one.corners,
+            clarity,
+            tuple(solve(one.corners, side_m, camera, corner_sigma_px, 0.0)) if camera else (),
+        )
+        for one, clarity in found
+    ]
+
+
+def _sightings_at_all_sizes(
+    grey: NDArray[np.uint8], book: cv2.aruco.Dictionary, config: PerceptionConfig
+) -> list[Sighting]:
+    """What each threshold finds at each size, with corners in the original's pixels."""
+    thresholds = (
+        Threshold(config.threshold_window_px, config.threshold_contrast),
+        Threshold(config.second_window_px, config.second_contrast),
+    )
+    detectors = [Detector(book, one.window_px, one.contrast, min_clarity=0.0) for one in thresholds]
+    least_px = 4.0 * _MODULE_PX * (int(book.markerSize) + 2)
+    sightings: list[Sighting] = []
+    without_ipp()
+    size, shrunk = grey, 1
+    while True:
+        longer_px = max(size.shape)
+        for detector in detectors:
+            for one in detector.detect(size, max(least_px, _SMALLEST_SHARE * longer_px)):
+                # The centre of a pixel of the copy is the centre of its block of the original.
+                corners = shrunk * (one.corners + 0.5) - 0.5
+                sightings.append(Sighting(one.marker_id, corners))
+        if longer_px <= _LARGE_PX:
+            return sightings
+        halved = size.shape[1] // 2, size.shape[0] // 2
+        even = size[: 2 * halved[1], : 2 * halved[0]]
+        size = np.asarray(cv2.resize(even, halved, interpolation=cv2.INTER_AREA), np.uint8)
+        shrunk *= 2

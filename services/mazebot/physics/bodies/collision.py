@@ -1,0 +1,256 @@
+"""The solids of a body for PyBullet's collisions, and the body's inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import Array, pose_matrix, transform_matrix
+from mazebot.common.messages.documents import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    Mesh,
+    Plane,
+    Polyline,
+    Shape,
+    Sphere,
+    Thing,
+)
+from mazebot.common.world.geometry import TriangleMesh, flat_triangles, polygons_of, triangles_of
+from mazebot.common.world.surfaces import is_floor
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
+
+MAX_HULL_POINTS = 256
+"""Of a convex body; of more points, the farthest in each of so many directions is kept."""
+_MAX_PRISMS = 64
+_MAX_TRIANGLES = 20_000
+"""Of one PyBullet shape: it fails silently from 131,072 vertices on."""
+_PLANE_THICKNESS_M = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex piece of a body, or a surface that never moves."""
+
+    kind: Literal["box", "cylinder", "sphere", "capsule", "hull", "triangles"]
+    body_from_solid: Array
+    half_extents_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    radius_m: float = 1.0
+    length_m: float = 1.0
+    """Along z; of a capsule without its ends."""
+    vertices_m: Array | None = None
+    """(n, 3), of hull and triangles"""
+    triangles: NDArray[np.int32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Of a body of uniform density."""
+
+    body_from_com: Array
+    """Origin at the centre of mass, along the principal axes."""
+    diagonal_kg_m2: tuple[float, float, float]
+
+
+def solids_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> list[Solid]:
+    """The solid pieces of a body.
+
+    Each piece of a moving body is convex: a mesh becomes its hull. A static body may be hollow: its
+    meshes and polylines are surfaces. A level plane on the floor is the floor, and no solid itself.
+    Raises ValueError, in a phrase, for a shape that has no extent.
+    """
+    moves = body.moves
+    return [
+        solid
+        for shape in body.shapes
+        if shape.solid and not is_floor(body, shape)
+        for solid in _solids(shape, meshes, moves)
+    ]
+
+
+def extent_of(solids: Iterable[Solid], a_from_body: Array) -> tuple[Array, Array]:
+    """Lowest and highest coordinates, (3,) each, in a frame a; both zero where there is nothing.
+
+    A round solid counts as its bounding box.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for solid in solids:
+        points = solid.vertices_m if solid.vertices_m is not None else _box_corners(solid)
+        pose = portable.product(a_from_body, solid.body_from_solid)
+        moved = portable.product(points, pose[:3, :3].T) + pose[:3, 3]
+        low, high = np.minimum(low, moved.min(0)), np.maximum(high, moved.max(0))
+    return (low, high) if (low <= high).all() else (np.zeros(3), np.zeros(3))
+
+
+def _box_corners(solid: Solid) -> Array:
+    """(8, 3) corners of its bounding box, in its own frame."""
+    radius_m, half_m = solid.radius_m, solid.length_m / 2.0
+    half = {
+        "sphere": (radius_m, radius_m, radius_m),
+        "cylinder": (radius_m, radius_m, half_m),
+        "capsule": (radius_m, radius_m, half_m + radius_m),
+    }.get(solid.kind, solid.half_extents_m)
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+    return signs * half
+
+
+def inertia_of(body: Thing, meshes: Mapping[str, TriangleMesh]) -> Inertia:
+    """Centre of mass and moments of inertia of a moving body's solid shapes.
+
+    By the integrals over the tetrahedra from the origin to each triangle (Blow and Binstock, 2004).
+    Raises ValueError, in a phrase, if they have no volume.
+    """
+    volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for shape in body.shapes:
+        if shape.solid:
+            corners = _closed(shape, meshes)
+            six_volumes = portable.determinants(corners)
+            sums = corners.sum(axis=1)
+            volume += float(six_volumes.sum()) / 6.0
+            first += portable.product(six_volumes, sums) / 24.0
+            second += np.einsum("i,ija,ijb->ab", six_volumes, corners, corners) / 120.0
+            second += np.einsum("i,ia,ib->ab", six_volumes, sums, sums) / 120.0
+    if not volume > 1e-12:
+        raise ValueError("has no volume")
+    centre = first / volume
+    spread = body.mass_kg * (second / volume - np.outer(centre, centre))
+    moments, axes = portable.eigh(np.trace(spread) * np.eye(3) - spread)
+    if portable.determinants(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    x, y, z = (max(float(moment), 1e-9) for moment in moments)
+    cx, cy, cz = centre.tolist()
+    return Inertia(transform_matrix(axes, (cx, cy, cz)), (x, y, z))
+
+
+def _solids(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: bool) -> Iterator[Solid]:
+    pose, geometry = pose_matrix(shape), shape.geometry
+    match geometry:
+        case Box():
+            x, y, z = geometry.size_m
+            yield Solid("box", pose, half_extents_m=(x / 2.0, y / 2.0, z / 2.0))
+        case Sphere():
+            yield Solid("sphere", pose, radius_m=geometry.radius_m)
+        case Cylinder():
+            yield Solid("cylinder", pose, radius_m=geometry.radius_m, length_m=geometry.length_m)
+        case Capsule():
+            yield Solid("capsule", pose, radius_m=geometry.radius_m, length_m=geometry.length_m)
+        case Plane():
+            x, y = geometry.size_m
+            lower = transform_matrix(np.eye(3), (0.0, 0.0, -_PLANE_THICKNESS_M / 2.0))
+            size = (x / 2.0, y / 2.0, _PLANE_THICKNESS_M / 2.0)
+            yield Solid("box", portable.product(pose, lower), half_extents_m=size)
+        case Ellipsoid():
+            radii_m = np.array(geometry.radii_m)[:, None]
+            towards = radii_m * _spiral()
+            # The farthest point of an ellipsoid in each direction.
+            yield Solid("hull", pose, vertices_m=(radii_m * towards / _lengths(towards)).T)
+        case Cone():
+            yield _hull(pose, triangles_of(geometry, {}).vertices_m)
+        case Polyline():
+            yield from _raised(pose, geometry, moves)
+        case Mesh():
+            mesh = triangles_of(geometry, meshes)
+            if moves:
+                yield _hull(pose, mesh.vertices_m[np.unique(mesh.triangles)])
+            else:
+                yield from _surface(pose, mesh)
+
+
+def _raised(pose: Array, polyline: Polyline, moves: bool) -> Iterator[Solid]:
+    if not moves:
+        yield from _surface(pose, triangles_of(polyline, {}))
+        return
+    points, triangles = flat_triangles(polygons_of(polyline.polygons_m))
+    # One prism for each triangle, if there are few enough.
+    outlines = points[triangles] if len(triangles) <= _MAX_PRISMS else [points]
+    for outline in outlines:
+        ends = [
+            np.column_stack((outline, np.full(len(outline), z))) for z in (0, polyline.height_m)
+        ]
+        yield _hull(pose, np.concatenate(ends))
+
+
+def _surface(pose: Array, mesh: TriangleMesh) -> Iterator[Solid]:
+    if not len(mesh.triangles):
+        raise ValueError("has no triangles")
+    for first in range(0, len(mesh.triangles), _MAX_TRIANGLES):
+        used, corners = np.unique(
+            mesh.triangles[first : first + _MAX_TRIANGLES], return_inverse=True
+        )
+        yield Solid(
+            "triangles",
+            pose,
+            vertices_m=mesh.vertices_m[used],
+            triangles=corners.reshape(-1, 3).astype(np.int32),
+        )
+
+
+def _hull(pose: Array, points: Array) -> Solid:
+    corners = points[_convex(points).vertices]
+    if len(corners) > MAX_HULL_POINTS:
+        corners = corners[
+            np.unique((portable.product(corners - corners.mean(0), _spiral())).argmax(0))
+        ]
+    return Solid("hull", pose, vertices_m=corners)
+
+
+def _spiral() -> Array:
+    """(3, MAX_HULL_POINTS) directions spread evenly over a sphere, turning by the golden angle."""
+    turns = np.arange(MAX_HULL_POINTS)
+    z = 1.0 - (2.0 * turns + 1.0) / MAX_HULL_POINTS
+    out, angle = np.sqrt(1.0 - z * z), turns * np.pi * (3.0 - np.sqrt(5.0))
+    cos, sin = portable.cos_sin_each(angle)
+    return np.stack((out * cos, out * sin, z))
+
+
+def _lengths(vectors: Array) -> Array:
+    """(n,) of (3, n), the same on every machine."""
+    x, y, z = vectors
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _convex(points: Array) -> ConvexHull:
+    # SciPy takes a second to import, and most worlds have no hulls.
+    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
+
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError) as error:
+        raise ValueError("is flat or empty: it must have a volume") from error
+
+
+def _closed(shape: Shape, meshes: Mapping[str, TriangleMesh]) -> Array:
+    """(m, 3, 3) corners, in the body's frame, of triangles around a shape."""
+    mesh = triangles_of(shape.geometry, meshes)
+    pose = pose_matrix(shape)
+    if isinstance(shape.geometry, Mesh):
+        hull = _convex(mesh.vertices_m)
+        corners = mesh.vertices_m[hull.simplices]
+        outwards = portable.determinants(corners - mesh.vertices_m[hull.vertices].mean(0)) < 0.0
+        corners[outwards] = corners[outwards][:, ::-1]
+    else:
+        corners = mesh.vertices_m[mesh.triangles]
+    return np.asarray(portable.product(corners, pose[:3, :3].T) + pose[:3, 3])
+
+
+def hull_triangles(points: Array) -> NDArray[np.int32]:
+    """(m, 3) triangles around a convex body, by the indices of its corners."""
+    return np.asarray(_convex(points).simplices, np.int32)
+
+
+def as_obj(points: Iterable[Iterable[float]]) -> str:
+    """A convex body's corners as a Wavefront file with the faces that PyBullet requires."""
+    corners = np.array([list(point) for point in points])
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
+    faces = hull_triangles(corners) + 1
+    return "\n".join((*lines, *(f"f {a} {b} {c}" for a, b, c in faces.tolist()), ""))

@@ -1,0 +1,126 @@
+"""Makes the summary of a run, and its text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from pydantic_core import to_json
+
+from mazebot.common.messages.documents import Evaluation, Parameters, SimulationStats, World
+from mazebot.common.node.node import TopicCounts
+from mazebot.common.recordings.summary import (
+    ChangedSetting,
+    Contacts,
+    Hardware,
+    Pauses,
+    RunSummary,
+    TopicMessages,
+)
+from mazebot.recorder.judging.wall_time import WallTime
+
+RejectedElsewhere = Mapping[tuple[str, str, str], int]
+"""Messages that other services rejected: by service, topic and reason."""
+
+
+def build_summary(
+    *,
+    world: World,
+    seed: int,
+    stats: SimulationStats | None,
+    rebuilds: int,
+    sim_time_s: float | None,
+    wall_time: WallTime,
+    now_s: float,
+    evaluation: Evaluation,
+    totals: Mapping[str, Any],
+    counts: Mapping[str, TopicCounts],
+    recorded: Mapping[str, int],
+    rejected_elsewhere: RejectedElsewhere,
+    versions: Mapping[str, str],
+    hardware: Hardware | None = None,
+    parameters: Iterable[Parameters] = (),
+) -> RunSummary:
+    """The summary of a run so far; `now_s` is the wall time up to which its pauses are counted."""
+    judged = dict(evaluation)
+    contacts = judged.pop("contacts")
+    totals = dict(totals)
+    count = totals.pop("contacts")
+    return RunSummary(
+        world=world.name,
+        world_hash=world.hash,
+        seed=seed,
+        epoch=stats.epoch if stats else None,
+        rebuilds=rebuilds,
+        state_hash=(stats.state_hash or None) if stats else None,
+        image_hash=(stats.image_hash or None) if stats else None,
+        sim_time_s=sim_time_s,
+        wall_time_s=wall_time.wall_time_s,
+        real_time_factor=wall_time.real_time_factor,
+        pauses=Pauses(count=wall_time.pauses, wall_time_s=wall_time.paused_s(now_s)),
+        renderer=(stats.renderer or None) if stats else None,
+        contacts=Contacts(count=count, list=contacts),
+        **judged,
+        **totals,
+        messages=_messages(counts, recorded, rejected_elsewhere),
+        versions=dict(versions),
+        hardware=hardware,
+        changed_settings=_changed(parameters),
+    )
+
+
+def summary_text(summary: RunSummary) -> Iterator[bytes]:
+    """The text of summary.json, as UTF-8, in pieces: as one string it would grow with each goal,
+    every few seconds.
+    """
+    yield from _pieces(dict(summary), b"\n")
+    yield b"\n"
+
+
+def _changed(parameters: Iterable[Parameters]) -> dict[str, ChangedSetting]:
+    return {
+        f"{said.service}.{name}": ChangedSetting(value=said.values.get(name), default=default)
+        for said in sorted(parameters, key=lambda said: said.service)
+        if said.service != "recorder"
+        for name, default in sorted(said.defaults.items())
+        if name != "seed"
+    }
+
+
+def _pieces(value: Any, line: bytes) -> Iterator[bytes]:
+    """JSON of a value, in lines that start like this one."""
+    if isinstance(value, Contacts):
+        value = dict(value)
+    if not isinstance(value, dict | list | tuple) or not value:
+        yield to_json(value, indent=2, inf_nan_mode="null").replace(b"\n", line)
+        return
+    named = isinstance(value, dict)
+    opening, closing = (b"{", b"}") if named else (b"[", b"]")
+    for index, entry in enumerate(value):
+        yield (b"," if index else opening) + line + b"  "
+        if named:
+            yield to_json(entry) + b": "
+        yield from _pieces(value[entry] if named else entry, line + b"  ")
+    yield line + closing
+
+
+def _messages(
+    counts: Mapping[str, TopicCounts], recorded: Mapping[str, int], elsewhere: RejectedElsewhere
+) -> dict[str, TopicMessages]:
+    rejected: dict[str, dict[str, int]] = {}
+    for topic, seen in counts.items():
+        for reason, count in seen.rejected.items():
+            rejected.setdefault(topic, {})[f"recorder: {reason}"] = count
+    for (service, topic, reason), count in elsewhere.items():
+        rejected.setdefault(topic, {})[f"{service}: {reason}"] = count
+    return {
+        topic: TopicMessages(
+            sent=counts[topic].sent if topic in counts else None,
+            received=counts[topic].received if topic in counts else None,
+            lost=counts[topic].lost if topic in counts else None,
+            recorded=recorded.get(topic, 0) if recorded and topic in counts else None,
+            rejected=sum(rejected.get(topic, {}).values()),
+            rejected_by=dict(sorted(rejected.get(topic, {}).items())),
+        )
+        for topic in dict.fromkeys((*counts, *rejected))
+    }

@@ -1,0 +1,123 @@
+"""The messages of one run, in its `run.mcap`."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from mazebot.common.messages.documents import World
+from mazebot.common.messages.topics import CAMERA_COMPRESSED, CAMERA_IMAGE, TF_STATIC, Topic
+from mazebot.common.recordings.run_folder import MESSAGES, RunFolder
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping.latched import Kept, Latched
+from mazebot.recorder.stream.file_writer import RecordingError
+from mazebot.recorder.stream.message_log import CLOSE_TIMEOUT_S, Compressed, MessageLog, Taken
+from mazebot.recorder.stream.pictures import Pictures, is_drawable
+
+_LOG = logging.getLogger("recorder")
+_MIB = 1024 * 1024
+
+
+class RunMessages:
+    """Decides what is written to `run.mcap`, and how; while it cannot be written, it keeps the
+    latched messages that are missing there.
+    """
+
+    def __init__(
+        self, config: RecorderConfig, world: World, latched: Latched, pictures: Pictures
+    ) -> None:
+        self._config = config
+        self._world = world
+        self._latched = latched
+        self._pictures = pictures
+        self._missed = Latched()
+        self._log: MessageLog | None = None
+        self._is_told = False
+        """Whether it is known already why the file cannot be written."""
+        self._recorded: Mapping[str, int] = {}
+
+    @property
+    def recorded(self) -> Mapping[str, int]:
+        """Messages in the files so far, by topic."""
+        return self._log.recorded() if self._log is not None else self._recorded
+
+    def begin(self, folder: RunFolder, properties: Mapping[str, str], now_ns: int) -> None:
+        """Begin the file with the latched messages, or go on with it with those that it lacks.
+
+        Raises RecordingError if it cannot be written.
+        """
+        config, name = self._config, folder.path.name
+        if self._log is not None or not (config.record and config.messages):
+            return
+        about = {
+            "mazebot": {"run": name, **properties},
+            # By these Foxglove files its recordings.
+            "foxglove": {"deviceName": f"mazebot-{self._world.name}", "sessionKey": name},
+        }
+        part = max(1, folder.last_part(MESSAGES))
+        try:
+            log = MessageLog(folder.message_part, part, about, config.segment_mib * _MIB)
+        except RecordingError as error:
+            raise RecordingError(f"{folder.message_part(part)}: {error}") from error
+        self._log = log
+        for topic, taken in list(self._head() if log.is_new else self._missed):
+            log.add_latched(topic, taken, now_ns)
+        self._missed.clear()
+
+    def add(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
+        """Record a message."""
+        if self._log is None:
+            self._missed.keep(topic, taken)
+            return
+        compressed = None
+        if topic is CAMERA_IMAGE and self._config.pictures == "jpeg" and is_drawable(taken.message):
+            make = self._pictures.jpeg_message(taken.message)
+            compressed = Compressed(CAMERA_COMPRESSED.name, make)
+        self._log.add(topic, taken, now_ns, compressed)
+
+    def tick(self) -> None:
+        """Have a large chunk written. Only between steps: within one, messages of different topics
+        do not come in the order of their times.
+        """
+        if self._log is not None and self._log.is_large:
+            self._log.hand_over()
+
+    def flush(self, now_ns: int) -> None:
+        """Have everything written. Raises RecordingError if something could not be."""
+        log = self._log
+        if log is None:
+            return
+        try:
+            log.flush(self._head, now_ns)
+        except RecordingError as error:
+            self._is_told = True
+            raise RecordingError(f"{log.path}: {error}") from error
+
+    def wait(self) -> None:
+        """Wait, if the disk is not too slow, until everything is written."""
+        if self._log is not None:
+            self._log.hand_over()
+            self._log.wait(CLOSE_TIMEOUT_S)
+
+    def end(self) -> bool:
+        """End the file; it can be gone on with. Returns whether it is whole."""
+        log, self._log = self._log, None
+        if log is None:
+            return True
+        was_told, self._is_told = self._is_told, False
+        try:
+            log.close()
+        except RecordingError as error:
+            if not was_told:
+                _LOG.error("%s: %s", log.path, error)
+            return False
+        finally:
+            self._recorded = log.recorded()
+        return True
+
+    def _head(self) -> Iterator[Kept]:
+        """What a late subscriber would get in this world."""
+        for topic, taken in self._latched:
+            if topic is TF_STATIC or taken.envelope.world_hash in ("", self._world.hash):
+                yield topic, taken

@@ -1,0 +1,393 @@
+"""Records every run: draws its messages, evaluates it against the ground truth, in a folder."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import wire
+from mazebot.common.messages.topics import (
+    ACTION_RESULT,
+    ASSETS,
+    CONTACTS,
+    DESIRED_ENTITIES,
+    DIAGNOSTICS,
+    ENTITIES,
+    EVALUATION,
+    EXPLORATION_STATUS,
+    GOAL_POSE,
+    MAP,
+    NAVIGATION_RESULT,
+    PARAMETERS,
+    POSE_GRAPH,
+    ROSOUT,
+    SIMULATION_STATS,
+    TF,
+    TF_STATIC,
+    WORLD,
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    Delivery,
+    Topic,
+    read_by,
+)
+from mazebot.common.node.frame_tree import FrameNames, FrameTree
+from mazebot.common.node.node import Envelope, Inbox, Node, Outbox, Received
+from mazebot.common.recordings.run_folder import RunFolder, check_free, check_writable
+from mazebot.common.world.assets import assets_of
+from mazebot.recorder.config import RecorderConfig
+from mazebot.recorder.keeping.beginnings import Beginnings
+from mazebot.recorder.keeping.closing import delete_old_runs
+from mazebot.recorder.keeping.progress import Progress
+from mazebot.recorder.keeping.repair import Repair, interrupted
+from mazebot.recorder.keeping.run import Run, Setting
+from mazebot.recorder.keeping.versions import hardware, versions
+from mazebot.recorder.stream.message_log import Taken
+
+if TYPE_CHECKING:
+    from mazebot.recorder.keeping.live import LiveView
+
+_LOG = logging.getLogger("recorder")
+
+EVALUATION_PERIOD_NS = 1_000_000_000
+OVERLAP_S = 10.0
+"""Overlap of the messages received again with the dead recorder's progress: a message that both
+received counts once, one that either missed is lost.
+"""
+SIMULATION_PATIENCE_S = 5.0
+"""Wall time within which simulation stats must arrive for an interrupted run to be resumed."""
+_READ: tuple[Topic[Any], ...] = tuple(read_by("recorder"))
+_EARLY: tuple[Topic[Any], ...] = (
+    WORLD_REQUEST,
+    WORLD_STATUS,
+    PARAMETERS,
+    DIAGNOSTICS,
+    ROSOUT,
+    GOAL_POSE,
+    NAVIGATION_RESULT,
+    ACTION_RESULT,
+    CONTACTS,
+)
+"""Messages that are queued until there is a run."""
+_FIXED: tuple[Topic[Any], ...] = (
+    MAP,
+    TF_STATIC,
+    DESIRED_ENTITIES,
+    ENTITIES,
+    POSE_GRAPH,
+    EXPLORATION_STATUS,
+)
+"""Latched messages, which stay valid until the next one, even in the next run;"""
+_OF_A_RUN: tuple[Topic[Any], ...] = (MAP, POSE_GRAPH, EXPLORATION_STATUS)
+"""but of these none is, where the robot makes the map."""
+
+_MOST_ASSETS = 1000
+_MOST_ASSET_BYTES = 256 * 1024 * 1024
+
+
+def _no_frames() -> dict[Topic[Any], FrameNames | FrameTree]:
+    """Checks of messages with transforms, by topic. A cycle of moving frames is resolved by their
+    next message, one of fixed frames never is.
+    """
+    return {TF: FrameNames(), TF_STATIC: FrameTree()}
+
+
+class RecorderNode(Node):
+    """Writes a folder per run. A run is one world, from one start of its simulation to its end."""
+
+    name = "recorder"
+    _config: RecorderConfig
+    period_ns = 100_000_000
+    # Stats announce a pause while simulation time stands still.
+    wakes = (
+        SIMULATION_STATS,
+        *(topic for topic in _READ if topic.rate_hz is None),
+    )
+    depth = 64
+
+    def __init__(
+        self,
+        config: RecorderConfig,
+        wall_clock_s: Callable[[], float] = time.monotonic,
+        local_time: Callable[[], datetime] = datetime.now,
+    ) -> None:
+        """Raises ConfigError if a folder cannot be written or a port is in use."""
+        self._config = config
+        self._local_time = local_time
+        self._seed = config.seed
+        """The simulation's seed, as soon as it is known: a reset may change it."""
+        if config.out_dir is None:
+            check_writable(config.recordings_dir)
+        else:
+            check_free("out_dir", config.out_dir)
+        self._live: LiveView | None = None
+        if config.live:
+            from mazebot.recorder.keeping.live import LiveView  # noqa: PLC0415 - loads Rerun
+
+            self._live = LiveView(
+                config.bind, config.web_port, config.grpc_port, config.live_memory_mib
+            )
+            _LOG.info("live view on http://localhost:%d", config.web_port)
+        self._setting = Setting(
+            config,
+            wall_clock_s,
+            versions(),
+            hardware(),
+            live=self._live.feed if self._live else None,
+            resumable=config.out_dir is None,
+        )
+        self._parameters = self._setting.parameters
+        self._interrupted = interrupted(config.recordings_dir) if config.out_dir is None else None
+        """Folder and progress of a run whose recorder died and that may still be resumed."""
+        if self._interrupted is not None:
+            # The last messages that it received may not be in its progress.
+            self.hears_from_s = self._interrupted[1].written_s - OVERLAP_S
+        self._offered: tuple[doc.World, float] | None = None
+        """A world that may belong to that run, and the wall time of its arrival."""
+        self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
+        self._run: Run | None = None
+        self._repair: Repair | None = None
+        if config.record and config.repair and config.out_dir is None:
+            is_idle = (lambda: self._run is None) if config.video else None
+            self._repair = Repair(config.recordings_dir, may_compress=is_idle)
+            self._repair.spared = self._interrupted[0] if self._interrupted else None
+            self._repair.start()
+        self._delete_old_runs()
+        self._request: doc.WorldRequest | None = None
+        self._early: deque[tuple[Topic[Any], Taken]] = deque(maxlen=1000)
+        self._beginnings = Beginnings()
+        self._frames = _no_frames()
+        self._evaluated_ns: int | None = None
+
+    def waiting_for(self) -> str | None:
+        """A world, or free space for the recording."""
+        return "a world" if self._run is None else self._run.trouble
+
+    def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        """Take all queued messages, and publish the evaluation."""
+        stats = inbox.received(SIMULATION_STATS)
+        told_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
+        begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
+        now_ns = self._beginnings.now_ns
+        ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
+        later: list[tuple[Topic[Any], Taken]] = []
+        for topic in _READ:
+            if topic is not SIMULATION_STATS and not inbox.pending(topic):
+                continue
+            frames = self._frames.get(topic)
+            arrivals: list[Received[Any]] = (
+                stats if topic is SIMULATION_STATS else inbox.received(topic)
+            )
+            for arrival in arrivals:
+                # A conflict with earlier messages; empty: none.
+                problem = "" if frames is None else frames.add(arrival.message)
+                taken = self._taken(topic, arrival, inbox) if not problem else None
+                if problem:
+                    inbox.reject(topic, problem)
+                elif taken is None:
+                    continue
+                elif not begins:
+                    self._take(topic, taken, now_ns)
+                elif self._beginnings.is_before(arrival.envelope.sent_ns):
+                    self._take(topic, taken, self._beginnings.ended_ns)
+                else:
+                    later.append((topic, taken))
+        if self._offered is not None:
+            self._choose_run(*self._offered, now_ns)
+        if begins and self._run is not None:
+            _LOG.info("the simulation began anew")
+            self._begin(self._run.world, now_ns)
+            for topic, taken in later:
+                self._take(topic, taken, now_ns)
+        if self._run is None:
+            return
+        self._run.tick(now_ns, inbox.counts)
+        last_ns = self._evaluated_ns
+        if ended or last_ns is None or now_ns - last_ns >= EVALUATION_PERIOD_NS:
+            self._evaluated_ns = now_ns
+            evaluation = self._run.evaluation()
+            self._run.show(evaluation)
+            outbox.put(EVALUATION, evaluation)
+
+    def close(self) -> None:
+        """End the run: its summary is written and its recording closed."""
+        if self._repair is not None:
+            self._repair.stop()
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+            self._delete_old_runs()
+        if self._live is not None:
+            self._live.close()
+            self._live = None
+
+    def _delete_old_runs(self) -> None:
+        delete_old_runs(self._config, self._local_time())
+
+    def _taken(self, topic: Topic[Any], arrival: Received[Any], inbox: Inbox) -> Taken | None:
+        """A message with its CDR, if it is to be recorded; None: it cannot be encoded."""
+        message, envelope, data = arrival
+        if not self._config.record:
+            return Taken(message, envelope, ())
+        if data is not None:
+            return Taken(message, envelope, (data,))
+        try:
+            return Taken(message, envelope, wire.encode_in_pieces(topic, message))
+        except wire.WireError as error:
+            inbox.reject(topic, error.reason)
+            return None
+
+    def _take(self, topic: Topic[Any], taken: Taken, now_ns: int) -> None:
+        message = taken.message
+        self._setting.latched.keep(topic, taken)
+        if topic is WORLD:
+            run = self._run
+            self._take_world(message, now_ns)
+            if run is not None and run is self._run:
+                run.messages.add(topic, taken, now_ns)
+            return
+        if topic is ASSETS:
+            self._setting.assets[message.header.frame_id] = message.data.tobytes()
+            self._let_go_of_assets()
+        elif topic in _FIXED:
+            self._setting.fixed[topic] = message
+        elif topic is WORLD_REQUEST and message != self._request:
+            self._request = message
+            self._write_config()
+        elif topic is PARAMETERS and self._parameters.get(message.service) != message:
+            self._parameters[message.service] = message
+            self._write_config()
+        elif topic is SIMULATION_STATS:
+            self._simulation = message, taken.envelope
+            if message.seed != self._seed:
+                self._seed = message.seed
+                self._write_config()
+        if self._run is not None:
+            self._run.take(topic, taken, now_ns)
+        elif topic in _EARLY:
+            self._early.append((topic, taken))
+
+    def _take_world(self, world: doc.World, now_ns: int) -> None:
+        run = self._run.world if self._run is not None else None
+        if run is not None and (run.hash, run.slam) == (world.hash, world.slam):
+            return
+        interrupted, self._offered = self._interrupted, None
+        if interrupted is not None and interrupted[1].world_hash == world.hash:
+            # Only the simulation's stats show whether it is the same simulation.
+            self._offered = world, self._setting.wall_clock_s()
+        else:
+            self._begin(world, now_ns)
+
+    def _choose_run(self, world: doc.World, offered_s: float, now_ns: int) -> None:
+        """Resume the run whose recorder died, or start a new one, as soon as it is known which."""
+        told = self._simulation
+        if told is None or told[0].world_hash != world.hash:
+            if self._setting.wall_clock_s() - offered_s >= SIMULATION_PATIENCE_S:
+                self._begin(world, now_ns)
+            return
+        stats, envelope = told
+        time_ns = round(stats.sim_time_s * 1e9)
+        assert self._interrupted is not None
+        folder, progress = self._interrupted
+        if not progress.is_before(world.hash, envelope.source, stats.epoch, time_ns):
+            self._begin(world, now_ns)
+            return
+        taken: RunFolder | None = None
+        try:
+            taken = RunFolder.take_over(folder)
+            self._begin(world, now_ns, taken, progress)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if taken is not None:
+                taken.let_go()
+            _LOG.warning("%s cannot be gone on with: %s", folder, error)
+            self._begin(world, now_ns)
+
+    def _let_go_of_assets(self) -> None:
+        """Drop the oldest textures and meshes that are not in use, if there are too many."""
+        assets = self._setting.assets
+        size_bytes = sum(map(len, assets.values()))
+        if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
+            return
+        used = set(assets_of(self._run.world)) if self._run is not None else set()
+        for topic in (DESIRED_ENTITIES, ENTITIES):
+            entities = self._setting.fixed.get(topic)
+            used |= assets_of(*(entities.entities if entities is not None else ())).keys()
+        # The newest may belong to entities still to come.
+        for sha256 in list(assets)[: -ASSETS.depth]:
+            if len(assets) <= _MOST_ASSETS and size_bytes <= _MOST_ASSET_BYTES:
+                return
+            if sha256 not in used:
+                size_bytes -= len(assets.pop(sha256))
+
+    def _make_folder(self, world: doc.World) -> RunFolder:
+        """Raises OSError if none can be created."""
+        if self._config.out_dir is not None:
+            return RunFolder.exactly(self._config.out_dir)
+        return RunFolder.in_folder(self._config.recordings_dir, self._local_time(), world.name)
+
+    def _begin(
+        self,
+        world: doc.World,
+        now_ns: int,
+        interrupted: RunFolder | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Start a new run in a new folder, with what is known already; or resume one."""
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+            self._delete_old_runs()
+            if world.slam:
+                for topic in _OF_A_RUN:
+                    self._setting.fixed.pop(topic, None)
+                    self._setting.latched.forget(topic)
+        folders = [interrupted] if interrupted is not None else []
+
+        def make_folder() -> RunFolder:
+            return folders.pop() if folders else self._make_folder(world)
+
+        self.world_hash = world.hash
+        self._frames = _no_frames()
+        self._evaluated_ns = None
+        self._run = Run(self._setting, make_folder, world, now_ns, progress)
+        if progress is None and self.hears_from_s is not None:
+            # These belong to a simulation that has ended.
+            self.hears_from_s = None
+            self._early = deque(
+                (entry for entry in self._early if entry[0].delivery is not Delivery.EVERY),
+                self._early.maxlen,
+            )
+        self._interrupted = self._offered = None
+        if self._repair is not None:
+            self._repair.spared = None
+        self._write_config()
+        if progress is not None:
+            what = "going on with"
+        elif self._config.record:
+            what = "recording to"
+        else:
+            what = "no recording; the run's verdict goes to"
+        _LOG.info("%s %s", what, self._run.folder.path)
+        while self._early:
+            topic, taken = self._early.popleft()
+            # The latched ones stand at the head of its messages.
+            self._run.take(topic, taken, now_ns, is_recorded=topic.delivery is Delivery.LATCHED)
+
+    def _write_config(self) -> None:
+        """Write config.yaml: the requested world, the running one, and all services' parameters."""
+        if self._run is None:
+            return
+        world = self._run.world
+        content = {
+            "world_request": self._request.model_dump(mode="json") if self._request else None,
+            "world": world.name,
+            "world_hash": world.hash,
+            "seed": self._seed,
+            "services": {name: said.values for name, said in sorted(self._parameters.items())},
+        }
+        self._run.write_config(content)

@@ -1,0 +1,141 @@
+"""The files that a mesh file refers to: materials, buffers and images."""
+
+from __future__ import annotations
+
+import io
+import re
+import urllib.parse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from trimesh.resolvers import Resolver
+
+from mazebot.common.problems import shown_value
+
+MAX_FILE_BYTES = 64 * 1024 * 1024
+MAX_TEXTURE_PX = 2048
+"""Side of a texture; larger ones are scaled down."""
+MAX_IMAGE_PIXELS = 64 * 1024 * 1024
+
+
+class MeshError(Exception):
+    """Describes an invalid file, as a phrase."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Contents of a file. Raises MeshError, or OSError."""
+    if not path.is_file():
+        # Opening a pipe would block forever.
+        path.stat()
+        raise MeshError("must be a file")
+    with path.open("rb") as file:
+        data = file.read(MAX_FILE_BYTES + 1)
+    if len(data) > MAX_FILE_BYTES:
+        raise MeshError(f"must have at most {MAX_FILE_BYTES} bytes")
+    return data
+
+
+class MeshFiles(Resolver):
+    """The files that a mesh file refers to."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.resolve().parent
+        above = [self._folder, *self._folder.parents]
+        models = (folder for folder in above if (folder / "model.config").is_file())
+        self._root = next(models, self._folder.parent)
+        self.file_path = str(path)
+        self.file_name = path.name
+        self.problem: MeshError | None = None
+        """The first problem; trimesh continues without files that it cannot read."""
+        self._pngs: dict[int, tuple[Image.Image, bytes]] = {}
+
+    def get(self, name: str) -> bytes:
+        """Contents of a file. Raises MeshError."""
+        try:
+            data = read_bytes(self._find(name))
+        except MeshError as error:
+            self.problem = self.problem or error
+            raise
+        except OSError as error:
+            self.problem = self.problem or MeshError(
+                f"{shown_value(name)}: cannot be read: {error.strerror}"
+            )
+            raise self.problem from error
+        kind = name.lower().rpartition(".")[2]
+        if kind == "mtl":
+            return bare_lines(data)
+        if kind != "bin":
+            self._check_picture(data, name)
+        return data
+
+    def namespaced(self, namespace: str) -> MeshFiles:
+        """Files are searched in one folder only."""
+        return self
+
+    def keys(self) -> tuple[str, ...]:
+        """None are listed."""
+        return ()
+
+    def write(self, name: str, data: Any) -> None:
+        """Nothing is written."""
+
+    def _check_picture(self, data: bytes, name: str) -> None:
+        try:
+            Image.open(io.BytesIO(data)).close()
+        except Exception as error:
+            self.problem = self.problem or MeshError(f"{shown_value(name)}: must be a picture")
+            raise self.problem from error
+
+    def png(self, image: Image.Image) -> bytes:
+        """An image as PNG. Raises MeshError."""
+        known = self._pngs.get(id(image))
+        if known is None:
+            known = self._pngs[id(image)] = (image, _png(image))
+        return known[1]
+
+    def _find(self, name: str) -> Path:
+        relative = urllib.parse.unquote(name).removeprefix("file://").replace("\\", "/").strip()
+        base = relative.rpartition("/")[2]
+        if "\0" in relative or not base:
+            raise MeshError(f"{shown_value(name)}: must be a file name")
+        textures = self._folder.parent / "materials" / "textures"
+        outside = False
+        # The search order of Gazebo; of an absolute path only the last part is used.
+        for candidate in (self._folder / relative, self._folder / base, textures / base):
+            found = candidate.resolve()
+            if found.is_relative_to(self._root):
+                if found.is_file():
+                    return found
+            elif found.exists():
+                outside = True
+        wrong = f"must lie in {self._root}" if outside else "no such file"
+        raise MeshError(f"{shown_value(name)}: {wrong}")
+
+
+def bare_lines(text: bytes) -> bytes:
+    """OBJ and MTL without comments and runs of blanks."""
+    # The time that readers take grows with the square of a run of blanks.
+    return re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)(^|[ \t])#.*$", b"", text))
+
+
+def _png(image: Image.Image) -> bytes:
+    if image.width * image.height > MAX_IMAGE_PIXELS:
+        raise MeshError(
+            f"a texture of {image.width} x {image.height} pixels: must have at most "
+            f"{MAX_IMAGE_PIXELS}"
+        )
+    try:
+        has_alpha = "A" in image.getbands() or "transparency" in image.info
+        pixels = image.convert("RGBA" if has_alpha else "RGB")
+        if max(pixels.size) > MAX_TEXTURE_PX:
+            share = MAX_TEXTURE_PX / max(pixels.size)
+            size = [max(1, round(side * share)) for side in pixels.size]
+            pixels = pixels.resize((size[0], size[1]), Image.Resampling.LANCZOS)
+        png = io.BytesIO()
+        # As a new image: without the file's metadata.
+        Image.fromarray(np.asarray(pixels)).save(png, "PNG")
+    except Exception as error:
+        raise MeshError("a texture is cut short or damaged") from error
+    return png.getvalue()

@@ -1,0 +1,96 @@
+"""Parses untrusted XML to a tree: nothing is fetched or expanded, all sizes are limited."""
+
+from __future__ import annotations
+
+import re
+import stat
+from pathlib import Path
+
+from lxml import etree
+
+from mazebot.worldgen.xml_comments import without_comments
+
+MAX_FILE_BYTES = 64 * 1024 * 1024
+
+_LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
+_FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
+
+
+class UnreadableError(Exception):
+    """An invalid file: a short phrase."""
+
+
+def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """The bytes of a regular file of limited size. Raises UnreadableError."""
+    try:
+        facts = file.stat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise UnreadableError("is not a file")
+        if facts.st_size > max_bytes:
+            raise UnreadableError(f"has {facts.st_size} bytes, must have at most {max_bytes}")
+        return file.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "cannot be read"
+        raise UnreadableError(reason[0].lower() + reason[1:]) from None
+
+
+def tree_of(data: bytes) -> etree._Element:
+    """The root element, without comments and processing instructions.
+
+    As in SDFormat's own parser an undeclared prefix stays a part of the name, a namespace without a
+    prefix is ignored, a comment may contain `--`, and there may be space before the declaration.
+    Raises UnreadableError.
+    """
+    data = without_comments(data)
+    if not data.strip():
+        raise UnreadableError("is empty, must be XML")
+    if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
+        raise UnreadableError("has a document type or entities of its own, which are refused")
+    # Space is moved behind the declaration, so that line numbers are kept.
+    data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
+    root, problem = _parsed(data, recover=False)
+    if root is None and _only_prefixes(data):
+        root, problem = _parsed(data, recover=True)
+    if root is None:
+        raise UnreadableError(f"is not well-formed XML: {problem}")
+    default = root.nsmap.get(None)
+    if default is not None:
+        for element in root.iter(f"{{{default}}}*"):
+            if element.prefix is None:
+                element.tag = etree.QName(element).localname
+    return root
+
+
+def _parser(recover: bool) -> etree.XMLParser:
+    return etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+        recover=recover,
+    )
+
+
+def _parsed(data: bytes, recover: bool) -> tuple[etree._Element | None, str]:
+    try:
+        return etree.fromstring(data, _parser(recover)), ""
+    except (etree.XMLSyntaxError, ValueError, LookupError) as error:
+        # lxml adds a made-up file name.
+        words = " ".join(str(error).partition(" (<string>")[0].split())
+        return None, words[:200]
+
+
+def _only_prefixes(data: bytes) -> bool:
+    """Whether undeclared prefixes are the only errors."""
+    parser = _parser(recover=True)
+    try:
+        if etree.fromstring(data, parser) is None:
+            return False
+    except (etree.XMLSyntaxError, ValueError, LookupError):
+        return False
+    log = parser.error_log
+    return bool(log) and all(
+        entry.type == etree.ErrorTypes.NS_ERR_UNDEFINED_NAMESPACE for entry in log
+    )
