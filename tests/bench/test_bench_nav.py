@@ -92,7 +92,7 @@ def test_contacts_within_a_second_are_one() -> None:
     [((0.0, 0.0, 0.0), True), ((0.027, 0.0, 0.0), True), ((0.029, 0.0, 0.0), False),
      ((0.0, 0.0, 0.027), True), ((0.02, 0.02, 0.0), False), ((0.0, 0.0, 2.0 * math.pi), True)],
 )  # fmt: skip
-def test_a_claim_is_honest_inside_the_95_percent_ellipse(
+def test_a_claim_is_consistent_inside_the_95_percent_ellipse(
     off: tuple[float, float, float], inside: bool
 ) -> None:
     # Along one axis the ellipse ends at sqrt(7.815) = 2.80 standard deviations.
@@ -103,7 +103,7 @@ def test_a_claim_is_honest_inside_the_95_percent_ellipse(
     assert found.metres == pytest.approx(math.hypot(off[0], off[1]))
 
 
-def test_a_claim_without_a_covariance_is_not_honest() -> None:
+def test_a_claim_without_a_covariance_is_not_consistent() -> None:
     truth = standing(0.0, 0.0, 0.0)
     assert not metrics.localisation_errors(
         claims_at(np.zeros((5, 3)), 0.0, 0.0), truth
@@ -174,7 +174,7 @@ def rows_of(successes: int, trials: int = 4) -> list[Row]:
     """Trials of which some succeeded."""
     return [
         Row("tours", "w", seed, 0, success=seed < successes, reached=True, spl=0.9, time_s=10.0,
-            driven_m=5.0, contacts_robot=int(seed >= successes), honesty=0.5,
+            driven_m=5.0, contacts_robot=int(seed >= successes), consistency=0.5,
             errors_m=np.full(10, 0.02), errors_rad=np.full(10, 0.01),
             way=np.array([[0.0, 0.0], [1.0, 0.5]]), scene=(np.array([[0, 0], [1, 0], [1, 1.0]]),),
             extra={"found_s": 2.0 + seed, "word": "x", "opens": True})
@@ -187,7 +187,7 @@ def test_a_summary_counts_pools_and_keeps_what_only_one_scenario_measures() -> N
     assert (found["trials"], found["successes"], found["contacts_robot"]) == (4, 3, 1)
     assert found["contacts_per_km"] == 50.0
     assert found["localisation_p95_m"] == 0.02
-    assert found["honesty"] == 0.5
+    assert found["consistency"] == 0.5
     assert (found["found_s_median"], found["found_s_count"]) == (3.5, 4)
     assert "opens_median" not in found
     assert summary([Row("docking", "", 0, 0, skipped="no dock")]) == {

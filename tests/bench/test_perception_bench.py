@@ -88,8 +88,8 @@ def test_what_is_in_view_is_where_the_picture_shows_it(viewer: Viewer) -> None:
             assert around.max() > 200
 
 
-def test_unfurnished_worlds_have_no_markers() -> None:
-    bare = Viewer("sim_house_markers", furnished=False)
+def test_unwith_markers_worlds_have_no_markers() -> None:
+    bare = Viewer("sim_house_markers", with_markers=False)
     assert bare.markers == ()
     bare.close()
 

@@ -24,7 +24,7 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.maths.kernels import kernel
 from mazebot.common.world.footprint import wall_corners
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
 from mazebot.worldgen.recipe.loader import load_world
 
@@ -140,7 +140,7 @@ def shipped(name: str, *overrides: str) -> Place:
         np.array(loaded.map_cells, np.int8),
         loaded.world.map_resolution_m,
         loaded.map_origin,
-        tuple(pose_matrix(entity) for entity in furnish(loaded.world)[0].markers),
+        tuple(pose_matrix(entity) for entity in marker_entities(loaded.world)[0].markers),
     )
 
 

@@ -249,7 +249,7 @@ class TestKidnapped:
         assert made.error()[0] < 0.06
 
 
-class TestHonesty:
+class TestConsistency:
     """The truth lies inside the ellipse of 95 % at least nine times of ten."""
 
     def share_inside(self, place: offline.Place, seeds: int, slip: float = 0.02) -> float:

@@ -14,7 +14,7 @@ from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, Marker, World
 from mazebot.common.messages.topics import ASSETS, DESIRED_ENTITIES, WORLD, Topic
 from mazebot.common.node.node import Envelope, Inbox, Outbox
-from mazebot.common.world.furnish import MAX_MARKERS, furnish
+from mazebot.common.world.marker_entities import MAX_MARKERS, marker_entities
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.spawner.node import SpawnerNode
 from mazebot.worldgen.recipe.loader import load_world
@@ -34,7 +34,7 @@ def run(node: SpawnerNode, *worlds: World) -> Sent:
 
 
 def refusals(markers: Sequence[Marker]) -> list[tuple[str, str]]:
-    desired, _ = furnish(world([wall(length_m=4.0)], markers))
+    desired, _ = marker_entities(world([wall(length_m=4.0)], markers))
     return [(refusal.name, refusal.reason) for refusal in desired.refused]
 
 
@@ -151,7 +151,7 @@ def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
     )
 )  # fmt: skip
 def test_whatever_a_marker_says_it_hangs_or_is_refused(one: Marker) -> None:
-    desired, textures = furnish(world([wall()], [one]))
+    desired, textures = marker_entities(world([wall()], [one]))
     assert len(desired.markers) + len(desired.refused) == 1
     assert len(desired.markers) == len(textures)
     assert all("\n" not in refusal.reason for refusal in desired.refused)
@@ -161,7 +161,7 @@ def test_a_wall_at_any_yaw_has_a_good_pose_for_its_marker() -> None:
     for yaw_rad in np.linspace(-3.0, 3.0, 7):
         host = wall(pose=SE2(1.0, 2.0, float(yaw_rad)))
         ahead = host.map_from_wall() @ SE2(0.0, 2.0, 0.0)
-        desired, _ = furnish(world([host], [marker()], start=ahead))
+        desired, _ = marker_entities(world([host], [marker()], start=ahead))
         (entity,) = desired.markers
         normal = rotation_from_quaternion(*entity.orientation_xyzw)[:, 2]
         towards = np.array([ahead.x_m, ahead.y_m]) - entity.position_m[:2]

@@ -20,8 +20,8 @@ from mazebot.common.messages.topics import (
     SET_ENTITY_STATE,
     SPAWN_ENTITY,
 )
-from mazebot.common.world.furnish import furnish
 from mazebot.common.world.geometry import TriangleMesh, mesh_to_bytes
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.marker_picture import draw
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.spawner.desired_set import MAX_ASKED_FOR, MAX_ENTITY_BYTES
@@ -59,7 +59,7 @@ def with_mesh(data: bytes) -> doc.BodyEntity:
 def hand_marker(id_: int = 8, x_m: float = 1.0, **changes: Any) -> tuple[doc.MarkerEntity, bytes]:
     """A marker on the house's wall, made as the world's own are."""
     house = world([wall(length_m=4.0)], [marker(id=id_, offset_m=x_m)])
-    hung, textures = furnish(house)
+    hung, textures = marker_entities(house)
     (data,) = textures.values()
     return hung.markers[0].model_copy(update={"name": f"hand_{id_}", **changes}), data
 

@@ -24,8 +24,8 @@ from mazebot.common.messages.documents import (
     Shape,
     SpeedZone,
 )
-from mazebot.common.world.furnish import furnish
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.worldgen.preview import (
     LEFT_PX,
     TOP_PX,
@@ -266,7 +266,7 @@ def test_the_model_holds_a_texture_as_the_file_that_it_is(
 
 def test_markers_hang_in_the_model_the_right_way_up(enhanced: LoadedWorld, model: bytes) -> None:
     scene = scene_of(model)
-    for entity in furnish(enhanced.world)[0].markers:
+    for entity in marker_entities(enhanced.world)[0].markers:
         panel: Any = scene.geometry[entity.name]
         x, y, z = entity.position_m
         assert panel.bounds.mean(0) == pytest.approx([x, z, -y], abs=1e-5)

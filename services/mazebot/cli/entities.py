@@ -305,7 +305,7 @@ class _WallPlace:
 
     def map_from_panel(self, world: doc.World, size_m: float) -> Array:
         """(4, 4). Raises ConfigError if the wall does not exist."""
-        from mazebot.common.world.furnish import PanelStyle  # noqa: PLC0415
+        from mazebot.common.world.marker_entities import PanelStyle  # noqa: PLC0415
         from mazebot.common.world.placement import hang  # noqa: PLC0415
 
         host = next((one for one in world.walls if one.name == self.wall), None)
@@ -345,7 +345,7 @@ class _MarkerAsked:
     ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
         """The entity and its texture. Raises ConfigError."""
         from mazebot.common.world import marker_picture  # noqa: PLC0415
-        from mazebot.common.world.furnish import PanelStyle, marker_entity  # noqa: PLC0415
+        from mazebot.common.world.marker_entities import PanelStyle, marker_entity  # noqa: PLC0415
         from mazebot.common.world.placement import Panel  # noqa: PLC0415
 
         marker = self.marker(pose, place)

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from mazebot.common.messages.topics import DIAGNOSTICS, EDGE, Delivery, Query, Topic
+from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive, MemoryTransport
 from mazebot.common.node.node import Envelope, Outbox
-from mazebot.common.node.person import Person
 from mazebot.console.live.stack import Receive, StackError
 
 M = TypeVar("M")
@@ -80,7 +80,7 @@ class MemoryStack:
     def __init__(self, transport: WatchedTransport) -> None:
         self._transport = transport
         self._executive: Executive | None = None
-        self._outbox = Outbox(Person(), transport.send)
+        self._outbox = Outbox(EdgeClient(), transport.send)
         self._waiting: queue.Queue[Callable[[], None]] = queue.Queue(MAX_WAITING)
 
     def begin(self, executive: Executive) -> None:

@@ -53,9 +53,9 @@ from mazebot.common.messages.topics import (
     Query,
     Topic,
 )
+from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
 from mazebot.common.node.node import Envelope, Outbox
-from mazebot.common.node.person import Person
 from mazebot.common.settings.load import load
 from mazebot.embedded.demo import DemoOptions, robot_nodes
 from mazebot.physics.config import STEPS_PER_SECOND
@@ -165,7 +165,7 @@ class Session:
             nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))
         self._wire = _Wire()
         self._executive = Executive(nodes, self._wire)
-        self._outbox = Outbox(Person(), self._wire.send)
+        self._outbox = Outbox(EdgeClient(), self._wire.send)
         self._closed = False
         try:
             self.pause()

@@ -26,7 +26,7 @@ from mazebot.common.messages.documents import (
 )
 from mazebot.common.world.assets import assets_of
 from mazebot.common.world.entity_problems import entity_problems, name_problems, pose_problems
-from mazebot.common.world.furnish import MAX_MARKERS
+from mazebot.common.world.marker_entities import MAX_MARKERS
 from mazebot.common.world.marker_picture import identity_problem, own_dictionaries
 from mazebot.common.world.placement import Placement, panel_of
 from mazebot.spawner.entity_assets import decoded

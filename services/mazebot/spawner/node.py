@@ -33,8 +33,8 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.node import Inbox, Node, Outbox, Request
 from mazebot.common.world.assets import asset_message, mesh_sha256s
-from mazebot.common.world.furnish import PanelStyle, furnish
 from mazebot.common.world.geometry import mesh_from_bytes
+from mazebot.common.world.marker_entities import PanelStyle, marker_entities
 from mazebot.common.world.placement import Placement
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.spawner.desired_set import DesiredSet, Later, Waits
@@ -130,7 +130,7 @@ class SpawnerNode(Node):
                 # The physics reports it too, and keeps the running world.
                 _log.error("mesh %.12s: %s", sha256, error)
         placement = Placement(world, meshes)
-        hung, textures = furnish(world, self._style, placement=placement)
+        hung, textures = marker_entities(world, self._style, placement=placement)
         self.world_hash = world.hash
         self._desired = DesiredSet(world, placement, hung, textures)
         self._standing, self._poses, self._is_settled = None, {}, False

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mazebot.common.world.furnish import furnish
 from mazebot.common.world.map_files import write_map
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.worldgen.difficulty import difficulty
 from mazebot.worldgen.map.clearance import reach
 from mazebot.worldgen.preview import plan_png
@@ -32,7 +32,7 @@ def build_world(loaded: LoadedWorld, folder: Path) -> None:
 
 def figures(loaded: LoadedWorld) -> dict[str, object]:
     """Difficulty of a world, its reachable floor, and its markers."""
-    entities, _ = furnish(loaded.world, meshes=loaded.meshes)
+    entities, _ = marker_entities(loaded.world, meshes=loaded.meshes)
     floor = reach(loaded.world, loaded.meshes)
     return {
         **difficulty(loaded).model_dump(),

@@ -15,7 +15,7 @@ from mazebot.common.maths.frames import rotation_from_quaternion, transform_matr
 from mazebot.common.messages.documents import Entities, Marker
 from mazebot.common.problems import Mistake, Problem, WorldError
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import Panel
 from mazebot.worldgen.files import imported_recipe, is_sdf
 from mazebot.worldgen.map.clearance import (
@@ -203,7 +203,7 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
     if not markers:
         return
     walls = {wall.name for wall in draft.world.walls}
-    entities, _ = furnish(draft.world, meshes=draft.meshes)
+    entities, _ = marker_entities(draft.world, meshes=draft.meshes)
     hung = {entity.name for entity in entities.markers}
     reasons: dict[str, list[str]] = {}
     for refusal in entities.refused:

@@ -18,7 +18,7 @@ from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion
 from mazebot.common.messages.documents import MarkerEntity, Material, Planar, Wall, World
 from mazebot.common.world.costmap import FREE, UNKNOWN
 from mazebot.common.world.footprint import Footprint, wall_corners
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.map.occupancy import Grid, occupied_cells
 from mazebot.worldgen.markers.visibility import reachable, seen_from
@@ -95,11 +95,11 @@ def draw_plan(loaded: LoadedWorld, seen: NDArray[np.bool_] | None = None) -> Pic
     """The plan of a world, (height, width, 3) RGB, about 2000 pixels per side at most.
 
     `seen` is (markers, rows, columns): the cells of the map from which each placed marker can be
-    read, in the order of `furnish`. None: it is computed; an empty array omits these areas.
+    read, in the order of `marker_entities`. None: it is computed; an empty array omits these areas.
     """
     world = loaded.world
     meshes = loaded.meshes
-    entities = furnish(world, meshes=meshes)[0].markers
+    entities = marker_entities(world, meshes=meshes)[0].markers
     if seen is None:
         panels = [panel_of(entity) for entity in entities]
         seen = seen_from(world, panels, loaded.map_cells, loaded.map_origin, meshes)

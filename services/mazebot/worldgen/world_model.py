@@ -12,8 +12,8 @@ from PIL import Image
 
 from mazebot.common.maths.frames import pose_matrix, rotation_from_quaternion
 from mazebot.common.messages.documents import MarkerEntity, Material, Rgba, World
-from mazebot.common.world.furnish import furnish
 from mazebot.common.world.geometry import TriangleMesh
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.surfaces import PLAIN, Surface, surfaces
 from mazebot.worldgen.recipe.loader import LoadedWorld
 
@@ -31,7 +31,7 @@ def world_glb(loaded: LoadedWorld) -> bytes:
     Moving bodies are at their initial poses. The same bytes for the same world.
     """
     world = loaded.world
-    entities, pictures = furnish(world, meshes=loaded.meshes)
+    entities, pictures = marker_entities(world, meshes=loaded.meshes)
     bodies = {body.name: body for body in world.bodies}
     looks = {m.name: _look(m, loaded.assets) for m in (PLAIN, *world.materials)}
     scene: Any = trimesh.Scene()

@@ -7,8 +7,8 @@ import pytest
 
 from mazebot.common.maths.frames import SE2, rotation_from_rpy, transform_matrix
 from mazebot.common.messages.documents import Body, Box, Ceiling, Marker, Mesh, Shape, Wall
-from mazebot.common.world.furnish import furnish
 from mazebot.common.world.geometry import TriangleMesh
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import Panel, Placement, hang, panel_of
 from mazebot.worldgen.recipe.loader import load_world
 from tests.common.house import marker, wall, world
@@ -235,7 +235,7 @@ def test_hundreds_of_panels_among_thousands_of_walls_are_judged_at_once() -> Non
 
 
 def test_an_entity_tells_its_panel() -> None:
-    (entity,) = furnish(world([wall()], [marker(offset_m=0.3, side="right")]))[0].markers
+    (entity,) = marker_entities(world([wall()], [marker(offset_m=0.3, side="right")]))[0].markers
     panel = hang("aruco_7", marker(offset_m=0.3, side="right"), wall(), SIDE_M, 0.002)
     again = panel_of(entity)
     assert again.map_from_panel == pytest.approx(panel.map_from_panel, abs=1e-12)

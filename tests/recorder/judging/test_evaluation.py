@@ -494,7 +494,7 @@ def test_a_task_aborted_by_a_restart_is_not_counted() -> None:
     ("off", "share"),
     [((0.027, 0.0, 0.0), 1.0), ((0.029, 0.0, 0.0), 0.5), ((0.0, 0.0, 0.029), 0.5)],
 )
-def test_honesty_is_the_share_of_estimates_whose_ellipsoid_holds_the_truth(
+def test_consistency_is_the_share_of_estimates_whose_ellipsoid_holds_the_truth(
     off: tuple[float, float, float], share: float
 ) -> None:
     # Along one axis the ellipsoid ends at sqrt(7.815) = 2.80 standard deviations.
@@ -513,7 +513,7 @@ def test_honesty_is_the_share_of_estimates_whose_ellipsoid_holds_the_truth(
     assert f"{share:.0%} inside" in line
 
 
-def test_an_evaluation_that_is_gone_on_with_keeps_tasks_and_honesty() -> None:
+def test_an_evaluation_that_is_gone_on_with_keeps_tasks_and_consistency() -> None:
     evaluation, again = RunEvaluation(make_world()), RunEvaluation(make_world())
     evaluation.add_estimate(estimate(0, START))
     drive(evaluation)

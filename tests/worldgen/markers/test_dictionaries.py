@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from mazebot.common.problems import WorldError
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.marker_picture import own_dictionaries
 from mazebot.perception.config import PerceptionConfig
 from mazebot.perception.find import MarkerFinder
@@ -48,7 +48,7 @@ def test_a_marker_of_a_dictionary_of_ones_own_hangs_and_is_found(tmp_path: Path)
     world = load_world("own", worlds_dir=tmp_path).world
     (codes,) = world.dictionaries
     assert (codes.name, codes.modules, codes.codes) == ("mine.yml", 5, CODES)
-    entities, textures = furnish(world)
+    entities, textures = marker_entities(world)
     (entity,) = entities.markers
     assert not entities.refused
     # Five modules, the border and the quiet zone.
@@ -82,7 +82,7 @@ def test_the_worlds_hash_has_the_codes_in_it(tmp_path: Path) -> None:
     write(tmp_path, "DICT_APRILTAG_36h11")
     without = load_world("own", worlds_dir=tmp_path).world
     assert without.dictionaries == ()
-    assert [e.dictionary for e in furnish(without)[0].markers] == ["DICT_APRILTAG_36h11"]
+    assert [e.dictionary for e in marker_entities(without)[0].markers] == ["DICT_APRILTAG_36h11"]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize
 
 from mazebot.common.maths.frames import SE2
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.markers import marker_cover
 from mazebot.worldgen.markers.marker_cover import best_cover, cover
@@ -31,7 +31,7 @@ def test_four_markers_cover_nine_tenths_of_the_house(house: LoadedWorld) -> None
     assert [one.id for one in found.markers] == [10, 11, 12, 13]
     assert found.proven_fewest
     with_them = house.world.model_copy(update={"markers": found.markers})
-    entities, _ = furnish(with_them)
+    entities, _ = marker_entities(with_them)
     assert entities.refused == ()
     panels = [panel_of(entity) for entity in entities.markers]
     share = covered_share(with_them, panels, house.map_cells, house.map_origin)
@@ -92,7 +92,7 @@ def test_no_choice_of_fewer_covers_a_small_room() -> None:
     ]
     shares = []
     for candidates in itertools.combinations(places, fewer):
-        entities, _ = furnish(one.model_copy(update={"markers": candidates}))
+        entities, _ = marker_entities(one.model_copy(update={"markers": candidates}))
         panels = [panel_of(entity) for entity in entities.markers]
         shares.append(covered_share(one, panels, cells, origin))
     assert 0.3 < max(shares) < 0.9

@@ -9,7 +9,7 @@ import pytest
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import Body, Box, Marker, Shape, Wall, World
 from mazebot.common.world.costmap import FREE, OCCUPIED
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.markers.visibility import Bits, covered_share, reachable, seen_from
 from tests.common.house import marker, wall, world
@@ -33,7 +33,7 @@ def place(*bodies: Body, walls: Sequence[Wall] = (), markers: Sequence[Marker] =
 
 
 def seen(one: World, cells: np.ndarray[tuple[int, ...], np.dtype[np.int8]] = OPEN) -> Bits:
-    hanging = furnish(one.model_copy(update={"bodies": ()}))[0].markers
+    hanging = marker_entities(one.model_copy(update={"bodies": ()}))[0].markers
     return seen_from(one, [panel_of(entity) for entity in hanging], cells, ORIGIN)
 
 
@@ -98,7 +98,9 @@ def test_only_floor_that_the_robot_can_reach_counts() -> None:
     assert not at(found, 0.9, 2.0), "too near for the robot"
     assert not at(found, 1.5, 2.0), "beyond"
     free = reachable(cells, 0.05, ORIGIN, one.start)
-    share = covered_share(one, [panel_of(e) for e in furnish(one)[0].markers], cells, ORIGIN)
+    share = covered_share(
+        one, [panel_of(e) for e in marker_entities(one)[0].markers], cells, ORIGIN
+    )
     assert share == pytest.approx(found[0].sum() / free.sum())
 
 
@@ -113,7 +115,7 @@ def test_a_robot_passes_where_it_fits() -> None:
 
 def test_the_map_may_be_turned() -> None:
     one = place()
-    panels = [panel_of(entity) for entity in furnish(one)[0].markers]
+    panels = [panel_of(entity) for entity in marker_entities(one)[0].markers]
     turned = SE2(6.0, -6.0, math.pi / 2)
     cells = seen_from(one, panels, OPEN, turned)
     assert cells.sum() == pytest.approx(seen(one).sum(), rel=0.01)

@@ -16,7 +16,7 @@ from mazebot.common.files.root import ROOT
 from mazebot.common.maths.frames import SE2, rotation_from_quaternion
 from mazebot.common.messages.documents import Planar, Room, World
 from mazebot.common.world.costmap import FREE, OCCUPIED
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.check import problems_of
 from mazebot.worldgen.markers.visibility import Sight, covered_share
@@ -56,7 +56,7 @@ def test_a_world_has_no_problem_and_every_place_can_be_reached(name: str) -> Non
     loaded = load_world(name)
     assert loaded.world.locations
     assert reaches_everything(loaded, ROBOT_RADIUS_M)
-    entities, _ = furnish(loaded.world)
+    entities, _ = marker_entities(loaded.world)
     assert entities.refused == ()
     assert len(entities.markers) == len(loaded.world.markers)
 
@@ -138,7 +138,7 @@ def test_every_room_for_slam_has_a_marker_and_things_of_its_own() -> None:
     loaded = load_world("sim_house_slam")
     world = loaded.world
     before = []
-    for entity in furnish(world)[0].markers:
+    for entity in marker_entities(world)[0].markers:
         normal = rotation_from_quaternion(*entity.orientation_xyzw)[:, 2]
         before.append(shapely.Point(*(np.array(entity.position_m) + 0.2 * normal)[:2]))
     looks = []
@@ -164,7 +164,7 @@ def test_another_seed_is_another_maze(name: str) -> None:
 
 def test_twelve_markers_show_from_nearly_everywhere() -> None:
     loaded = load_world("sim_house_markers")
-    panels = [panel_of(entity) for entity in furnish(loaded.world)[0].markers]
+    panels = [panel_of(entity) for entity in marker_entities(loaded.world)[0].markers]
     assert len(panels) == 12
     sight = Sight(loaded.world, loaded.map_cells, loaded.map_origin)
     count = np.zeros(loaded.map_cells.shape, int)

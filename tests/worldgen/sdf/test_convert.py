@@ -11,7 +11,7 @@ import yaml
 from PIL import Image
 
 from mazebot.common.config import ConfigError
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.worldgen.check import problems_of
 from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
 from mazebot.worldgen.recipe_model import Recipe
@@ -400,8 +400,8 @@ def test_a_marker_added_or_taken_away_in_the_file(house: LoadedWorld, tmp_path: 
 
 def test_every_marker_of_an_import_hangs(house: LoadedWorld, tmp_path: Path) -> None:
     back = everything.there_and_back(house, tmp_path)
-    entities, pictures = furnish(back.world)
-    before, textures = furnish(house.world)
+    entities, pictures = marker_entities(back.world)
+    before, textures = marker_entities(house.world)
     assert (entities, pictures) == (before, textures)
     assert len(entities.entities) == 2
 

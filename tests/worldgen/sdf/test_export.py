@@ -176,9 +176,9 @@ def test_each_marker_that_hangs_is_a_model_beside_the_world(loaded: LoadedWorld)
         assert f"aruco_id_{marker_id}/model.sdf" in files
     # What the robot's camera sees of it.
     texture = hashlib.sha256(files["aruco_id_3/materials/textures/3.png"]).hexdigest()
-    from mazebot.common.world.furnish import furnish
+    from mazebot.common.world.marker_entities import marker_entities
 
-    entities, _ = furnish(loaded.world)
+    entities, _ = marker_entities(loaded.world)
     assert texture == entities.markers[0].texture_sha256
     notes = json.loads(root.findtext(f"world/{OURS}world/{OURS}markers"))
     assert ["model" in note for note in notes] == [True, True, False, False]

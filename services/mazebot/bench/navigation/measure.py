@@ -84,7 +84,7 @@ def _of_localisation(row: Row, leg: Leg, truth: Array, witness: Witness) -> None
     degrees = np.degrees(found.radians)
     row.localisation_mean_deg = metrics.mean(degrees)
     row.localisation_p95_deg = metrics.percentile(degrees, 95.0)
-    row.honesty = metrics.mean(found.inside.astype(np.float64))
+    row.consistency = metrics.mean(found.inside.astype(np.float64))
     row.alarms = alarm_count(leg, truth, witness)
 
 

@@ -65,7 +65,7 @@ def summary(rows: Sequence[Row]) -> Summary:
         "localisation_mean_m": float(metres.mean()) if len(metres) else None,
         "localisation_p95_m": percentile(metres, 95.0),
         "localisation_p95_deg": percentile(np.degrees(radians), 95.0),
-        "honesty": _honesty(run),
+        "consistency": _consistency(run),
         "alarms": sum(row.alarms for row in run),
         "barn": _mean([row.barn for row in run]),
         "barn_own_speed": _mean([row.barn_own_speed for row in run]),
@@ -89,8 +89,8 @@ def _extras(rows: Iterable[Row]) -> Summary:
     return told
 
 
-def _honesty(rows: Iterable[Row]) -> float | None:
-    pairs = [(row.honesty, len(row.errors_m)) for row in rows if row.honesty is not None]
+def _consistency(rows: Iterable[Row]) -> float | None:
+    pairs = [(row.consistency, len(row.errors_m)) for row in rows if row.consistency is not None]
     claims = sum(count for _, count in pairs)
     return sum(share * count for share, count in pairs) / claims if claims else None
 
@@ -140,7 +140,7 @@ def table(summaries: Mapping[str, Summary]) -> Table:
     """One line a scenario."""
     heads = (
         "scenario", "success", "reached", "contacts", "SPL", "time s", "clear m", "jerk", "rec",
-        "loc p95 m", "deg", "honest", "alarms", "more",
+        "loc p95 m", "deg", "consistent", "alarms", "more",
     )  # fmt: skip
     made = Table(*heads, box=box.SIMPLE_HEAD)
     for name, found in summaries.items():
@@ -160,7 +160,7 @@ def table(summaries: Mapping[str, Summary]) -> Table:
             str(found["recoveries"]),
             _shown(found["localisation_p95_m"], 3),
             _shown(found["localisation_p95_deg"], 2),
-            _shown(found["honesty"], 2),
+            _shown(found["consistency"], 2),
             str(found["alarms"]),
             _more(found),
         )

@@ -91,7 +91,7 @@ class Row:
     localisation_p95_m: float | None = None
     localisation_mean_deg: float | None = None
     localisation_p95_deg: float | None = None
-    honesty: float | None = None
+    consistency: float | None = None
     """Share of the claimed poses whose 95 % ellipse holds the true pose."""
     alarms: int = 0
     """Times that localisation gave up a pose that had been right for a while."""

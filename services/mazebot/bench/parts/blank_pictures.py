@@ -31,7 +31,7 @@ def blank_pictures(count: int, generator: np.random.Generator) -> Iterator[tuple
     for index, world in enumerate(WORLDS):
         share = rendered // len(WORLDS) + (index < rendered % len(WORLDS))
         if share:
-            with closing(Viewer(world, furnished=False)) as viewer:
+            with closing(Viewer(world, with_markers=False)) as viewer:
                 for _ in range(share):
                     rgb = viewer.look(viewer.random_pose(generator)).rgb
                     yield "rendered world", _grey(rgb)

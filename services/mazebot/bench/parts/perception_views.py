@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME, SE2, Array
 from mazebot.common.messages.documents import MarkerEntity
 from mazebot.common.settings.load import load
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.physics.bodies.robot_model import robot_model_from_urdf
 from mazebot.physics.camera.camera import Intrinsics
@@ -62,11 +62,11 @@ class View:
 class Viewer:
     """Renders one world as the robot's camera sees it from poses on its floor.
 
-    `furnished` False takes all markers off the walls.
+    `with_markers` False takes all markers off the walls.
     """
 
     def __init__(
-        self, name: str, overrides: tuple[str, ...] = (), *, furnished: bool = True,
+        self, name: str, overrides: tuple[str, ...] = (), *, with_markers: bool = True,
         noise: float = 0.0, seed: int = 0,
     ) -> None:  # fmt: skip
         config = load(PhysicsConfig, "physics", ["--camera-noise", str(noise)])
@@ -77,8 +77,8 @@ class Viewer:
         )
         model = robot_model_from_urdf(config.robot_urdf())
         self.base_from_optical = model.transform(BASE_FOOTPRINT_FRAME, CAMERA_OPTICAL_FRAME)
-        entities, textures = furnish(loaded.world, meshes=loaded.meshes)
-        self.markers: tuple[MarkerEntity, ...] = entities.markers if furnished else ()
+        entities, textures = marker_entities(loaded.world, meshes=loaded.meshes)
+        self.markers: tuple[MarkerEntity, ...] = entities.markers if with_markers else ()
         assets = {**loaded.assets, **textures}
         bare = build_scene(loaded.world, assets)
         self._triangles_m = bare.vertices_m[bare.triangles]

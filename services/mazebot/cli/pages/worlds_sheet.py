@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from mazebot.common.maths.frames import LINK_FROM_OPTICAL, SE2
-from mazebot.common.world.furnish import furnish
+from mazebot.common.world.marker_entities import marker_entities
 from mazebot.physics.camera.camera import Intrinsics
 from mazebot.physics.camera.renderers import make_renderer
 from mazebot.physics.camera.scene import build_scene
@@ -51,7 +51,7 @@ def worlds_sheet() -> Picture:
     cells = []
     for name, map_from_camera in WORLDS.items():
         loaded = load_world(name)
-        entities, pictures = furnish(loaded.world)
+        entities, pictures = marker_entities(loaded.world)
         assets = {**loaded.assets, **pictures}
         renderer.set_scene(build_scene(loaded.world, assets, entities.markers))
         seen = renderer.render(map_from_camera.matrix(_CAMERA_HEIGHT_M) @ LINK_FROM_OPTICAL).rgb

@@ -22,8 +22,8 @@ from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import CLOCK, CMD_VEL, EDGE, Topic, owned_by
+from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.node import Inbox
-from mazebot.common.node.person import Person
 from mazebot.common.settings.known_settings import unknown_name
 
 _INTEGERS = {
@@ -51,13 +51,13 @@ def publish_messages(
         )
     content = parsed(topic, text)
     message_at(topic, content, 0)
-    person = Person()
+    client = EdgeClient()
     with connected(endpoint) as session:
         if not alive(session) & set(topic.readers):
             raise ConfigError(
                 f"topic pub: {topic.name}: no {' or '.join(topic.readers)} is running"
             )
-        outbox = Bus(session, person, Inbox(person)).outbox(person)
+        outbox = Bus(session, client, Inbox(client)).outbox(client)
         now_ns = [round(stats_now(session, "topic pub").sim_time_s * 1e9)]
         sent, next_s = 0, time.monotonic()
         with subscribed(session, CLOCK, lambda payload, _: _follow(now_ns, payload)):

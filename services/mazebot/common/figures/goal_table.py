@@ -62,13 +62,13 @@ def error_lines(evaluation: Evaluation) -> list[str]:
     """The figures of the whole run: errors, contacts and the markers seen."""
     error_m, error_rad = evaluation.localisation_error_m, evaluation.localisation_error_rad
     p95_deg = _degrees(error_rad.p95)
-    honest = evaluation.localization.inside_95_percent
+    inside_share = evaluation.localization.inside_95_percent
     lines = [
         "localisation error: no estimate"
         if error_m.mean is None
         else f"localisation error: mean {measured(error_m.mean, 3)} m, "
         f"p95 {measured(error_m.p95, 3)} m, p95 {measured(p95_deg, 2)} deg"
-        + ("" if honest is None else f"; {honest:.0%} inside their 95 % ellipses"),
+        + ("" if inside_share is None else f"; {inside_share:.0%} inside their 95 % ellipses"),
         f"contacts: {len(evaluation.contacts)}",
     ]
     counts = sorted(evaluation.markers_seen.items())

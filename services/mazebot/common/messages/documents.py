@@ -687,14 +687,14 @@ class ErrorStatistics(Document):
     max: Finite | None = Field(None, description="in the same unit")
 
 
-class LocalizationHonesty(Document):
+class LocalizationConsistency(Document):
     """Whether the estimated poses are as certain as their covariances say."""
 
     inside_95_percent: Finite | None = Field(
         None,
         description="share of the estimates, 0 to 1, whose 95 % ellipsoid of x, y and yaw "
-        "(chi-square with 3 degrees of freedom: 7.815) holds the true pose: 0.95 is honest, less "
-        "is overconfident; null: there was no estimate",
+        "(chi-square with 3 degrees of freedom: 7.815) holds the true pose: 0.95 is consistent, "
+        "less is overconfident; null: there was no estimate",
     )
     estimates: int = Field(0, description="number of estimates that were compared")
 
@@ -862,8 +862,9 @@ class Evaluation(Document):
     localisation_error_rad: ErrorStatistics = Field(
         ErrorStatistics(), description="angle between estimated and true heading, rad"
     )
-    localization: LocalizationHonesty = Field(
-        LocalizationHonesty(), description="whether the estimated poses are as certain as they say"
+    localization: LocalizationConsistency = Field(
+        LocalizationConsistency(),
+        description="whether the estimated poses are as certain as they say",
     )
     marker_error_m: ErrorStatistics = Field(
         ErrorStatistics(), description="distance between a marker's detected and true position, m"

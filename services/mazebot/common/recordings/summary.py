@@ -10,7 +10,7 @@ from mazebot.common.messages.documents import (
     ErrorStatistics,
     Finite,
     GoalReport,
-    LocalizationHonesty,
+    LocalizationConsistency,
     MapEvaluation,
 )
 
@@ -105,7 +105,7 @@ class RunSummary(Document):
     localisation_error_rad: ErrorStatistics = Field(
         description="angle between estimated and true heading, rad"
     )
-    localization: LocalizationHonesty = Field(
+    localization: LocalizationConsistency = Field(
         description="whether the estimated poses are as certain as they say"
     )
     marker_error_m: ErrorStatistics = Field(

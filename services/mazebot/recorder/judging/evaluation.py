@@ -21,7 +21,7 @@ from mazebot.common.messages.documents import (
     Entities,
     Evaluation,
     GoalReport,
-    LocalizationHonesty,
+    LocalizationConsistency,
     MarkerEntity,
     NavigationResult,
     Planar,
@@ -36,10 +36,10 @@ from mazebot.common.messages.messages import (
 )
 from mazebot.common.messages.slam_documents import ExplorationStatus, PoseGraph
 from mazebot.common.recordings.series import RunSeries
+from mazebot.recorder.judging.consistency import inside_95_percent
 from mazebot.recorder.judging.driven_way import DrivenWay
 from mazebot.recorder.judging.error_summary import ErrorSummary
 from mazebot.recorder.judging.history import RunHistory
-from mazebot.recorder.judging.honesty import inside_95_percent
 from mazebot.recorder.judging.obstacles import obstacles, read_meshes
 from mazebot.recorder.judging.plan import Plan
 from mazebot.recorder.judging.recent_rows import RecentRows
@@ -128,7 +128,7 @@ class RunEvaluation:
       camera's frame, transformed into the map by the robot's true pose) and its true position.
     - odometry drift: distance between the pose by wheel odometry alone, relative to the world's
       start pose, and the true one, at the newest odometry message.
-    - honesty: the share of those estimates whose 95 % ellipsoid holds the true pose.
+    - consistency: the share of those estimates whose 95 % ellipsoid holds the true pose.
     - markers seen: the number of images in which each marker of the world was detected.
     - a task sent as an action is judged as a goal is: by its goal in the map, or, where it has
       none, by where it should have led from the true pose at its start.
@@ -309,7 +309,7 @@ class RunEvaluation:
             },
             localisation_error_m=self._error_m.statistics(),
             localisation_error_rad=self._error_rad.statistics(),
-            localization=LocalizationHonesty(
+            localization=LocalizationConsistency(
                 inside_95_percent=self._inside_count / self._estimate_count
                 if self._estimate_count
                 else None,

@@ -15,8 +15,8 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import Marker, World
 from mazebot.common.world import marker_picture
-from mazebot.common.world.furnish import MAX_MARKERS, PanelStyle, furnish
 from mazebot.common.world.geometry import TriangleMesh
+from mazebot.common.world.marker_entities import MAX_MARKERS, PanelStyle, marker_entities
 from mazebot.common.world.placement import Panel, Placement, hang, panel_of
 from mazebot.worldgen.markers.visibility import FARTHEST_M, WIDEST_RAD, Bits, Sight
 from mazebot.worldgen.recipe_model import MarkerCoverRecipe
@@ -79,7 +79,7 @@ def best_cover(
     Raises ValueError with a short phrase about `share` if it cannot be reached.
     """
     sight = Sight(world, map_cells, origin, meshes)
-    hanging = [panel_of(one) for one in furnish(world, meshes=meshes)[0].markers]
+    hanging = [panel_of(one) for one in marker_entities(world, meshes=meshes)[0].markers]
     covered = np.zeros(map_cells.shape, np.bool_)
     for panel in hanging:
         rows, columns, seen = sight.window(panel)

@@ -21,8 +21,8 @@ from lxml import etree
 from mazebot.common.files.folder_writing import write_folder
 from mazebot.common.maths.frames import Array, rotation_from_quaternion, transform_matrix
 from mazebot.common.messages import documents as doc
-from mazebot.common.world.furnish import PanelStyle, furnish
 from mazebot.common.world.geometry import TriangleMesh, mesh_from_bytes, triangles_of
+from mazebot.common.world.marker_entities import PanelStyle, marker_entities
 from mazebot.common.world.marker_picture import identity_problem, own_dictionaries, panel_side_m
 from mazebot.common.world.placement import hang
 from mazebot.worldgen.recipe.loader import LoadedWorld
@@ -333,7 +333,7 @@ class _Export:
 
     def _markers(self, inside: etree._Element) -> list[dict[str, object]]:
         """Include a model for every placed marker; returns the note of each marker."""
-        entities, _ = furnish(self._world, max_markers=len(self._world.markers))
+        entities, _ = marker_entities(self._world, max_markers=len(self._world.markers))
         pose_of = {entity.name: entity.position_m for entity in entities.markers}
         walls = {wall.name: wall for wall in self._world.walls}
         own = own_dictionaries(self._world.dictionaries)

@@ -17,9 +17,9 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import Array
 from mazebot.common.messages.documents import Marker
 from mazebot.common.world import marker_picture
-from mazebot.common.world.furnish import PanelStyle
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.marker_dictionary import read_dictionary
+from mazebot.common.world.marker_entities import PanelStyle
 from mazebot.worldgen.sdf.writing import add, add_look, numbers, say, sdf_root, xml_bytes
 
 Kind = Literal["panel", "cube"]

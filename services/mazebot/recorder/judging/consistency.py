@@ -1,4 +1,4 @@
-"""Whether an estimated pose's covariance is honest."""
+"""Whether an estimated pose's covariance is consistent with its true error."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ CHI2_3_95 = 7.815
 
 
 def inside_95_percent(error: Array, covariance: Array) -> bool:
-    """Whether the truth lies inside the 95 % ellipsoid of an estimate, heading included: of honest
-    estimates, 95 of 100 do.
+    """Whether the truth lies inside the 95 % ellipsoid of an estimate, heading included: of
+    consistent estimates, 95 of 100 do.
 
     Args:
         error: (3,) estimate minus truth: x, y (m), yaw (rad, wrapped).

@@ -25,7 +25,7 @@ class PanelStyle:
     """Side of one module of a marker in its texture."""
 
 
-def furnish(
+def marker_entities(
     world: World,
     style: PanelStyle = PanelStyle(),
     max_markers: int = MAX_MARKERS,

@@ -9,7 +9,7 @@ from mazebot.common.messages.topics import EDGE
 from mazebot.common.node.node import Inbox, Node, Outbox
 
 
-class Person(Node):
+class EdgeClient(Node):
     """The user: may publish the topics of the user's tools."""
 
     name: ClassVar[str] = EDGE
