@@ -15,29 +15,29 @@ import threading
 from mazebot.common.bus.bus import BusConfig, BusUnavailableError, open_session, subscribed
 from mazebot.common.bus.health import is_alive
 from mazebot.common.messages.topics import WORLD
+from mazebot.common.settings.load import load
 
 WORLD_PATIENCE_S = 1.0
 """Time to wait for the world of a running stack; it is latched."""
 
 
-def world_runs(endpoint: str, prefix: str = "") -> bool:
+def world_runs(config: BusConfig) -> bool:
     """Whether a world is loaded already. In lockstep no service replies before bringup runs."""
     try:
-        session = open_session(BusConfig(connect=endpoint, prefix=prefix))
+        session = open_session(config)
     except BusUnavailableError:
         return False
-    heard = threading.Event()
-    with subscribed(session, WORLD, lambda *_: heard.set(), prefix):
-        runs = heard.wait(WORLD_PATIENCE_S)
+    received = threading.Event()
+    with subscribed(session, WORLD, lambda *_: received.set(), config.prefix):
+        runs = received.wait(WORLD_PATIENCE_S)
     session.close()  # type: ignore[no-untyped-call]
     return runs
 
 
 def main() -> None:
     """Request the world; the exit code is the result."""
-    endpoint = os.environ.get("MAZEBOT_BUS_CONNECT") or "tcp/127.0.0.1:7447"
-    prefix = os.environ.get("MAZEBOT_BUS_PREFIX", "")
-    if not is_alive(endpoint, "worldgen", prefix) or not world_runs(endpoint, prefix):
+    config = load(BusConfig, "bus", [])
+    if not is_alive(config.connect, "worldgen", config.prefix) or not world_runs(config):
         os._exit(0)
     # Slow to import, and not needed if a stack is only starting.
     from mazebot.bringup.config import BringupConfig  # noqa: PLC0415

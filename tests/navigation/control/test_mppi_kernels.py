@@ -27,8 +27,8 @@ ENTRIES = (
 def compiled() -> dict[str, list[Any]]:
     """The signatures of every kernel of the room."""
     found = {}
-    for info in pkgutil.iter_modules(control.__path__):
-        module = importlib.import_module(f"{control.__name__}.{info.name}")
+    for info in pkgutil.walk_packages(control.__path__, f"{control.__name__}."):
+        module = importlib.import_module(info.name)
         for name, value in vars(module).items():
             if hasattr(value, "signatures"):
                 found[f"{info.name}.{name}"] = list(value.signatures)
