@@ -97,7 +97,7 @@ check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/ruff format --check $(SOURCES)
 	@.venv/bin/mypy
 	@.venv/bin/lint-imports
-	@for page in topics recipes parameters recordings; do \
+	@for page in api topics recipes parameters recordings; do \
 		.venv/bin/python -m mazebot.cli.pages.$${page}_page | diff - docs/$$page.md \
 			|| { echo "docs/$$page.md is stale: make generate"; exit 1; }; \
 	done
@@ -112,7 +112,7 @@ fix: $(STAMP) ## format, and fix what the linter can
 	@.venv/bin/ruff format $(SOURCES)
 
 generate: $(STAMP) ## regenerate the generated files
-	@for page in topics recipes parameters recordings; do \
+	@for page in api topics recipes parameters recordings; do \
 		.venv/bin/python -m mazebot.cli.pages.$${page}_page > docs/$$page.md; \
 	done
 	@for schema in summary series labels; do \

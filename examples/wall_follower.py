@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from mazebot.navigation.control.collision import Surroundings, Velocity
-from mazebot.navigation.control.controller import ControllerParams, PathlessController
+from mazebot.plugins import ControllerParams, PathlessController, Surroundings, Velocity
 
 
 class WallFollowerParams(ControllerParams):

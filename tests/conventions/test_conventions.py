@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from mazebot.cli.pages.api_page import api_page
 from mazebot.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
 from mazebot.cli.pages.recipes_page import recipes_page
 from mazebot.cli.pages.recordings_page import recordings_page
@@ -131,6 +132,7 @@ def test_tests_do_not_sleep() -> None:
 @pytest.mark.parametrize(
     ("name", "page"),
     [
+        ("api.md", api_page),
         ("topics.md", topics_page),
         ("recipes.md", recipes_page),
         ("parameters.md", parameters_page),
