@@ -33,8 +33,8 @@ from tests.recorder.test_node import entities_of, recorder, stats, summary_of, v
 KILLED = """
 import os, signal, sys, time
 from pathlib import Path
-from mazebot.common.node import documents as doc
-from mazebot.common.node import topics as table
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import topics as table
 from mazebot.recorder.config import RecorderConfig
 from mazebot.common.recordings.comparing.digests import read_digests
 from mazebot.recorder.node import RecorderNode
