@@ -14,7 +14,10 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import BusConfig, ask, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.query import ask
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
 from mazebot.common.messages.messages import DiagnosticArray, TwistStamped, ns_from_time
 from mazebot.common.messages.topics import CMD_VEL, DIAGNOSTICS, SIMULATION_CONTROL, Topic

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from mazebot.common.bus.bus import BusConfig
+from mazebot.common.bus.config import BusConfig
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
 from mazebot.console.live.zenoh_stack import ZenohStack

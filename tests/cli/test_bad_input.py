@@ -17,7 +17,7 @@ import yaml
 
 from mazebot.cli.app import app
 from mazebot.cli.parsing.known import fields_of_all, model_of
-from mazebot.common.bus.bus import open_session
+from mazebot.common.bus.session import open_session
 from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
 from mazebot.common.settings.known_settings import unknown_variable
@@ -571,7 +571,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         (path / "binary.yaml").write_bytes(b"a: \xff\n")
         # Nobody is ever there.
         soon = functools.partial(open_session, timeout_s=0.05)
-        patch.setattr("mazebot.common.bus.bus.open_session", soon)
+        patch.setattr("mazebot.common.bus.session.open_session", soon)
         patch.chdir(path)
         yield path
 

@@ -15,7 +15,11 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import BusConfig, alive_key, open_session, publish, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (

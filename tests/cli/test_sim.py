@@ -14,15 +14,11 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import (
-    BusConfig,
-    NoAnswerError,
-    alive_key,
-    ask,
-    open_session,
-    publish,
-    wait_until_alive,
-)
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive_key, wait_until_alive
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.query import QueryError, ask
+from mazebot.common.bus.session import open_session
 from mazebot.common.messages.documents import Entities, SimulationControl
 from mazebot.common.messages.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
 from mazebot.common.messages.wire import encode
@@ -167,7 +163,7 @@ def _while_running(opened: zenoh.Session, endpoint: str, end: Callable[[], objec
     def run() -> str:
         try:
             return ask(opened, SIMULATION_CONTROL, request, DEADLINE_S, start_s=0.2).error
-        except NoAnswerError as error:
+        except QueryError as error:
             return str(error)
 
     with ThreadPoolExecutor() as pool:
@@ -187,11 +183,11 @@ def _cut_short(opened: zenoh.Session, endpoint: str) -> None:
 
 def _ended(opened: zenoh.Session, endpoint: str, process: subprocess.Popen[bytes]) -> None:
     error = _while_running(opened, endpoint, process.kill)
-    assert error == "/simulation/control: physics is not there to answer"
+    assert error == "/simulation/control: physics is not running"
 
 
 def test_nobody_to_control_is_one_line(session: tuple[zenoh.Session, str]) -> None:
     assert_one_line(sim("tcp/127.0.0.1:1", "pause"), "no Zenoh router")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mazebot.cli.sim.PATIENCE_S", 0.5)
-        assert_one_line(sim(session[1], "pause"), "no answer from physics within 0.5 s")
+        assert_one_line(sim(session[1], "pause"), "no reply from physics within 0.5 s")

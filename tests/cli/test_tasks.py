@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import alive_key, publish
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.publisher import publish
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (

@@ -29,7 +29,10 @@ from mazebot.cli.drive.teleop_keys import (
     Teleop,
     split_keys,
 )
-from mazebot.common.bus.bus import BusConfig, alive_key, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import CMD_VEL_TELEOP
 from mazebot.common.messages.wire import decode
 

@@ -9,13 +9,10 @@ from typing import Any, cast
 
 import zenoh
 
-from mazebot.common.bus.bus import (
-    BusConfig,
-    alive_key,
-    open_session,
-    service_and_source,
-    subscribe,
-)
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive_key, service_and_source
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
 from mazebot.common.messages.messages import Odometry
 from mazebot.common.messages.topics import GROUND_TRUTH_ODOM

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.files.root import ROOT
 from mazebot.common.messages.documents import World
 from mazebot.common.messages.topics import WORLD

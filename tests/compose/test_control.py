@@ -16,7 +16,10 @@ from typing import Any
 
 import pytest
 
-from mazebot.common.bus.bus import BusConfig, ask, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.query import ask
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.maths.frames import wrap_angle, yaw_from_quaternion
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
 from mazebot.common.messages.messages import TwistStamped, ns_from_time

@@ -17,14 +17,12 @@ import numpy as np
 import pytest
 import zenoh
 
-from mazebot.common.bus.bus import (
-    BusConfig,
-    alive_key,
-    open_session,
-    pack_attachment,
-    publish,
-    subscribe,
-)
+from mazebot.common.bus.attachment import pack_attachment
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire

@@ -62,7 +62,7 @@ def test_a_full_disk_costs_the_tour_nothing_and_the_recording_only_that_time(sta
     assert (run / "run.rrd").stat().st_size == written
     assert stack.inspect("recorder")["State"]["Health"]["Status"] == "healthy"
     filler.unlink()
-    wait_until(lambda: "recording goes on" in stack.logs("recorder"), 15.0, "it goes on")
+    wait_until(lambda: "recording resumed" in stack.logs("recorder"), 15.0, "it goes on")
     wait_until(lambda: "tour finished" in stack.logs(DEMO), 300.0, "the tour ends")
     check_table(stack.logs(DEMO))
     recorder = stack.logs("recorder")

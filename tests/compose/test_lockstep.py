@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from mazebot.bench.parts.loopback_router import wait_for_router
-from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.documents import SimulationStats
 from mazebot.common.messages.topics import SIMULATION_STATS, Topic
 from mazebot.common.messages.wire import decode

@@ -15,7 +15,9 @@ from typing import Any
 
 import pytest
 
-from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     CAMERA_INFO,

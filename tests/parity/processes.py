@@ -14,7 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import SERVICES, TOPICS, Topic
 from mazebot.common.node.node import Envelope
 from tests.parity.transport import Record

@@ -10,8 +10,10 @@ import pytest
 
 from mazebot.bench.parts.loopback_router import running_router
 from mazebot.cli.diff import diff_runs
-from mazebot.common.bus.bus import BusConfig, ask, open_session
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.query import ask
 from mazebot.common.bus.serve import EXIT_OUT_OF_STEP
+from mazebot.common.bus.session import open_session
 from mazebot.common.messages.documents import GetEntities, SimulationControl
 from mazebot.common.messages.topics import (
     BY_NAME,

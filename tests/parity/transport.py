@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import time
 
-from mazebot.common.bus.bus import Bus, BusConfig, alive, open_session
+from mazebot.common.bus.bus import Bus
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.session import open_session
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import Topic, owned_by
 from mazebot.common.node.executive import MemoryTransport

@@ -25,8 +25,8 @@ from mazebot.common.messages.slam_documents import (
 from mazebot.common.world.map_files import read_map
 from mazebot.common.world.marker_file import read_markers
 from mazebot.recorder.judging.evaluation import RunEvaluation
-from mazebot.recorder.keeping import map_folder as map_folder_module
-from mazebot.recorder.keeping.map_folder import WRITE_PERIOD_NS, MapFolder
+from mazebot.recorder.keeping.run import map_folder as map_folder_module
+from mazebot.recorder.keeping.run.map_folder import WRITE_PERIOD_NS, MapFolder
 from tests.recorder.synthetic import (
     ERROR_M,
     Bench,

@@ -26,7 +26,7 @@ from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.comparing.digests import DigestWriter, read_digests
 from mazebot.recorder import node as node_module
 from mazebot.recorder.config import RecorderConfig
-from mazebot.recorder.keeping import run as run_module
+from mazebot.recorder.keeping.run import run as run_module
 from mazebot.recorder.node import RecorderNode
 from mazebot.recorder.stream.rerun_program import rerun_binary
 from tests.recorder.synthetic import (

@@ -22,7 +22,7 @@ from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_messages
 from mazebot.common.recordings.mcap.mcap_scan import scan
 from mazebot.common.recordings.run_folder import MESSAGES, parts_of
-from mazebot.recorder.keeping import run as run_module
+from mazebot.recorder.keeping.run import run as run_module
 from tests.recorder.synthetic import Bench, driving, opening, room
 from tests.recorder.test_node import recorder, summary_of, verify
 
@@ -163,7 +163,7 @@ def test_a_full_disk_costs_only_what_it_has_no_room_for(
     try:
         bench.say(driving(world, 1.0, start_ns=500_000_000))
         assert "run.mcap: File too large" in caplog.text
-        assert "room for" in str(bench.node.waiting_for())
+        assert "disk space for" in str(bench.node.waiting_for())
         bench.say([(1_500_000_000, table.WORLD_STATUS, said_of_world())])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)

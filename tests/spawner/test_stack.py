@@ -21,8 +21,12 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import BusConfig, ask, open_session, publish, wait_until_alive
-from mazebot.common.bus.bus import pack_attachment as packed
+from mazebot.common.bus.attachment import pack_attachment as packed
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import wait_until_alive
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.query import ask
+from mazebot.common.bus.session import open_session
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.topics import (
     DELETE_ENTITY,

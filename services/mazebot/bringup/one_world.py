@@ -12,8 +12,10 @@ import os
 import sys
 import threading
 
-from mazebot.common.bus.bus import BusConfig, BusUnavailableError, open_session, subscribed
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.health import is_alive
+from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.subscriber import subscribed
 from mazebot.common.messages.topics import WORLD
 from mazebot.common.settings.load import load
 

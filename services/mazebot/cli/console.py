@@ -34,7 +34,7 @@ def console(
     to browsers on this machine until Ctrl-C.
     """
     # The web server takes long to import.
-    from mazebot.common.bus.bus import BusConfig  # noqa: PLC0415
+    from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
     from mazebot.common.config import ConfigError  # noqa: PLC0415
     from mazebot.common.settings.load import load  # noqa: PLC0415
     from mazebot.console.config import ConsoleConfig  # noqa: PLC0415

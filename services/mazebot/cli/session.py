@@ -26,7 +26,8 @@ def connected(endpoint: str) -> Iterator[zenoh.Session]:
 
     Raises ConfigError where no router responds.
     """
-    from mazebot.common.bus.bus import BusConfig, BusUnavailableError, open_session  # noqa: PLC0415
+    from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
+    from mazebot.common.bus.session import BusUnavailableError, open_session  # noqa: PLC0415
 
     try:
         session = open_session(BusConfig(connect=endpoint))
@@ -42,12 +43,12 @@ def connected(endpoint: str) -> Iterator[zenoh.Session]:
 
 def ask(session: zenoh.Session, query: Query[Q, A], message: Q, timeout_s: float) -> A:
     """The reply to a query. Raises ConfigError where there is none."""
-    from mazebot.common.bus import bus  # noqa: PLC0415
+    from mazebot.common.bus import query as bus_query  # noqa: PLC0415
     from mazebot.common.messages.wire import WireError  # noqa: PLC0415
 
     try:
-        return bus.ask(session, query, message, timeout_s)
-    except (bus.NoAnswerError, WireError) as error:
+        return bus_query.ask(session, query, message, timeout_s)
+    except (bus_query.QueryError, WireError) as error:
         raise ConfigError(str(error)) from error
 
 
@@ -62,7 +63,7 @@ def first_message(
     session: zenoh.Session, topic: Topic[M], timeout_s: float, missing: str = "no message"
 ) -> M:
     """The first message on a topic. Raises ConfigError where none is received, or a wrong one."""
-    from mazebot.common.bus.bus import subscribed  # noqa: PLC0415
+    from mazebot.common.bus.subscriber import subscribed  # noqa: PLC0415
     from mazebot.common.messages import wire  # noqa: PLC0415
 
     come: queue.SimpleQueue[bytes] = queue.SimpleQueue()

@@ -98,7 +98,7 @@ def stats(
     connect: Connect = ROUTER,
 ) -> None:
     """Print time, real time factor, hashes and the rates of the sensors."""
-    from mazebot.common.bus.bus import subscribed  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.bus.subscriber import subscribed  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.messages.topics import DIAGNOSTICS  # noqa: PLC0415
 
     told: queue.SimpleQueue[bytes] = queue.SimpleQueue()

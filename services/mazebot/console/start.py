@@ -6,7 +6,7 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 
-from mazebot.common.bus.bus import BusConfig
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.config import ConfigError, fail
 from mazebot.common.node.log import RosFormatter
 from mazebot.common.settings.load import load

@@ -45,7 +45,8 @@ from mazebot.recorder.keeping.beginnings import Beginnings
 from mazebot.recorder.keeping.closing import delete_old_runs
 from mazebot.recorder.keeping.progress import Progress
 from mazebot.recorder.keeping.repair import Repair, interrupted
-from mazebot.recorder.keeping.run import Run, Setting
+from mazebot.recorder.keeping.run.run import Run
+from mazebot.recorder.keeping.run.setting import Setting
 from mazebot.recorder.keeping.versions import hardware, versions
 from mazebot.recorder.stream.message_log import Taken
 

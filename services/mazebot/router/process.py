@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 
-from mazebot.common.bus.bus import BusConfig
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.config import ConfigError, fail
 from mazebot.common.node import log
 from mazebot.common.settings.load import load

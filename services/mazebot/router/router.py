@@ -8,7 +8,8 @@ from pathlib import Path
 
 import zenoh
 
-from mazebot.common.bus.bus import alive_key, close_links_at_once
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.session import close_links_at_once
 from mazebot.common.config import ConfigError
 from mazebot.router.config import RouterConfig
 

@@ -20,7 +20,10 @@ import pytest
 from mazebot.bench.parts.loopback_router import running_router
 from mazebot.cli.replay.reading.replayed import Replayed
 from mazebot.cli.replay.sender import Sender
-from mazebot.common.bus.bus import BusConfig, alive, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     CLOCK,

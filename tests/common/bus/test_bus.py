@@ -19,17 +19,14 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import (
-    Bus,
-    BusConfig,
-    alive_key,
-    open_session,
-    pack_attachment,
-    publish,
-    subscribe,
-    unpack_attachment,
-)
+from mazebot.common.bus.attachment import pack_attachment, unpack_attachment
+from mazebot.common.bus.bus import Bus
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.linger import stop_lingering
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ServiceConfig
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.topics import (
@@ -113,10 +110,10 @@ def test_an_attachment_says_of_which_topic_its_message_is() -> None:
     envelope = Envelope(SOURCE, 3, 5, "0123456789abcdef")
     data = pack_attachment(WORLD_STATUS, envelope)
     assert unpack_attachment(WORLD_STATUS, data) == envelope
-    with pytest.raises(ValueError, match="of another topic"):
+    with pytest.raises(ValueError, match="message of another topic"):
         unpack_attachment(WORLD_REQUEST, data)
     for broken in (b"", data[:30], data[: -len(WORLD_STATUS.name)]):
-        with pytest.raises(ValueError, match="attachment of another kind"):
+        with pytest.raises(ValueError, match="invalid attachment"):
             unpack_attachment(WORLD_STATUS, broken)
 
 
@@ -138,7 +135,7 @@ def test_a_message_of_another_topic_is_rejected_and_counted(
     publisher.put(request, attachment=pack_attachment(WORLD_REQUEST, envelope))
     counts = inbox.counts[WORLD_REQUEST.name]
     wait_until(lambda: counts.received == 2, "both good ones")
-    assert counts.rejected == {"of another topic": 1, "attachment of another kind": 1}
+    assert counts.rejected == {"message of another topic": 1, "invalid attachment": 1}
     assert [request.world_name for request in inbox.new(WORLD_REQUEST)] == ["maze"] * 2
     bus.close()
 

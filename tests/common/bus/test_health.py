@@ -6,14 +6,10 @@ import sys
 import time
 
 from mazebot.bench.parts.loopback_router import free_port, running_router
-from mazebot.common.bus.bus import (
-    ALIVE_PREFIX,
-    BusConfig,
-    alive_key,
-    open_session,
-    wait_until_alive,
-)
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.health import ALIVE_KEY, is_alive
+from mazebot.common.bus.liveliness import ALIVE_PREFIX, alive_key, wait_until_alive
+from mazebot.common.bus.session import open_session
 
 
 def probe(endpoint: str, *services: str) -> int:

@@ -14,21 +14,15 @@ import pytest
 
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.bus import serve
-from mazebot.common.bus.bus import (
-    BusConfig,
-    alive,
-    give_turn,
-    open_session,
-    pack_attachment,
-    publish,
-    put_once,
-    subscribe,
-    wait_until_alive,
-    watch_seats,
-    watch_sources,
-)
+from mazebot.common.bus.attachment import pack_attachment
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive, wait_until_alive, watch_sources
 from mazebot.common.bus.lockstep import HeldInbox, Turn
+from mazebot.common.bus.publisher import publish, put_once
+from mazebot.common.bus.seats import give_turn, watch_seats
 from mazebot.common.bus.serve import _Service
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ConfigError, ServiceConfig
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.documents import SimulationControl, SimulationControlReply

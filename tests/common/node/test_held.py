@@ -9,8 +9,10 @@ from contextlib import contextmanager
 import pytest
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import Bus, BusConfig, open_session
+from mazebot.common.bus.bus import Bus
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.handover import Handover
+from mazebot.common.bus.session import open_session
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import (
     ASSETS,

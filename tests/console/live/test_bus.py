@@ -13,7 +13,7 @@ import pytest
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
-from mazebot.common.bus.bus import BusConfig
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.messages.documents import SimulationControl
 from mazebot.common.messages.topics import SIMULATION_CONTROL
 from mazebot.common.node.executive import Executive

@@ -9,7 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from mazebot.common.bus.bus import BusConfig, BusUnavailableError, open_session
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import BusUnavailableError, open_session
 
 _DEADLINE_S = 20.0
 

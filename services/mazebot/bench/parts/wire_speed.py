@@ -15,7 +15,10 @@ import numpy as np
 
 from mazebot.bench.bench_figures import timed_ms
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import BusConfig, open_session, publish, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import CAMERA_IMAGE, SCAN, Topic

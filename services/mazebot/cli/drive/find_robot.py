@@ -12,7 +12,7 @@ from mazebot.cli.drive.task import EXIT_FAILED, PATIENCE_S, Inlet
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.session import ask, connected
 from mazebot.cli.sim import PAUSED, stats_now
-from mazebot.common.bus.bus import wait_until_alive
+from mazebot.common.bus.liveliness import wait_until_alive
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg

@@ -18,7 +18,7 @@ from mazebot.cli.drive.task import (
 )
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.session import connected
-from mazebot.common.bus.bus import put_once
+from mazebot.common.bus.publisher import put_once
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg

@@ -16,7 +16,8 @@ from mazebot.cli.drive.progress import ProgressLine
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.session import ask, connected
 from mazebot.cli.sim import PAUSED, stats_now
-from mazebot.common.bus.bus import alive_key, service_and_source, subscribed, wait_until_alive
+from mazebot.common.bus.liveliness import alive_key, service_and_source, wait_until_alive
+from mazebot.common.bus.subscriber import subscribed
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import wire

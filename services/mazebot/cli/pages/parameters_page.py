@@ -8,7 +8,7 @@ from typing import Any
 
 from mazebot.bringup.config import BringupConfig
 from mazebot.cli.pages.schema_words import default_in_yaml, kind_in_words, one_cell
-from mazebot.common.bus.bus import BusConfig
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.config import ServiceConfig
 from mazebot.common.files.root import ROOT
 from mazebot.console.config import ConsoleConfig

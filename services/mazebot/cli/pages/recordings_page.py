@@ -23,7 +23,7 @@ from mazebot.common.recordings.run_folder import (
 )
 from mazebot.common.recordings.series import RunSeries
 from mazebot.common.recordings.summary import RunSummary
-from mazebot.recorder.keeping.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
+from mazebot.recorder.keeping.run.map_folder import MAP_FOLDER, MAP_NAME, MARKERS, POSE_GRAPH_FILE
 
 _HEAD = """# Recordings: what a run leaves
 

@@ -15,7 +15,7 @@ Generated from `services/mazebot/common/messages/topics.py` by `make generate`; 
 Keys are the ROS names without their leading slash. `latest`: best effort, a subscriber keeps the
 newest message; `every`: reliable, resent to a subscriber that has missed it; `latched`: transient
 local, a late subscriber gets the last message. Types that are not from ROS are JSON documents in
-`std_msgs/msg/String`, declared in `services/mazebot/common/messages/documents.py`.
+`std_msgs/msg/String`, declared in `services/mazebot/common/messages/documents/`.
 
 | topic | key | type | rate Hz | publishers | subscribers | delivery | what |
 | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -25,7 +25,7 @@ _QUERIES_HEAD = """
 ## Queries
 
 Zenoh queries of user tools to one service, on the key of the name; request and reply are JSON
-documents of `services/mazebot/common/messages/documents.py`.
+documents of `services/mazebot/common/messages/documents/`.
 
 | query | key | request | reply | answered by | what |
 | --- | --- | --- | --- | --- | --- |

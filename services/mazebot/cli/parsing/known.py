@@ -63,6 +63,7 @@ def fields_of_all() -> dict[str, Collection[str]]:
 
 def model_of(section: str) -> type[ServiceConfig]:
     """The configuration of a section, by its name: `bus` or a service."""
-    where = "mazebot.common.bus.bus" if section == "bus" else f"mazebot.{section}.config"
-    model: type[ServiceConfig] = getattr(import_module(where), f"{section.capitalize()}Config")
+    where = "common.bus" if section == "bus" else section
+    module = import_module(f"mazebot.{where}.config")
+    model: type[ServiceConfig] = getattr(module, f"{section.capitalize()}Config")
     return model

@@ -21,8 +21,10 @@ from mazebot.cli.replay.sender import MATCH_S, Listener, Sender, wait_until
 from mazebot.cli.replay.through_service import summary_of, tell_comparison
 from mazebot.cli.replay.turns_on_bus import TurnsOnBus
 from mazebot.cli.topics.topic import named_topic
-from mazebot.common.bus.bus import BusConfig, BusUnavailableError, alive, open_session
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive
 from mazebot.common.bus.pace import Pace
+from mazebot.common.bus.session import BusUnavailableError, open_session
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Delivery
 

@@ -13,12 +13,10 @@ import zenoh
 from mazebot.cli.replay.comparison import Comparison
 from mazebot.cli.replay.in_process import NOT_COMPARED
 from mazebot.cli.replay.reading.replayed import Replayed
-from mazebot.common.bus.bus import (
-    alive_key,
-    pack_attachment,
-    publish,
-    subscribe,
-)
+from mazebot.common.bus.attachment import pack_attachment
+from mazebot.common.bus.liveliness import alive_key
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import BY_NAME, EDGE, ROSOUT, Topic, owned_by
 from mazebot.common.node.node import Envelope
 

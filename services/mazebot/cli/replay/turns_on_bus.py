@@ -13,9 +13,9 @@ import zenoh
 from mazebot.cli.replay.reading.replayed import Replayed
 from mazebot.cli.replay.seats import Feed, ReplayRound
 from mazebot.cli.replay.sender import MATCH_S, Sender, wait_until
-from mazebot.common.bus.bus import give_turn, watch_seats
 from mazebot.common.bus.lockstep import Ledger, LockstepError, RemoteSeat, Turn, TurnEnd
 from mazebot.common.bus.pace import Pace
+from mazebot.common.bus.seats import give_turn, watch_seats
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.topics import SERVICES
 

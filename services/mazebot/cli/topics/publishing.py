@@ -15,7 +15,9 @@ from rosbags.interfaces import Nodetype
 from mazebot.cli.session import connected
 from mazebot.cli.sim import stats_now
 from mazebot.cli.topics.topic import named_topic
-from mazebot.common.bus.bus import Bus, alive, subscribed
+from mazebot.common.bus.bus import Bus
+from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.subscriber import subscribed
 from mazebot.common.config import ConfigError
 from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME

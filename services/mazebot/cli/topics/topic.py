@@ -19,7 +19,8 @@ import yaml
 from mazebot.cli.parsing.options import print_json
 from mazebot.cli.session import connected
 from mazebot.cli.sim import paused
-from mazebot.common.bus.bus import alive, subscribed, topic_named
+from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.subscriber import subscribed
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
@@ -195,7 +196,7 @@ def plain(value: Any, shown: int | None = ARRAY_SHOWN) -> Any:
 
 def named_topic(name: str) -> Topic[object]:
     """The topic of a name with or without its slash. Raises ConfigError where there is none."""
-    topic = topic_named(name)
+    topic = BY_NAME.get("/" + name.removeprefix("/"))
     if topic is None:
         near = difflib.get_close_matches(f"/{name.removeprefix('/')}", BY_NAME, 1)
         said = (

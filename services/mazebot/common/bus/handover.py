@@ -9,7 +9,8 @@ from typing import Any, cast
 
 import zenoh
 
-from mazebot.common.bus.bus import Bus, pack_attachment, unpack_attachment
+from mazebot.common.bus.attachment import pack_attachment, unpack_attachment
+from mazebot.common.bus.bus import Bus
 from mazebot.common.messages.topics import BY_NAME, Topic
 from mazebot.common.node.held import HeldMessage, is_alone, newest, wanted_by
 from mazebot.common.node.node import Envelope, Inbox
@@ -108,6 +109,6 @@ def _unpack(data: bytes, attachment: bytes) -> HeldMessage[Envelope]:
         received_ns, length = _HEAD.unpack_from(attachment)
         topic = BY_NAME[attachment[_HEAD.size : _HEAD.size + length].decode()]
     except (struct.error, UnicodeDecodeError, KeyError) as error:
-        raise ValueError("attachment of another kind") from error
+        raise ValueError("invalid attachment") from error
     envelope = unpack_attachment(topic, attachment[_HEAD.size + length :])
     return HeldMessage(topic, data, envelope, received_ns)

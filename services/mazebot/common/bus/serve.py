@@ -13,16 +13,8 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
-from mazebot.common.bus.bus import (
-    Bus,
-    BusConfig,
-    BusUnavailableError,
-    SeatOnBus,
-    give_turn,
-    open_session,
-    subscribe,
-    watch_seats,
-)
+from mazebot.common.bus.bus import Bus
+from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.handover import Handover
 from mazebot.common.bus.lockstep import (
     HeldInbox,
@@ -33,6 +25,9 @@ from mazebot.common.bus.lockstep import (
     TurnEnd,
 )
 from mazebot.common.bus.pace import Pace
+from mazebot.common.bus.seats import SeatOnBus, give_turn, watch_seats
+from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ConfigError, ServiceConfig, fail
 from mazebot.common.garbage import settled
 from mazebot.common.messages import wire

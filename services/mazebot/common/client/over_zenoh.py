@@ -9,7 +9,12 @@ import uuid
 from collections import deque
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mazebot.common.bus import bus
+from mazebot.common.bus.attachment import pack_attachment
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.query import QueryError, ask
+from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import CLOCK, Query, Topic
@@ -44,8 +49,8 @@ class ZenohConnection:
         Raises ConfigError where no router responds.
         """
         try:
-            self._session = bus.open_session(bus.BusConfig(connect=endpoint))
-        except bus.BusUnavailableError as error:
+            self._session = open_session(BusConfig(connect=endpoint))
+        except BusUnavailableError as error:
             raise ConfigError(
                 f"{error}; is a stack running? (docker compose up demo-world-enhanced)"
             ) from error
@@ -59,7 +64,7 @@ class ZenohConnection:
         self._publishers: dict[str, Any] = {}
         topics = {topic.name: topic for topic in (CLOCK, *watch, *keep)}
         self._subscriptions = [
-            bus.subscribe(self._session, topic, functools.partial(self._take, name))
+            subscribe(self._session, topic, functools.partial(self._take, name))
             for name, topic in topics.items()
         ]
 
@@ -78,8 +83,8 @@ class ZenohConnection:
     def ask(self, query: Query[Q, A], message: Q, timeout_s: float) -> A:
         """See Connection."""
         try:
-            return bus.ask(self._session, query, message, timeout_s)
-        except (bus.NoAnswerError, wire.WireError) as error:
+            return ask(self._session, query, message, timeout_s)
+        except (QueryError, wire.WireError) as error:
             raise ConfigError(str(error)) from error
 
     def put(self, topic: Topic[M], message: M) -> None:
@@ -89,11 +94,11 @@ class ZenohConnection:
         except wire.WireError as error:
             raise ValueError(f"{topic.name}: {error.reason}") from error
         if topic.name not in self._publishers:
-            self._publishers[topic.name] = bus.publish(self._session, topic)
+            self._publishers[topic.name] = publish(self._session, topic)
         envelope = Envelope(self._source, self._sequence, self.now_ns(), "")
         self._sequence += 1
         self._publishers[topic.name].put(
-            wire.encode(topic, message), attachment=bus.pack_attachment(topic, envelope)
+            wire.encode(topic, message), attachment=pack_attachment(topic, envelope)
         )
 
     def latest(self, topic: Topic[M]) -> M | None:

@@ -8,7 +8,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mazebot.common.bus import bus
+from mazebot.common.bus.attachment import pack_attachment
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.liveliness import alive
+from mazebot.common.bus.publisher import publish
+from mazebot.common.bus.query import QueryError, ask
+from mazebot.common.bus.session import BusUnavailableError, open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages import wire
 from mazebot.common.messages.messages import ns_from_time
 from mazebot.common.messages.topics import CLOCK, EDGE, SERVICES, Query, Topic
@@ -40,7 +46,7 @@ class ZenohStack:
 
     how_to_start = "docker compose up demo-world-enhanced"
 
-    def __init__(self, config: bus.BusConfig) -> None:
+    def __init__(self, config: BusConfig) -> None:
         self._config = config
         self._lock = threading.RLock()
         self._watches: list[_Watch] = []
@@ -103,11 +109,11 @@ class ZenohStack:
             self._sequence += 1
             try:
                 if topic.name not in self._publishers:
-                    self._publishers[topic.name] = bus.publish(
+                    self._publishers[topic.name] = publish(
                         self._session, topic, self._config.prefix
                     )
                 self._publishers[topic.name].put(
-                    wire.encode(topic, message), attachment=bus.pack_attachment(topic, envelope)
+                    wire.encode(topic, message), attachment=pack_attachment(topic, envelope)
                 )
             except Exception as error:
                 # Zenoh's own error where the session has just ended.
@@ -119,8 +125,8 @@ class ZenohStack:
         if session is None or not self._services:
             raise StackError(_NO_STACK)
         try:
-            return bus.ask(session, query, message, timeout_s, self._config.prefix, start_s=1.0)
-        except (bus.NoAnswerError, wire.WireError) as error:
+            return ask(session, query, message, timeout_s, self._config.prefix, start_s=1.0)
+        except (QueryError, wire.WireError) as error:
             raise StackError(str(error)) from error
         except Exception as error:
             # Zenoh's own error where the session is closed meanwhile.
@@ -153,9 +159,7 @@ class ZenohStack:
             if session is None:
                 return
         # The router has a token, too.
-        found = frozenset(bus.alive(session, self._config.prefix, _CONNECT_S)).intersection(
-            SERVICES
-        )
+        found = frozenset(alive(session, self._config.prefix, _CONNECT_S)).intersection(SERVICES)
         gone = bool(self._services) and not found
         self._services = found
         if gone:
@@ -164,8 +168,8 @@ class ZenohStack:
 
     def _connect(self) -> zenoh.Session | None:
         try:
-            session = bus.open_session(self._config, _CONNECT_S)
-        except bus.BusUnavailableError:
+            session = open_session(self._config, _CONNECT_S)
+        except BusUnavailableError:
             return None
         with self._lock:
             self._session = session
@@ -182,7 +186,7 @@ class ZenohStack:
             def receive(data: bytes, envelope: Envelope, topic: Topic[Any] = topic) -> None:
                 watch.receive(topic, data, envelope)
 
-            watch.subscriptions.append(bus.subscribe(session, topic, receive, self._config.prefix))
+            watch.subscriptions.append(subscribe(session, topic, receive, self._config.prefix))
 
     def _disconnect(self) -> None:
         with self._lock:

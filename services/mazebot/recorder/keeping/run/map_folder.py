@@ -46,7 +46,7 @@ class MapFolder:
         self._graph = graph
         self._unwritten.add(POSE_GRAPH_FILE)
 
-    def begin_anew(self) -> None:
+    def write_all_again(self) -> None:
         """Write everything again: the run's folder is another one."""
         if self._grid is not None:
             self._unwritten.add(MAP_NAME)

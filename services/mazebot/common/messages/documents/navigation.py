@@ -1,0 +1,68 @@
+"""The state of localization and navigation, results of goals, and their cancellation."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mazebot.common.messages.documents.document import Document, Finite
+from mazebot.common.messages.documents.places import Planar
+
+
+class LocalizationStatus(Document):
+    """Whether the robot's pose in the map can be trusted."""
+
+    state: Literal["uninitialized", "searching", "localized", "lost"] = Field(
+        description="`uninitialized`: no scan or no initial pose yet; `searching`: global "
+        "localisation; `lost`: the scans or the markers contradict the pose"
+    )
+    quality: Finite = Field(
+        description="0 to 1: share of the lidar's returns that the map explains from this pose"
+    )
+    reason: str = Field("", description="why the pose is not trusted, in one line")
+    wants_motion: bool = Field(False, description="the robot must move for the pose to be found")
+    epoch: int | None = Field(None, description="the simulation's epoch; null before it is known")
+
+
+class NavigationStatus(Document):
+    """The state of localisation and navigation."""
+
+    localization_active: bool
+    navigation_active: bool
+    state: Literal["idle", "planning", "controlling", "recovering"] = "idle"
+    goal: Planar | None = None
+    distance_remaining_m: Finite = 0.0
+    number_of_recoveries: int = 0
+
+
+class NavigationResult(Document):
+    """The result of a goal, with Nav2's error codes (0 is success)."""
+
+    goal: Planar
+    goal_stamp_ns: int = Field(description="stamp of the goal's message: identifies the goal")
+    error_code: int
+    error_msg: str = ""
+    start_time_s: Finite
+    end_time_s: Finite
+    number_of_recoveries: int = 0
+
+
+class CancelGoal(Document):
+    """Requests that navigation cancel the current goal: the robot stops."""
+
+    goal_stamp_ns: int | None = Field(
+        None, description="stamp of the goal's message: cancel only that goal; None: any"
+    )
+    goal_id: str | None = Field(None, description="id of an action's goal; None: any")
+
+
+class CancelGoalReply(Document):
+    """The result of a cancel request."""
+
+    error: str = Field("", description="one line; empty: canceled")
+    return_code: Literal[0, 2] = Field(
+        0, description="as in action_msgs/srv/CancelGoal: 0 canceled, 2 no such goal"
+    )
+    goal: Planar | None = Field(None, description="the canceled goal")
+    goal_stamp_ns: int = Field(0, description="stamp of that goal's message")

@@ -1,0 +1,103 @@
+"""The simulation's state, contacts and control."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from mazebot.common.messages.documents.document import Document, Finite, Positive
+from mazebot.common.messages.documents.places import Planar
+
+
+class Contact(Document):
+    """A contact of the robot with anything but the floor has begun."""
+
+    time_s: Finite = Field(description="simulation time, s")
+    robot_link: str = Field(description="link of the robot")
+    body: str = Field(description="name of the wall, body or entity it collided with")
+    position_m: tuple[Finite, Finite, Finite] = Field(description="x, y, z in `map`, m")
+    impulse_n_s: Finite = Field(description="impulse of the first step, N s")
+
+
+MIN_SPEED = 0.01
+"""The smallest factor of real time at which simulation time can pass."""
+
+
+def _as_fast_as_possible_or_a_factor(speed: float) -> float:
+    if 0.0 < speed < MIN_SPEED:
+        raise ValueError(f"must be 0 (as fast as possible) or at least {MIN_SPEED:g}")
+    return speed
+
+
+Speed = Annotated[
+    float,
+    Field(ge=0.0, le=1000.0, allow_inf_nan=False),
+    AfterValidator(_as_fast_as_possible_or_a_factor),
+]
+"""Simulated seconds a second; 0: as fast as possible."""
+
+
+class SimulationControl(Document):
+    """Requests a pause, resume or reset of the simulation. Fields that are None change nothing.
+
+    Of several fields in one request, `reset` is done first, then the rest. The reply to `step` and
+    `run_until_s` is sent when they are done; both leave the simulation paused.
+    """
+
+    pause: bool | None = None
+    step: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
+        None, description="advance by this number of steps"
+    )
+    run_until_s: Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)] | None = Field(
+        None, description="advance to this simulation time"
+    )
+    reset: Literal["all", "time"] | None = Field(
+        None,
+        description="`all`: everything returns to its initial state, at time 0; `time`: only the "
+        "clock restarts",
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
+        None, description="new seed of the random streams; needs `reset: all`"
+    )
+    speed: Speed | None = Field(
+        None, description="simulated seconds a second; 0: as fast as possible"
+    )
+    robot_pose: Planar | None = Field(
+        None,
+        description="moves the robot to this pose of base_footprint, at rest, as if it had been "
+        "carried there: neither odometry nor navigation is notified",
+    )
+
+
+class SimulationStats(Document):
+    """What the simulation has done so far. Holds nothing read from a wall clock."""
+
+    world_hash: str
+    sim_time_s: Finite
+    iterations: int
+    step_size_s: Positive
+    paused: bool = False
+    speed: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        1.0, description="requested simulated seconds a second; 0: as fast as possible"
+    )
+    seed: int = Field(0, description="seed of the random streams")
+    epoch: int = Field(
+        0, description="counts the starts: load, reset, and every rebuild of the world"
+    )
+    entities: int = Field(0, description="number of entities in the world")
+    renderer: str = Field(
+        description="`cpu_rasterizer`, `moderngl (...)`, `tiny_renderer`, or `none`"
+    )
+    state_hash: str = Field(
+        description="chained hash of the states of robot and bodies after every step of this epoch"
+    )
+    image_hash: str = Field("", description="chained hash of the camera images of this epoch")
+    watchdog_stops: int = Field(0, description="times the velocity watchdog stopped the robot")
+
+
+class SimulationControlReply(Document):
+    """The state of the simulation after a request."""
+
+    error: str = Field("", description="one line; empty: done")
+    stats: SimulationStats | None = Field(None, description="None before a world is loaded")

@@ -1,0 +1,175 @@
+"""What Rerun shows of one run: the parts of its `run.rrd`, and the live view."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazebot.common.files.root import ROOT
+from mazebot.common.maths.frames import Array
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages.topics import Topic
+from mazebot.common.recordings.run_folder import RunFolder
+from mazebot.recorder.drawing.scenery import extent_of
+from mazebot.recorder.judging.obstacles import read_meshes
+from mazebot.recorder.keeping.repair import Rewriting
+from mazebot.recorder.keeping.run.setting import Setting
+from mazebot.recorder.stream.file_writer import RecordingError
+from mazebot.recorder.stream.pictures import Pictures
+
+if TYPE_CHECKING:
+    from mazebot.recorder.drawing.canvas import Canvas
+
+_LOG = logging.getLogger("recorder")
+
+JOIN_TIMEOUT_S = 6.0
+"""Wall time at a run's end to merge several parts, or to repair one without its end."""
+
+_ROBOT = ROOT / "models" / "turtlebot3_waffle" / "model.urdf"
+
+
+class RunDrawing:
+    """Draws into a file, to the live view, or both. Rerun is imported only if something is."""
+
+    def __init__(
+        self, setting: Setting, world: doc.World, pictures: Pictures, folder: RunFolder
+    ) -> None:
+        self._setting = setting
+        self._world = world
+        self._pictures = pictures
+        self._folder = folder
+        self._parts = folder.last_part()
+        self._are_whole = self._parts == 0
+        """Whether every part so far was ended properly."""
+        self._canvas: Canvas | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anything is drawn."""
+        return self._canvas is not None
+
+    @property
+    def part(self) -> Path:
+        """The newest file."""
+        return self._folder.part(self._parts)
+
+    def move_to(self, folder: RunFolder) -> None:
+        """Write the next files to another folder."""
+        self._folder, self._parts, self._are_whole = folder, 0, True
+
+    def begin(self, now_ns: int, properties: Mapping[str, str], in_file: bool) -> None:
+        """Draw the current state, into the next part (`in_file`), to the live view, or both.
+
+        Raises RecordingError if the file cannot be created.
+        """
+        setting = self._setting
+        from mazebot.recorder.drawing.archetypes import draw_start  # noqa: PLC0415
+        from mazebot.recorder.drawing.canvas import Canvas  # noqa: PLC0415
+        from mazebot.recorder.drawing.layouts.layouts import run_blueprint  # noqa: PLC0415
+        from mazebot.recorder.drawing.layouts.views import Scene  # noqa: PLC0415
+        from mazebot.recorder.drawing.mesh import robot_from_urdf  # noqa: PLC0415
+        from mazebot.recorder.drawing.world_drawing import draw_world  # noqa: PLC0415
+        from mazebot.recorder.stream.recording import Recording  # noqa: PLC0415
+
+        extent = extent_of(self._world, read_meshes(self._world.bodies, setting.assets))
+        scene = Scene(extent, self._world.slam)
+        recording = Recording(
+            self._folder.path.name,
+            path=self._folder.part(self._parts + 1) if in_file else None,
+            live=setting.live,
+            blueprint=run_blueprint(scene, setting.config.layout),
+            properties={**properties, **scene.properties()},
+        )
+        self.close()
+        self._parts += in_file
+        self._canvas = canvas = Canvas(
+            recording=recording,
+            robot=robot_from_urdf(_ROBOT.read_text(encoding="utf-8")),
+            world=self._world,
+            assets=setting.assets,
+            wall_clock_s=setting.wall_clock_s,
+            pictures=self._pictures,
+            now_ns=now_ns,
+        )
+        draw_start(canvas)
+        draw_world(canvas, self._world)
+        for topic, message in setting.fixed.items():
+            self.draw(topic, message, now_ns)
+
+    def draw(self, topic: Topic[Any], message: Any, now_ns: int) -> None:
+        """Draw a message."""
+        if self._canvas is not None:
+            from mazebot.recorder.drawing.archetypes import DRAW  # noqa: PLC0415
+
+            self._canvas.now_ns = now_ns
+            DRAW[topic](self._canvas, message)
+
+    def show(self, evaluation: doc.Evaluation, true_faces_m: Array | None, final: bool) -> None:
+        """Draw the run's evaluation, and the walls that its map is judged by."""
+        canvas = self._canvas
+        if canvas is None:
+            return
+        from mazebot.recorder.drawing.text_drawing import draw_evaluation  # noqa: PLC0415
+
+        draw_evaluation(canvas, evaluation, final)
+        if evaluation.mapping is None:
+            return
+        from mazebot.recorder.drawing.mapping_drawing import (  # noqa: PLC0415
+            draw_map_evaluation,
+            draw_true_walls,
+        )
+
+        draw_map_evaluation(canvas, evaluation.mapping)
+        if true_faces_m is not None and canvas.changed("mapping/true_walls", id(true_faces_m)):
+            draw_true_walls(canvas, true_faces_m)
+
+    def send_transforms(self) -> None:
+        """Send the newest poses to the live view."""
+        if self._canvas is not None:
+            self._canvas.recording.send_transforms()
+
+    def flush(self) -> None:
+        """Write everything to disk. Raises RecordingError if it cannot be."""
+        if self._canvas is not None:
+            try:
+                self._canvas.recording.flush()
+            except RecordingError:
+                self._are_whole = False
+                raise
+
+    def end_file(self) -> None:
+        """End the file; the live view continues."""
+        if self._canvas is not None and self._setting.live is not None:
+            self._end(self._canvas.recording.end_file)
+        else:
+            self.close()
+
+    def close(self) -> None:
+        """End the file and the live view."""
+        canvas, self._canvas = self._canvas, None
+        if canvas is not None:
+            self._end(canvas.recording.close)
+
+    def _end(self, end: Callable[[], None]) -> None:
+        try:
+            end()
+        except RecordingError as error:
+            self._are_whole = False
+            _LOG.error("%s: %s", self.part, error)
+
+    def join_parts(self) -> bool:
+        """Merge all parts into one compact run.rrd; returns whether it is complete."""
+        parts = self._folder.parts()
+        timeout_s = self._setting.config.compact_timeout_s
+        must = len(parts) > 1 or not self._are_whole
+        if not parts or (timeout_s <= 0.0 and not must):
+            return True
+        # If this times out, a properly ended single part stays as it is.
+        problem = Rewriting(parts).run(max(timeout_s, JOIN_TIMEOUT_S) if must else timeout_s)
+        if problem and must:
+            _LOG.warning(
+                "%s: not merged; the next recorder will repair it: %s", self._folder.path, problem
+            )
+        return not (problem and must)

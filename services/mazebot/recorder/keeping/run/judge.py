@@ -1,0 +1,146 @@
+"""One run's messages, judged for its summary and kept as its map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from mazebot.common.messages import documents as doc
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.messages import ns_from_time
+from mazebot.common.messages.slam_documents import PoseGraph
+from mazebot.common.messages.topics import (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
+    AMCL_POSE,
+    CLOCK,
+    CONTACTS,
+    DETECTIONS,
+    DIAGNOSTICS,
+    ENTITIES,
+    EXPLORATION_STATUS,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    MAP,
+    NAVIGATION_RESULT,
+    ODOM,
+    POSE_GRAPH,
+    ROSOUT,
+    SCAN,
+    SIMULATION_STATS,
+    TF_STATIC,
+    Topic,
+)
+from mazebot.common.node.diagnostics import REJECTED_KEY
+from mazebot.common.recordings.run_folder import RunFolder
+from mazebot.recorder.judging.evaluation import RunEvaluation
+from mazebot.recorder.judging.wall_time import WallTime
+from mazebot.recorder.keeping.run.map_folder import MapFolder
+from mazebot.recorder.keeping.run.setting import Setting
+
+if TYPE_CHECKING:
+    pass
+
+
+class RunJudge:
+    """Hands each message to what judges it, and holds the result."""
+
+    def __init__(self, world: doc.World, setting: Setting) -> None:
+        self.evaluation = RunEvaluation(world, setting.assets)
+        self.stats: doc.SimulationStats | None = None
+        self.rebuilds = 0
+        self.wall_time = WallTime()
+        self.rejected: dict[tuple[str, str, str], int] = {}
+        """Messages that other services rejected: by service, topic and reason."""
+        self._setting = setting
+        self._world = world
+        self._clock_ns: int | None = None
+        """Time of the newest clock message since the last tick."""
+        self._maps = MapFolder() if world.slam else None
+        self._judge: dict[Topic[Any], Callable[[Any], None]] = {
+            CLOCK: self._take_clock,
+            ENTITIES: self._take_entities,
+            TF_STATIC: self.evaluation.add_static_transforms,
+            GROUND_TRUTH_ODOM: self.evaluation.add_ground_truth,
+            ODOM: self.evaluation.add_odometry,
+            AMCL_POSE: self.evaluation.add_estimate,
+            DETECTIONS: self.evaluation.add_detections,
+            CONTACTS: self.evaluation.add_contact,
+            GOAL_POSE: self.evaluation.add_goal,
+            NAVIGATION_RESULT: self.evaluation.add_result,
+            ACTION_FEEDBACK: self.evaluation.add_feedback,
+            ACTION_RESULT: self.evaluation.add_result,
+            SIMULATION_STATS: self._take_stats,
+            DIAGNOSTICS: self._take_diagnostics,
+            ROSOUT: self.evaluation.history.add_log,
+        }
+        if world.slam:
+            self._judge |= {
+                MAP: self._take_map,
+                POSE_GRAPH: self._take_pose_graph,
+                EXPLORATION_STATUS: self.evaluation.add_exploration,
+                SCAN: self.evaluation.add_scan,
+            }
+
+    def take(self, topic: Topic[Any], message: Any) -> None:
+        """Judge a message, if anything judges its topic."""
+        judge = self._judge.get(topic)
+        if judge is not None:
+            judge(message)
+
+    def tick(self, now_s: float) -> None:
+        """Relate simulation time to the wall clock. Called once for all messages of a step: only
+        the newest of them arrived just now.
+        """
+        if self._clock_ns is not None:
+            self.wall_time.tick(now_s, self._clock_ns)
+            is_paused = self.stats is not None and self.stats.paused
+            self.evaluation.history.tick(now_s, self._clock_ns, is_paused)
+            self._clock_ns = None
+
+    def write_map(self, folder: RunFolder, now_ns: int, all_of_it: bool = False) -> None:
+        """Write what is new of the robot's map."""
+        if self._maps is not None and not folder.is_gone:
+            self._maps.write(folder.path, now_ns, all_of_it)
+
+    def write_map_again(self) -> None:
+        """Write the whole map again, since the folder is another one."""
+        if self._maps is not None:
+            self._maps.write_all_again()
+
+    def _take_clock(self, clock: msg.Clock) -> None:
+        self._clock_ns = ns_from_time(clock.clock)
+
+    def _take_map(self, grid: msg.OccupancyGrid) -> None:
+        self.evaluation.add_map(grid)
+        if self._maps is not None:
+            self._maps.add_map(grid)
+
+    def _take_pose_graph(self, graph: PoseGraph) -> None:
+        if graph.world_hash in ("", self._world.hash):
+            self.evaluation.add_pose_graph(graph)
+            if self._maps is not None:
+                self._maps.add_pose_graph(graph)
+
+    def _take_entities(self, entities: doc.Entities) -> None:
+        if entities.world_hash == self._world.hash:
+            self.evaluation.set_entities(entities)
+
+    def _take_stats(self, stats: doc.SimulationStats) -> None:
+        if stats.world_hash != self._world.hash:
+            return
+        before, self.stats = self.stats, stats
+        if before is not None and before.epoch != stats.epoch and stats.sim_time_s > 0.0:
+            self.rebuilds += abs(stats.epoch - before.epoch)
+        change = self.wall_time.pause if stats.paused else self.wall_time.resume
+        change(self._setting.wall_clock_s())
+
+    def _take_diagnostics(self, array: Any) -> None:
+        self.evaluation.history.add_diagnostics(array)
+        for status in array.status:
+            if status.name == "recorder":
+                continue
+            for value in status.values:
+                if value.key.startswith(REJECTED_KEY) and value.value.isdecimal():
+                    topic, _, reason = value.key.removeprefix(REJECTED_KEY).partition(": ")
+                    self.rejected[status.name, topic, reason] = int(value.value)
