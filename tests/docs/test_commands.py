@@ -21,8 +21,7 @@ import numpy as np
 import pytest
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.cli.session import ask
-from mazebot.common.bus.bus import BusConfig, open_session
+from mazebot.common.bus.bus import BusConfig, ask, open_session
 from mazebot.common.files.root import ROOT
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import SimulationControl
