@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from mazebot.common.bus.config import BusConfig
+from mazebot.common.client.over_zenoh import ZenohRobot
+from mazebot.common.client.reconnecting import ReconnectingRobot
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
-from mazebot.console.live.zenoh_stack import ZenohStack
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
 from tests.browser.viewer import ARGUMENTS, CHROMIUM
@@ -288,9 +288,9 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
     browser: Browser, tmp_path: Path
 ) -> None:
     # Nothing listens on port 1.
-    stack = ZenohStack(BusConfig(connect="tcp/127.0.0.1:1"))
+    robot = ReconnectingRobot(lambda: ZenohRobot("tcp/127.0.0.1:1"))
     config = ConsoleConfig(port=0, recordings_dir=tmp_path)
-    server = ConsoleServer(build_app(config, live_routes(stack)), config)
+    server = ConsoleServer(build_app(config, live_routes(robot)), config)
     server.start()
     context = browser.new_context()
     try:
@@ -327,7 +327,7 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
     finally:
         context.close()
         server.stop()
-        stack.close()
+        robot.close()
 
 
 def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(

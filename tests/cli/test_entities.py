@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
 import pytest
 
-from mazebot.cli import session
+from mazebot.common.client.robot import Receive, Robot
 from mazebot.common.maths.frames import rotation_from_quaternion
 from mazebot.common.messages import documents as doc
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Envelope
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import FORBIDDEN_X_M, Stage
@@ -32,12 +35,15 @@ TABLE = f"""<sdf version="1.9"><model name="table"><link name="top">
 def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
     one = Stage(HOUSE)
 
-    def ask(session: object, query: Any, message: Any, timeout_s: float) -> Any:
-        return one.ask(query, message)
+    def watch(topics: tuple[Topic[Any], ...], receive: Receive) -> Callable[[], None]:
+        receive(topics[0], HOUSE, Envelope("worldgen", 0, 0, ""))
+        return lambda: None
 
-    monkeypatch.setattr(session, "ask", ask)
-    monkeypatch.setattr(session, "connected", lambda endpoint: contextlib.nullcontext())
-    monkeypatch.setattr(session, "world_that_runs", lambda session, timeout_s: HOUSE)
+    robot = mock.MagicMock(spec=Robot)
+    robot.__enter__.return_value = robot
+    robot.ask.side_effect = lambda query, message, timeout_s: one.ask(query, message)
+    robot.watch.side_effect = watch
+    monkeypatch.setattr("mazebot.common.client.over_zenoh.ZenohRobot", lambda endpoint: robot)
     return one
 
 

@@ -228,7 +228,7 @@ def test_a_task_is_cancelled_when_its_time_is_over(robot: Robot) -> None:
 def test_a_navigation_that_is_gone_is_told(
     robot: Robot, monkeypatch: pytest.MonkeyPatch, after: list[str], words: str
 ) -> None:
-    monkeypatch.setattr("mazebot.cli.drive.task.PATIENCE_S", 0.5)
+    monkeypatch.setattr("mazebot.common.client.service_watch.PATIENCE_S", 0.5)
     robot.result = None
     with ThreadPoolExecutor() as pool:
         done = pool.submit(run, robot, "undock")

@@ -149,7 +149,7 @@ def test_a_person_at_the_keyboard_drives_and_is_stopped_before_a_wall(
         for _ in range(round(seconds / 0.1)):
             header = msg.header(round(session.now_s * 1e9), "base_footprint")
             linear, angular = msg.Vector3(linear_m_s, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)
-            session.put(CMD_VEL_TELEOP, msg.TwistStamped(header, msg.Twist(linear, angular)))
+            session.publish(CMD_VEL_TELEOP, msg.TwistStamped(header, msg.Twist(linear, angular)))
             session.run_for(0.1)
 
     drive(0.2, 1.0)

@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.cli.session import ask
 from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.query import ask
 from mazebot.common.bus.session import open_session
 from mazebot.common.files.root import ROOT
 from mazebot.common.maths.frames import SE2

@@ -14,7 +14,6 @@ import numpy as np
 import typer
 from pydantic import ValidationError
 
-from mazebot.cli import session as stack
 from mazebot.cli.parsing.number_options import NumbersCommand, numbers
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, model_folders, print_json
 from mazebot.common.config import ConfigError, one_line
@@ -31,8 +30,7 @@ from mazebot.common.maths.frames import (
 from mazebot.common.messages import documents as doc
 
 if TYPE_CHECKING:
-    import zenoh
-
+    from mazebot.common.client.robot import Robot
     from mazebot.worldgen.model_entity import Model
 
 S = TypeVar("S", bound=doc.Document)
@@ -103,6 +101,8 @@ def spawn(
     connect: Connect = ROUTER,
 ) -> None:
     """Spawn an entity in the world of a running stack, and print its pose."""
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+
     what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
             "--model": model, "--marker": marker}  # fmt: skip
     given = [option for option, value in what.items() if value is not None]
@@ -125,9 +125,9 @@ def spawn(
                 raise ConfigError(f"{option}: must not be given for a marker")
         place = _WallPlace(wall, side, offset, height)
         on_panel.marker(pose, place)
-        with stack.connected(connect) as session:
-            panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
-            reply = _ask_spawn(session, panel, assets, allow_renaming, timeout_s)
+        with ZenohRobot(connect) as robot:
+            panel, assets = on_panel.entity(name, pose, place, robot, timeout_s)
+            reply = _ask_spawn(robot, panel, assets, allow_renaming, timeout_s)
             _tell(reply, as_json, is_marker=True)
         return
     if wall is not None:
@@ -139,8 +139,8 @@ def spawn(
     if mass is not None or route is not None:
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
-    with stack.connected(connect) as session:
-        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s), as_json)
+    with ZenohRobot(connect) as robot:
+        _tell(_ask_spawn(robot, entity, made.assets, allow_renaming, timeout_s), as_json)
 
 
 def move(
@@ -157,13 +157,15 @@ def move(
     connect: Connect = ROUTER,
 ) -> None:
     """Move an entity of a running stack; values that are not given stay as they are."""
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.subscription import running_world  # noqa: PLC0415
     from mazebot.common.messages.topics import GET_ENTITIES, SET_ENTITY_STATE  # noqa: PLC0415
 
     pose = _Pose.of(at, yaw, rpy)
     if pose == _Pose() and wall is None:
         raise ConfigError("move: must be given --at, --yaw, --rpy or --wall")
-    with stack.connected(connect) as session:
-        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    with ZenohRobot(connect) as robot:
+        standing = robot.ask(GET_ENTITIES, doc.GetEntities(), timeout_s)
         entity = next((one for one in standing.entities if one.name == name), None)
         if entity is None:
             raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
@@ -171,9 +173,7 @@ def move(
             if not isinstance(entity, doc.MarkerEntity):
                 raise ConfigError("--wall: is for markers: must be --at")
             place = _WallPlace(wall, side, offset, height)
-            matrix = place.map_from_panel(
-                stack.world_that_runs(session, timeout_s), entity.marker_size_m
-            )
+            matrix = place.map_from_panel(running_world(robot, timeout_s), entity.marker_size_m)
         else:
             matrix = pose.map_from_thing(entity)
         position_m, orientation_xyzw = position_and_quaternion(matrix)
@@ -181,7 +181,7 @@ def move(
             doc.SetEntityState,
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
-        reply = stack.ask(session, SET_ENTITY_STATE, state, timeout_s)
+        reply = robot.ask(SET_ENTITY_STATE, state, timeout_s)
         _tell(reply, as_json, isinstance(entity, doc.MarkerEntity))
 
 
@@ -194,18 +194,20 @@ def remove(
     connect: Connect = ROUTER,
 ) -> None:
     """Delete entities from the world of a running stack."""
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.subscription import running_world  # noqa: PLC0415
     from mazebot.common.messages.topics import DELETE_ENTITY, GET_ENTITIES  # noqa: PLC0415
 
     if bool(names) == everything:
         raise ConfigError("remove: must be given names, or --all")
     wrong = []
-    with stack.connected(connect) as session:
+    with ZenohRobot(connect) as robot:
         if everything:
-            standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
-            own = {one.name for one in stack.world_that_runs(session, timeout_s).markers}
+            standing = robot.ask(GET_ENTITIES, doc.GetEntities(), timeout_s)
+            own = {one.name for one in running_world(robot, timeout_s).markers}
             names = [one.name for one in standing.entities if one.name not in own]
         for name in names or ():
-            reply = stack.ask(session, DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
+            reply = robot.ask(DELETE_ENTITY, doc.DeleteEntity(name=name), timeout_s)
             if reply.error:
                 wrong.append(reply.error)
             else:
@@ -220,10 +222,11 @@ def entities(
     connect: Connect = ROUTER,
 ) -> None:
     """List the entities in the world of a running stack, and those that were refused."""
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.messages.topics import GET_ENTITIES  # noqa: PLC0415
 
-    with stack.connected(connect) as session:
-        standing = stack.ask(session, GET_ENTITIES, doc.GetEntities(), timeout_s)
+    with ZenohRobot(connect) as robot:
+        standing = robot.ask(GET_ENTITIES, doc.GetEntities(), timeout_s)
     if as_json:
         print_json(standing.model_dump(mode="json"))
         return
@@ -341,16 +344,17 @@ class _MarkerAsked:
         return marker
 
     def entity(
-        self, name: str, pose: _Pose, place: _WallPlace, session: zenoh.Session, timeout_s: float
+        self, name: str, pose: _Pose, place: _WallPlace, robot: Robot, timeout_s: float
     ) -> tuple[doc.MarkerEntity, dict[str, bytes]]:
         """The entity and its texture. Raises ConfigError."""
+        from mazebot.common.client.subscription import running_world  # noqa: PLC0415
         from mazebot.common.world import marker_picture  # noqa: PLC0415
         from mazebot.common.world.marker_entities import PanelStyle, marker_entity  # noqa: PLC0415
         from mazebot.common.world.placement import Panel  # noqa: PLC0415
 
         marker = self.marker(pose, place)
         if place.wall is not None:
-            matrix = place.map_from_panel(stack.world_that_runs(session, timeout_s), self.size_m)
+            matrix = place.map_from_panel(running_world(robot, timeout_s), self.size_m)
         else:
             rotation = pose.rotation(is_marker=True)
             assert rotation is not None
@@ -470,7 +474,7 @@ def _document(kind: type[S], option: str = "spawn", **values: Any) -> S:
 
 
 def _ask_spawn(
-    session: zenoh.Session,
+    robot: Robot,
     entity: doc.Entity,
     assets: dict[str, bytes],
     allow_renaming: bool,
@@ -480,7 +484,7 @@ def _ask_spawn(
 
     encoded = {sha256: base64.b64encode(data).decode() for sha256, data in assets.items()}
     request = doc.SpawnEntity(entity=entity, allow_renaming=allow_renaming, assets=encoded)
-    return stack.ask(session, SPAWN_ENTITY, request, timeout_s)
+    return robot.ask(SPAWN_ENTITY, request, timeout_s)
 
 
 def _none_of(standing: doc.Entities) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 import time
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from pydantic import ValidationError
 
-from mazebot.cli import session as stack
 from mazebot.cli.parsing.command import App
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.messages.documents import SimulationControl, SimulationStats
 
 if TYPE_CHECKING:
-    import zenoh
-
+    from mazebot.common.client.robot import Robot
+    from mazebot.common.client.subscription import Subscription
 
 PATIENCE_S = 5.0
 """Time to wait for an immediate reply."""
@@ -98,18 +96,15 @@ def stats(
     connect: Connect = ROUTER,
 ) -> None:
     """Print time, real time factor, hashes and the rates of the sensors."""
-    from mazebot.common.bus.subscriber import subscribed  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.subscription import Subscription  # noqa: PLC0415
     from mazebot.common.messages.topics import DIAGNOSTICS  # noqa: PLC0415
 
-    told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    with (
-        stack.connected(connect) as session,
-        subscribed(session, DIAGNOSTICS, lambda payload, _: told.put(payload)),
-    ):
-        first, first_s = stats_now(session, "sim stats"), time.monotonic()
+    with ZenohRobot(connect) as robot, Subscription(robot, DIAGNOSTICS) as diagnostics:
+        first, first_s = stats_now(robot, "sim stats"), time.monotonic()
         time.sleep(RATES_WINDOW_S)
-        last, last_s = stats_now(session, "sim stats"), time.monotonic()
-        rates_hz = _rates(told)
+        last, last_s = stats_now(robot, "sim stats"), time.monotonic()
+        rates_hz = _rates(diagnostics)
     factor: float | None = None
     if first.epoch == last.epoch and first.world_hash == last.world_hash:
         factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)
@@ -121,21 +116,21 @@ def stats(
         sys.stdout.write(_table(last, factor, rates_hz))
 
 
-def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
+def stats_now(robot: Robot, who: str) -> SimulationStats:
     """The state of the simulation.
 
     Raises ConfigError, prefixed with `who`, where there is no simulation or no world is loaded.
     """
-    found = _asked(session, who, SimulationControl(), PATIENCE_S)
+    found = _asked(robot, who, SimulationControl(), PATIENCE_S)
     if found is None:
         raise ConfigError(f"{who}: the simulation has no world yet")
     return found
 
 
-def paused(session: zenoh.Session) -> str:
+def paused(robot: Robot) -> str:
     """A message if the user has paused the simulation, else an empty string."""
     try:
-        found = _asked(session, "", SimulationControl(), PAUSED_PATIENCE_S)
+        found = _asked(robot, "", SimulationControl(), PAUSED_PATIENCE_S)
     except ConfigError:
         return ""
     return PAUSED if found is not None and found.paused else ""
@@ -146,9 +141,11 @@ def _control(endpoint: str, as_json: bool, **fields: Any) -> None:
         request = SimulationControl(**fields)
     except ValidationError as error:
         raise ConfigError(f"sim: {one_line(error)}") from error
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+
     takes_time = request.step is not None or request.run_until_s is not None
-    with stack.connected(endpoint) as session:
-        now = _asked(session, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
+    with ZenohRobot(endpoint) as robot:
+        now = _asked(robot, "sim", request, ALL_DAY_S if takes_time else PATIENCE_S)
     if as_json:
         print_json(None if now is None else now.model_dump(mode="json"))
     else:
@@ -156,11 +153,11 @@ def _control(endpoint: str, as_json: bool, **fields: Any) -> None:
 
 
 def _asked(
-    session: zenoh.Session, who: str, request: SimulationControl, timeout_s: float
+    robot: Robot, who: str, request: SimulationControl, timeout_s: float
 ) -> SimulationStats | None:
     from mazebot.common.messages.topics import SIMULATION_CONTROL  # noqa: PLC0415 - loads the messages
 
-    reply = stack.ask(session, SIMULATION_CONTROL, request, timeout_s)
+    reply = robot.ask(SIMULATION_CONTROL, request, timeout_s)
     if reply.error:
         raise ConfigError(f"{who}: {reply.error}")
     return reply.stats
@@ -178,21 +175,21 @@ def _pace(factor: float) -> str:
     return f"at {factor:g}x real time" if factor else "as fast as possible"
 
 
-def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
+def _rates(diagnostics: Subscription) -> dict[str, float]:
     """The rates of the simulation's topics from its diagnostics, per second of simulation time."""
-    from mazebot.common.messages import wire  # noqa: PLC0415 - loads rosbags
-    from mazebot.common.messages.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
+    from mazebot.common.messages.topics import SIMULATION_CONTROL  # noqa: PLC0415
+    from mazebot.common.messages.wire import WireError  # noqa: PLC0415 - loads rosbags
     from mazebot.common.node.diagnostics import RATE_KEY  # noqa: PLC0415
 
     end_s = time.monotonic() + RATES_PATIENCE_S
     while True:
         try:
-            array = wire.decode(DIAGNOSTICS, told.get(timeout=max(end_s - time.monotonic(), 0.0)))
-        except queue.Empty:
-            return {}
-        except wire.WireError:
+            _, array = diagnostics.next(end_s - time.monotonic()) or (None, None)
+        except WireError:
             continue
-        for status in array.status:
+        if array is None and time.monotonic() >= end_s:
+            return {}
+        for status in () if array is None else array.status:
             if status.name == SIMULATION_CONTROL.owner:
                 return {
                     value.key.removeprefix(RATE_KEY): float(value.value)

@@ -17,6 +17,7 @@ import itertools
 import logging
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
 from types import TracebackType
@@ -25,17 +26,16 @@ from typing import Any, Self
 import numpy as np
 from pydantic import ValidationError
 
-from mazebot.common.client.robot import Connection
+from mazebot.common.client.actions import ActionClient, cancel_goal
+from mazebot.common.client.robot import Robot
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import CancelGoal, Location, Planar
 from mazebot.common.messages.topics import (
-    ACTION_FEEDBACK,
     ACTION_RESULT,
     AMCL_POSE,
-    CANCEL_GOAL,
     CLEAR_COSTMAP,
     COMPUTE_PATH,
     GLOBAL_COSTMAP,
@@ -47,7 +47,6 @@ from mazebot.common.messages.topics import (
     PAUSE_GOAL,
     PHOTO,
     REINITIALIZE_GLOBAL_LOCALIZATION,
-    SEND_GOAL,
     SMOOTH_PATH,
     TOGGLE_COLLISION_MONITOR,
     WORLD,
@@ -55,7 +54,6 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.problems import WorldError
 from mazebot.embedded.session import Session
-from mazebot.embedded.session_client import SessionConnection
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """The router of a stack on this machine."""
@@ -64,9 +62,8 @@ PoseLike = msg.PoseStamped | Planar | SE2 | Sequence[float]
 """A pose in the map: a PoseStamped, or x, y in metres and yaw in radians (0 where left out)."""
 
 _WATCH: tuple[Topic[Any], ...] = (
-    ACTION_FEEDBACK, AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
+    AMCL_POSE, GLOBAL_COSTMAP, LOCAL_COSTMAP, NAVIGATION_STATUS, PHOTO, WORLD,
 )  # fmt: skip
-_KEEP: tuple[Topic[Any], ...] = (ACTION_RESULT,)
 _TICK_S = 0.1
 """`isTaskComplete` lets this much time pass, as Nav2's does."""
 _NO_MAP, _BAD_MAP_DATA, _BAD_MAP_METADATA = 1, 2, 3
@@ -98,29 +95,45 @@ class Navigator:
     metres, angles in radians, durations in seconds of the robot's clock.
     """
 
-    def __init__(self, connection: Connection, timeout_s: float = 10.0, name: str = "") -> None:
-        """Over a connection, with the longest wait for a reply and a name for its goals."""
-        self._connection = connection
+    def __init__(
+        self,
+        robot: Robot,
+        timeout_s: float = 10.0,
+        name: str = "",
+        close: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Of a robot.
+
+        Args:
+            robot: the robot.
+            timeout_s: the longest wait for a reply.
+            name: for the ids of its goals; "": a random one.
+            close: called by `destroyNode`.
+        """
+        self._robot = robot
         self._timeout_s = timeout_s
         self._name = name or uuid.uuid4().hex[:12]
         self._numbers = itertools.count(1)
-        self._goal_id = ""
-        self._result: act.ActionResult | None = None
         self._error = (0, "")
         self._initial_pose: Planar | None = None
+        self._closing = ExitStack()
+        self._closing.callback(close)
+        self._closing.callback(robot.watch(_WATCH))
+        self._action = self._closing.enter_context(ActionClient(robot, ACTION_RESULT))
 
     @classmethod
     def connect(cls, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Self:
         """To a running stack. Raises ConfigError where no router responds."""
-        from mazebot.common.client.over_zenoh import ZenohConnection  # noqa: PLC0415
+        from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
 
-        return cls(ZenohConnection(endpoint, _WATCH, _KEEP), timeout_s)
+        robot = ZenohRobot(endpoint)
+        return cls(robot, timeout_s, close=robot.close)
 
     @classmethod
     def in_process(cls, session: Session) -> Self:
         """To a `Session`: its time passes while a method waits."""
-        # A name by chance would make each run another.
-        return cls(SessionConnection(session, _KEEP), name="navigator")
+        # A random name would make each run another.
+        return cls(session, name="navigator")
 
     def __enter__(self) -> Self:
         return self
@@ -140,10 +153,10 @@ class Navigator:
         pose = _planar(initial_pose)
         self._initial_pose = pose
         covariance = np.diag([std_m * std_m, std_m * std_m, std_rad * std_rad])
-        self._connection.put(
+        self._robot.publish(
             INITIAL_POSE,
             msg.PoseWithCovarianceStamped(
-                header=msg.header(self._connection.now_ns(), MAP_FRAME),
+                header=msg.header(self._robot.now_ns(), MAP_FRAME),
                 pose=msg.PoseWithCovariance(
                     pose=msg.pose_from_se2(pose.se2()),
                     covariance=msg.planar_covariance(covariance),
@@ -271,8 +284,8 @@ class Navigator:
 
     def cancelTask(self) -> None:
         """Cancel the task: the robot stops. Without a task it does nothing."""
-        if self._goal_id and self._result is None:
-            self._ask(CANCEL_GOAL, CancelGoal(goal_id=self._goal_id))
+        if self._action.is_active:
+            cancel_goal(self._robot, self._action.goal or CancelGoal(), self._timeout_s)
 
     def inputAtWaypoint(self) -> None:
         """Give the input for which the robot waits at a waypoint.
@@ -285,7 +298,7 @@ class Navigator:
 
     def getPhoto(self) -> msg.CompressedImage | None:
         """The newest picture taken at a waypoint, as PNG; None before the first."""
-        return self._connection.latest(PHOTO)
+        return self._robot.latest(PHOTO)
 
     def pauseTask(self, pause: bool = True) -> None:
         """Pause the task, with the robot stopped, or resume it."""
@@ -293,31 +306,29 @@ class Navigator:
 
     def isTaskComplete(self) -> bool:
         """Whether the task has ended, or there is none; lets up to 0.1 s pass if it has not."""
-        self._take_results()
-        if self._goal_id and self._result is None:
-            self._connection.let_pass(_TICK_S)
-            self._take_results()
-        return not self._goal_id or self._result is not None
+        self._action.update()
+        if self._action.is_active:
+            self._action.update(_TICK_S)
+        return not self._action.is_active
 
     def getFeedback(self) -> act.ActionFeedback | None:
         """The newest feedback of the task; None before the first."""
-        found = self._connection.latest(ACTION_FEEDBACK)
-        return found if found is not None and found.goal_id == self._goal_id else None
+        return self._action.feedback
 
     def getResult(self) -> TaskResult:
         """How the task ended; UNKNOWN while it goes on, FAILED where it was not accepted."""
-        if self._result is not None:
-            return _RESULTS[self._result.status]
+        if self._action.result is not None:
+            return _RESULTS[self._action.result.status]
         return TaskResult.FAILED if self._error[0] else TaskResult.UNKNOWN
 
     def getActionResult(self) -> act.ActionResult | None:
         """The whole result, with waypoints and recoveries; None while the task goes on."""
-        return self._result
+        return self._action.result
 
     def getTaskError(self) -> tuple[int, str]:
         """(error code, text) of the task; (0, "") where there is none."""
-        if self._result is not None:
-            return self._result.error_code, self._result.error_msg
+        if self._action.result is not None:
+            return self._action.result.error_code, self._action.result.error_msg
         return self._error
 
     def setTaskError(self, error_code: int, error_msg: str) -> None:
@@ -326,7 +337,8 @@ class Navigator:
 
     def clearPreviousState(self) -> None:
         """Forget the last task."""
-        self._goal_id, self._result, self._error = "", None, (0, "")
+        self._action.forget()
+        self._error = (0, "")
 
     def waitUntilNav2Active(
         self, navigator: str = "bt_navigator", localizer: str = "amcl", timeout_s: float = 60.0
@@ -335,17 +347,17 @@ class Navigator:
 
         Raises TimeoutError, with what it waits for.
         """
-        end_ns = self._connection.now_ns() + round(timeout_s * 1e9)
+        end_ns = self._robot.now_ns() + round(timeout_s * 1e9)
         if self._initial_pose is not None:
             self.setInitialPose(self._initial_pose)
         for _ in itertools.count():
-            status = self._connection.latest(NAVIGATION_STATUS)
+            status = self._robot.latest(NAVIGATION_STATUS)
             if status is not None and status.navigation_active:
                 return
-            if self._connection.now_ns() >= end_ns:
+            if self._robot.now_ns() >= end_ns:
                 what = "no navigation service" if status is None else "no pose that can be trusted"
                 raise TimeoutError(f"waitUntilNav2Active: {what} after {timeout_s:g} s")
-            self._connection.let_pass(_TICK_S)
+            self._robot.wait(_TICK_S)
 
     def getPath(
         self, start: PoseLike | None, goal: PoseLike, planner_id: str = "", use_start: bool = False
@@ -418,12 +430,12 @@ class Navigator:
         if reply.result:
             return False
         # Until navigation has taken the map; it stays active where it is the same one.
-        end_ns = self._connection.now_ns() + _MAP_TAKEN_NS
-        while self._connection.now_ns() < end_ns:
-            status = self._connection.latest(NAVIGATION_STATUS)
+        end_ns = self._robot.now_ns() + _MAP_TAKEN_NS
+        while self._robot.now_ns() < end_ns:
+            status = self._robot.latest(NAVIGATION_STATUS)
             if status is not None and not status.navigation_active:
                 break
-            self._connection.let_pass(0.05)
+            self._robot.wait(0.05)
         return True
 
     def clearAllCostmaps(self) -> None:
@@ -458,11 +470,11 @@ class Navigator:
 
     def getGlobalCostmap(self) -> msg.OccupancyGrid | None:
         """The newest global costmap; None before the first."""
-        return self._connection.latest(GLOBAL_COSTMAP)
+        return self._robot.latest(GLOBAL_COSTMAP)
 
     def getLocalCostmap(self) -> msg.OccupancyGrid | None:
         """The newest local costmap; None before the first."""
-        return self._connection.latest(LOCAL_COSTMAP)
+        return self._robot.latest(LOCAL_COSTMAP)
 
     def toggleCollisionMonitor(self, enable: bool) -> None:
         """Switch the collision monitor on or off."""
@@ -470,17 +482,17 @@ class Navigator:
 
     def getPose(self) -> SE2 | None:
         """The robot's estimated pose in the map; None before the first."""
-        pose = self._connection.latest(AMCL_POSE)
+        pose = self._robot.latest(AMCL_POSE)
         return None if pose is None else msg.se2_from_pose(pose.pose.pose)
 
     def locations(self) -> dict[str, Location]:
         """The named places of the world."""
-        world = self._connection.latest(WORLD)
+        world = self._robot.latest(WORLD)
         return {} if world is None else {place.name: place for place in world.locations}
 
     def destroyNode(self) -> None:
         """Give up the connection; a task goes on."""
-        self._connection.close()
+        self._closing.close()
 
     destroy_node = destroyNode
     info: Callable[[str], None] = staticmethod(functools.partial(_LOG.info, "%s"))
@@ -489,21 +501,16 @@ class Navigator:
     debug: Callable[[str], None] = staticmethod(functools.partial(_LOG.debug, "%s"))
 
     def _send(self, goal: act.ActionGoal | type, **fields: object) -> bool:
-        if isinstance(goal, type):
-            try:
-                goal = goal(**fields)
-            except ValidationError as error:
-                raise ConfigError(one_line(error)) from error
+        try:
+            checked: act.ActionGoal = goal(**fields) if isinstance(goal, type) else goal
+        except ValidationError as error:
+            raise ConfigError(one_line(error)) from error
         self.clearPreviousState()
         goal_id = f"{self._name}-{next(self._numbers)}"
-        self._take_results()
-        reply = self._ask(SEND_GOAL, act.SendGoal(goal_id=goal_id, goal=goal))
-        self._result = None
+        reply = self._action.send(goal_id, checked, self._timeout_s)
         if not reply.accepted:
             self._error = (reply.error_code, reply.error_msg)
-            return False
-        self._goal_id = goal_id
-        return True
+        return reply.accepted
 
     def _clear(self, costmap: str, **fields: object) -> None:
         reply = self._ask(CLEAR_COSTMAP, act.ClearCostmap(costmap=costmap, **fields))
@@ -511,12 +518,7 @@ class Navigator:
             raise ConfigError(reply.error)
 
     def _ask(self, query: Any, message: Any) -> Any:
-        return self._connection.ask(query, message, self._timeout_s)
-
-    def _take_results(self) -> None:
-        for result in self._connection.taken(ACTION_RESULT):
-            if self._goal_id and result.goal_id == self._goal_id:
-                self._result = result
+        return self._robot.ask(query, message, self._timeout_s)
 
 
 def _planar(pose: PoseLike) -> Planar:

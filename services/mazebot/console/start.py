@@ -7,12 +7,14 @@ import sys
 from collections.abc import Callable, Sequence
 
 from mazebot.common.bus.config import BusConfig
+from mazebot.common.client.over_zenoh import ZenohRobot
+from mazebot.common.client.reconnecting import ReconnectingRobot
+from mazebot.common.client.robot import Robot
 from mazebot.common.config import ConfigError, fail
 from mazebot.common.node.log import RosFormatter
 from mazebot.common.settings.load import load
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
-from mazebot.console.live.zenoh_stack import ZenohStack
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
 
@@ -42,14 +44,16 @@ def serve(
 
     Raises ConfigError if the address cannot be used.
     """
-    stack = ZenohStack(bus_config) if config.live else None
+    robot: Robot | None = None
+    if config.live:
+        robot = ReconnectingRobot(lambda: ZenohRobot(bus_config, start_s=1.0))
     try:
-        live = () if stack is None else live_routes(stack)
+        live = () if robot is None else live_routes(robot)
         server = ConsoleServer(build_app(config, live), config)
         logging.getLogger("console").info("%s shows %s", server.url, config.recordings_dir)
         if opener is not None:
             opener(server.url)
         server.run()
     finally:
-        if stack is not None:
-            stack.close()
+        if robot is not None:
+            robot.close()

@@ -13,12 +13,14 @@ from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
-from mazebot.embedded.memory_stack import MemoryStack, WatchedTransport
+from mazebot.embedded.memory_robot import MemoryRobot
+from mazebot.embedded.watched_transport import WatchedTransport
 
 SERVED = "console: "
 """Before the address in the log message."""
 _LOG = logging.getLogger("console")
 _IDLE_S = 0.02
+_HOW_TO_START = ".venv/bin/mazebot demo --console"
 
 
 class ConsoleBeside:
@@ -28,8 +30,10 @@ class ConsoleBeside:
         """Raises ConfigError where the port is in use or may not be bound."""
         self.transport = WatchedTransport()
         """Of the run."""
-        self.stack = MemoryStack(self.transport)
-        self._server = ConsoleServer(build_app(config, live_routes(self.stack)), config)
+        self.robot = MemoryRobot(self.transport)
+        self._server = ConsoleServer(
+            build_app(config, live_routes(self.robot, _HOW_TO_START)), config
+        )
 
     @property
     def url(self) -> str:
@@ -38,17 +42,17 @@ class ConsoleBeside:
 
     def play(self, executive: Executive, until: Callable[[], bool]) -> None:
         """Run in real time, or at the speed that the console asks for, until `until()` holds."""
-        self.stack.begin(executive)
+        self.robot.begin(executive)
         self._server.start()
         _LOG.info("%s%s (Ctrl-C ends the run)", SERVED, self.url)
         try:
-            _run(executive, self.stack, until)
+            _run(executive, self.robot, until)
         finally:
-            self.stack.close()
+            self.robot.close()
             self._server.stop()
 
 
-def _run(executive: Executive, stack: MemoryStack, until: Callable[[], bool]) -> None:
+def _run(executive: Executive, robot: MemoryRobot, until: Callable[[], bool]) -> None:
     (clock,) = (node for node in executive.nodes if isinstance(node, ClockNode))
     clock.speed = 1.0
     pace = Pace()
@@ -56,10 +60,10 @@ def _run(executive: Executive, stack: MemoryStack, until: Callable[[], bool]) ->
         next_ns = clock.next_step_ns()
         if next_ns is None:
             pace.rest()
-            stack.serve(_IDLE_S)
+            robot.serve(_IDLE_S)
         else:
             wait_s = pace.wait_s(time.monotonic(), next_ns, clock.speed)
-            stack.serve(wait_s)
+            robot.serve(wait_s)
             if wait_s > 0.0 and pace.wait_s(time.monotonic(), next_ns, clock.speed) > 0.0:
                 # Something has come earlier: perhaps another speed.
                 continue

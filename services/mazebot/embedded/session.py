@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 from pydantic import ValidationError
 
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
+from mazebot.common.client.robot import Receive, Robot, RobotError, ignore
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg
@@ -54,10 +54,11 @@ from mazebot.common.messages.topics import (
     Topic,
 )
 from mazebot.common.node.edge_client import EdgeClient
-from mazebot.common.node.executive import Executive, MemoryTransport, StalledError
-from mazebot.common.node.node import Envelope, Outbox
+from mazebot.common.node.executive import Executive, StalledError
+from mazebot.common.node.node import Outbox
 from mazebot.common.settings.load import load
 from mazebot.embedded.demo import DemoOptions, robot_nodes
+from mazebot.embedded.watched_transport import WatchedTransport
 from mazebot.physics.config import STEPS_PER_SECOND
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
@@ -74,31 +75,11 @@ _MAX_TURNS = 1000
 """Maximum turns of the nodes at the same time until a request is answered; two or three suffice."""
 
 
-class RefusedError(ValueError):
+class RefusedError(RobotError, ValueError):
     """A request was refused; its text is the reason in one line."""
 
 
-class _Wire(MemoryTransport):
-    """Delivers messages, and stores them for the session, like an external subscriber."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.latest: dict[str, object] = {}
-        self.watchers: list[tuple[str, list[Any]]] = []
-
-    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
-        """Publish a message."""
-        self._send(topic, message, envelope)
-
-    def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
-        self.latest[topic.name] = message
-        for name, seen in self.watchers:
-            if name == topic.name:
-                seen.append(message)
-        super()._send(topic, message, envelope)
-
-
-class Session:
+class Session(Robot):
     """A world with the robot in it, its sensors, perception and navigation, at time 0 and paused.
 
     Time advances only within calls that are documented to do so, in lockstep and as fast as
@@ -163,9 +144,9 @@ class Session:
         if out_dir is not None:
             recorder = {"seed": seed, "out_dir": out_dir}
             nodes.append(RecorderNode(load(RecorderConfig, "recorder", (), recorder)))
-        self._wire = _Wire()
-        self._executive = Executive(nodes, self._wire)
-        self._outbox = Outbox(EdgeClient(), self._wire.send)
+        self._transport = WatchedTransport()
+        self._executive = Executive(nodes, self._transport)
+        self._outbox = Outbox(EdgeClient(), self._transport.send)
         self._closed = False
         try:
             self.pause()
@@ -173,17 +154,6 @@ class Session:
         except BaseException:
             self.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the run. Calling it again does nothing."""
@@ -195,6 +165,10 @@ class Session:
     def stats(self) -> SimulationStats:
         """Time, steps, seed, epoch and hashes."""
         return self._control()
+
+    def now_ns(self) -> int:
+        """See Robot."""
+        return self._executive.now_ns
 
     @property
     def now_s(self) -> float:
@@ -238,7 +212,7 @@ class Session:
         if scope == "all":
             for name, topic in BY_NAME.items():
                 if topic.delivery is not Delivery.LATCHED:
-                    self._wire.latest.pop(name, None)
+                    self._transport.latest.pop(name, None)
         return stats
 
     def spawn(
@@ -290,7 +264,7 @@ class Session:
         header = msg.header(self._executive.now_ns, MAP_FRAME)
         pose = msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
         with self.watching(NAVIGATION_RESULT) as results:
-            self.put(GOAL_POSE, msg.PoseStamped(header=header, pose=pose))
+            self.publish(GOAL_POSE, msg.PoseStamped(header=header, pose=pose))
             stamp_ns = msg.ns_from_time(header.stamp)
             mine: list[NavigationResult] = []
 
@@ -321,7 +295,7 @@ class Session:
         """
         steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
         while True:
-            self.put(
+            self.publish(
                 CMD_VEL,
                 msg.TwistStamped(
                     header=msg.header(self._executive.now_ns, BASE_FOOTPRINT_FRAME),
@@ -347,20 +321,33 @@ class Session:
 
     def latest(self, topic: Topic[M]) -> M | None:
         """The last message on a topic; None where there was none since the start."""
-        return cast("M | None", self._wire.latest.get(topic.name))
+        return cast("M | None", self._transport.latest.get(topic.name))
 
     @contextmanager
     def watching(self, topic: Topic[M]) -> Iterator[list[M]]:
         """A list to which every message on a topic is added while the context lasts."""
         seen: list[M] = []
-        watcher = (topic.name, seen)
-        self._wire.watchers.append(watcher)
+        end = self._transport.watch(
+            (topic,), lambda _, message, __: seen.append(message), with_latched=False
+        )
         try:
             yield seen
         finally:
-            self._wire.watchers = [one for one in self._wire.watchers if one is not watcher]
+            end()
 
-    def put(self, topic: Topic[M], message: M) -> None:
+    def watch(self, topics: Iterable[Topic[Any]], receive: Receive = ignore) -> Callable[[], None]:
+        """See Robot."""
+        return self._transport.watch(topics, receive)
+
+    def alive(self) -> Mapping[str, frozenset[str]]:
+        """See Robot."""
+        return {node.name: frozenset((node.name,)) for node in self._executive.nodes}
+
+    def wait(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Advance by a duration, rounded up to whole steps, whatever happens meanwhile."""
+        self.run_for(seconds)
+
+    def publish(self, topic: Topic[M], message: M) -> None:
         """Publish a message on a topic of the user's tools: CMD_VEL, GOAL_POSE or INITIAL_POSE.
 
         Raises PermissionError on another topic, RefusedError where the message is invalid.
@@ -408,10 +395,14 @@ class Session:
             raise RefusedError(reply.error)
         return reply
 
-    def ask(self, query: Query[Q, A], message: Q) -> A:
-        """The reply to a query. Time advances only where the query takes time."""
+    def ask(self, query: Query[Q, A], message: Q, timeout_s: float = math.inf) -> A:
+        """The reply to a query. Time advances only where the query takes time; `timeout_s` has no
+        effect, because a query without a reply raises StalledError.
+
+        Raises RefusedError where too many requests wait.
+        """
         answers: list[A] = []
-        if not self._wire.ask(query, message, answers.append):
+        if not self._transport.ask(query, message, answers.append):
             raise RefusedError(f"{query.name}: too many requests wait")
         self._turn_until(lambda: bool(answers), query.name)
         return answers[0]

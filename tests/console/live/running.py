@@ -29,7 +29,7 @@ class Run:
     def __init__(self, beside: ConsoleBeside, executive: Executive) -> None:
         self.beside = beside
         self.executive = executive
-        self.stack = beside.stack
+        self.robot = beside.robot
 
     def page(self) -> Page:
         """A page; it is open while its context lasts."""
@@ -45,7 +45,7 @@ def running(options: DemoOptions) -> Iterator[Run]:
     thread = threading.Thread(target=lambda: beside.play(executive, stopped.is_set))
     thread.start()
     try:
-        wait_until(lambda: bool(beside.stack.services()))
+        wait_until(lambda: bool(beside.robot.alive()))
         yield Run(beside, executive)
     finally:
         stopped.set()

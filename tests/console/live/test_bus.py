@@ -13,15 +13,15 @@ import pytest
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
-from mazebot.common.bus.config import BusConfig
+from mazebot.common.client.over_zenoh import ZenohRobot
+from mazebot.common.client.reconnecting import ReconnectingRobot
+from mazebot.common.client.robot import HOW_TO_START, RobotError
 from mazebot.common.messages.documents import SimulationControl
 from mazebot.common.messages.topics import SIMULATION_CONTROL
 from mazebot.common.node.executive import Executive
 from mazebot.common.node.node import ClockNode
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
-from mazebot.console.live.stack import StackError
-from mazebot.console.live.zenoh_stack import ZenohStack
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
 from mazebot.embedded.demo import DemoOptions, robot_nodes
@@ -67,23 +67,23 @@ def stack_on(endpoint: str) -> Iterator[None]:
 def test_the_page_follows_a_stack_that_comes_goes_and_comes_again(tmp_path: Path) -> None:
     port = free_port()
     endpoint = f"tcp/127.0.0.1:{port}"
-    stack = ZenohStack(BusConfig(connect=endpoint))
+    robot = ReconnectingRobot(lambda: ZenohRobot(endpoint, start_s=1.0))
     config = ConsoleConfig(port=0, recordings_dir=tmp_path)
-    server = ConsoleServer(build_app(config, live_routes(stack)), config)
+    server = ConsoleServer(build_app(config, live_routes(robot)), config)
     server.start()
     with ExitStack() as cleanup:
-        cleanup.callback(stack.close)
+        cleanup.callback(robot.close)
         cleanup.callback(server.stop)
         page = cleanup.enter_context(Page(server.url))
-        assert page.wait_kind("stack") == {"services": [], "how_to_start": stack.how_to_start}
+        assert page.wait_kind("stack") == {"services": [], "how_to_start": HOW_TO_START}
         assert page.ask(do="cancel")["error"] == "no stack is running"
         page.tell(do="drive", linear_m_s=0.1, angular_rad_s=0.0)
         with running_router(port):
             with stack_on(endpoint):
                 page.wait_for(lambda: "physics" in page.newest["stack"]["services"])
                 check_control(page)
-                with pytest.raises(StackError):
-                    stack.ask(SIMULATION_CONTROL, SimulationControl(step=1), 1e-4)
+                with pytest.raises(RobotError):
+                    robot.ask(SIMULATION_CONTROL, SimulationControl(step=1), 1e-4)
             page.wait_for(lambda: not page.newest["stack"]["services"])
         page.newest.pop("world")
         with running_router(port), stack_on(endpoint):

@@ -15,10 +15,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from mazebot.common.client.robot import RobotError
 from mazebot.common.messages.documents import GetEntities, SetEntityState
 from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
-from mazebot.console.live.stack import StackError
 from mazebot.embedded.demo import DemoOptions
 from tests.console.live.running import Page, Run, running, wait_until
 
@@ -128,11 +128,11 @@ def test_what_a_service_refuses_is_said_in_its_words(page: Page, run: Run) -> No
     answer = page.ask(do="goal", pose={"x_m": 500.0, "y_m": 0.0, "yaw_rad": 0.0})
     assert "error code" in answer["error"]
     nothing = page.ask(do="remove", name="nothing")
-    with pytest.raises(StackError):
-        run.stack.publish(EXPLORATION_STATUS, ExplorationStatus(state="complete"))
+    with pytest.raises(RobotError):
+        run.robot.publish(EXPLORATION_STATUS, ExplorationStatus(state="complete"))
     moved = SetEntityState(name="nothing", position_m=(0.0, 0.0, 0.0))
     assert "nothing" in nothing["error"]
-    assert nothing["error"] == run.stack.ask(SET_ENTITY_STATE, moved, 5.0).error
+    assert nothing["error"] == run.robot.ask(SET_ENTITY_STATE, moved, 5.0).error
     assert page.ask(do="cancel")["error"]
     assert page.ask(do="explore", resume=True)["error"] == "explore: no explorer service is running"
 
@@ -182,7 +182,7 @@ def test_a_box_is_dropped_into_the_world_and_removed(page: Page, run: Run) -> No
     page.wait_for(lambda: [one for one in page.newest["entities"]["bodies"] if one["name"] == name])
     (box,) = page.newest["entities"]["bodies"]
     assert np.mean(box["polygons_m"][0][:-1], axis=0) == pytest.approx([x - 0.7, y], abs=0.01)
-    assert name in {one.name for one in run.stack.ask(GET_ENTITIES, GetEntities(), 5.0).entities}
+    assert name in {one.name for one in run.robot.ask(GET_ENTITIES, GetEntities(), 5.0).entities}
     page.done(do="remove", name=name)
     page.wait_for(lambda: not page.newest["entities"]["bodies"])
     # In the robot itself it cannot stand, and the reason is the service's.

@@ -12,8 +12,7 @@ from mazebot.cli.parsing.options import ROUTER, Connect, Json
 from mazebot.common.config import ConfigError, one_line
 
 if TYPE_CHECKING:
-    import zenoh
-
+    from mazebot.common.client.robot import Robot
     from mazebot.common.messages.action_documents import ActionGoal
 
 Timeout = Annotated[
@@ -85,9 +84,9 @@ def dock(
     """Dock the robot of a running stack at a marker. Ctrl-C cancels it."""
     from mazebot.common.messages import action_documents as act  # noqa: PLC0415
 
-    def goal(session: zenoh.Session) -> ActionGoal:
+    def goal(robot: Robot) -> ActionGoal:
         return act.DockRobot(
-            dock_id=name or _nearest_marker(session), navigate_to_staging_pose=navigate
+            dock_id=name or _nearest_marker(robot), navigate_to_staging_pose=navigate
         )
 
     begin = f"docking at {name}" if name else "docking at the nearest marker"
@@ -118,18 +117,18 @@ def _run(
     raise typer.Exit(run_task(endpoint, who, goal, begin, timeout_s, as_json))
 
 
-def _nearest_marker(session: zenoh.Session) -> str:
+def _nearest_marker(robot: Robot) -> str:
     """The name of the marker nearest to the robot. Raises ConfigError where there is none."""
-    from mazebot.cli.session import ask, first_message  # noqa: PLC0415
+    from mazebot.common.client.subscription import first_message  # noqa: PLC0415
     from mazebot.common.maths.frames import pose_matrix  # noqa: PLC0415
     from mazebot.common.messages import messages as msg  # noqa: PLC0415
     from mazebot.common.messages.documents import GetEntities  # noqa: PLC0415
     from mazebot.common.messages.topics import AMCL_POSE, GET_ENTITIES  # noqa: PLC0415
 
-    markers = ask(session, GET_ENTITIES, GetEntities(), 5.0).markers
+    markers = robot.ask(GET_ENTITIES, GetEntities(), 5.0).markers
     if not markers:
         raise ConfigError("dock: the world has no markers")
-    at = msg.se2_from_pose(first_message(session, AMCL_POSE, 5.0).pose.pose)
+    at = msg.se2_from_pose(first_message(robot, AMCL_POSE, 5.0).pose.pose)
     far_m = {
         marker.name: math.dist(pose_matrix(marker)[:2, 3].tolist(), (at.x_m, at.y_m))
         for marker in markers

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from mazebot.cli.drive.progress import ProgressLine
-from mazebot.cli.drive.task import EXIT_FAILED, PATIENCE_S, Inlet
+from mazebot.cli.drive.task import EXIT_FAILED, PATIENCE_S
 from mazebot.cli.parsing.options import print_json
-from mazebot.cli.session import ask, connected
 from mazebot.cli.sim import PAUSED, stats_now
-from mazebot.common.bus.liveliness import wait_until_alive
+from mazebot.common.client.over_zenoh import ZenohRobot
+from mazebot.common.client.robot import Robot
+from mazebot.common.client.service_watch import ServiceWatch, wait_until_alive
+from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
@@ -24,9 +25,6 @@ from mazebot.common.messages.topics import (
     REINITIALIZE_GLOBAL_LOCALIZATION,
 )
 
-if TYPE_CHECKING:
-    import zenoh
-
 _TICK_S = 0.2
 
 
@@ -37,16 +35,17 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
     Raises ConfigError where localisation is not running.
     """
     begin_s = time.monotonic()
-    with connected(endpoint) as session, ProgressLine(not as_json) as line:
-        if not wait_until_alive(session, "localization", PATIENCE_S):
+    with ZenohRobot(endpoint) as robot, ProgressLine(not as_json) as line:
+        if not wait_until_alive(robot, "localization", PATIENCE_S):
             raise ConfigError("localize: no localization service is running")
-        if stats_now(session, "localize").paused:
+        if stats_now(robot, "localize").paused:
             raise ConfigError(f"localize: {PAUSED}")
-        with Inlet(session, LOCALIZATION_STATUS, AMCL_POSE, service="localization") as inlet:
-            _ask_for_search(session)
+        watch = ServiceWatch(robot, "localization")
+        with Subscription(robot, LOCALIZATION_STATUS, AMCL_POSE) as messages:
+            _ask_for_search(robot)
             line.say("searching the robot on the whole map; it moves if it has to")
             end_s = math.inf if timeout_s is None else begin_s + timeout_s
-            found = _followed(inlet, begin_s, end_s, line)
+            found = _followed(messages, watch, begin_s, end_s, line)
     if isinstance(found, str):
         sys.stderr.write(f"error: localize: --timeout: {timeout_s:g} s: {found}\n")
         return EXIT_FAILED
@@ -63,20 +62,21 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
     return 0
 
 
-def _ask_for_search(session: zenoh.Session) -> None:
-    reply = ask(session, REINITIALIZE_GLOBAL_LOCALIZATION, Empty(), PATIENCE_S)
+def _ask_for_search(robot: Robot) -> None:
+    reply = robot.ask(REINITIALIZE_GLOBAL_LOCALIZATION, Empty(), PATIENCE_S)
     if reply.error:
         raise ConfigError(f"localize: {reply.error}")
 
 
 def _followed(
-    inlet: Inlet, begin_s: float, end_s: float, line: ProgressLine
+    messages: Subscription, watch: ServiceWatch, begin_s: float, end_s: float, line: ProgressLine
 ) -> tuple[LocalizationStatus, SE2] | str:
     """The status and the pose once the pose is trusted; why it is not, at the end."""
     searched, trusted = False, None
     reason = "the search has not begun"
     while (left_s := end_s - time.monotonic()) > 0.0:
-        _, message = inlet.next(min(left_s, _TICK_S)) or (None, None)
+        _, message = messages.next(min(left_s, _TICK_S)) or (None, None)
+        watch.check(message is not None)
         if isinstance(message, LocalizationStatus):
             # The first one may be of before the search.
             searched = searched or message.state != "localized"

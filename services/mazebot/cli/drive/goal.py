@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 
 from mazebot.cli.drive.progress import ProgressLine
 from mazebot.cli.drive.task import (
     EXIT_FAILED,
-    Inlet,
+    PATIENCE_S,
     await_navigation,
-    cancel,
+    canceled_on_error,
     failure,
-    progress,
+    followed,
     ready,
 )
 from mazebot.cli.parsing.options import print_json
-from mazebot.cli.session import connected
-from mazebot.common.bus.publisher import put_once
+from mazebot.common.client import actions
+from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.documents import NavigationResult
-from mazebot.common.messages.topics import ACTION_FEEDBACK, GOAL_POSE, NAVIGATION_RESULT
+from mazebot.common.messages.documents import CancelGoal
+from mazebot.common.messages.topics import GOAL_POSE, NAVIGATION_RESULT
 
 
 def send_goal(
@@ -42,26 +41,22 @@ def send_goal(
             most = f"{wire.MAX_COORDINATE:g}"
             raise ConfigError(f"goal: {name}: {value:g}: must be within -{most} and {most}")
     x_m, y_m, yaw_rad = goal
-    with (
-        connected(endpoint) as session,
-        ProgressLine(not as_json) as line,
-        Inlet(session, ACTION_FEEDBACK, NAVIGATION_RESULT) as inlet,
-    ):
-        stamp_ns = ready(session, "goal")
+    with ZenohRobot(endpoint) as robot, ProgressLine(not as_json) as line:
+        stamp_ns = ready(robot, "goal")
         pose = msg.PoseStamped(
             header=msg.header(stamp_ns, MAP_FRAME), pose=msg.pose_from_se2(SE2(x_m, y_m, yaw_rad))
         )
-        try:
-            put_once(session, GOAL_POSE, pose, stamp_ns)
+        goal_request = CancelGoal(goal_stamp_ns=stamp_ns)
+        with (
+            actions.ActionClient(robot, NAVIGATION_RESULT) as client,
+            canceled_on_error(robot, goal_request, line),
+        ):
+            client.follow(goal_request)
+            robot.publish(GOAL_POSE, pose)
             line.say(f"driving to ({x_m:g}, {y_m:g}, {yaw_rad:g})")
-            result = _await_result(inlet, stamp_ns, timeout_s, line)
-        except KeyboardInterrupt:
-            cancel(session, goal_stamp_ns=stamp_ns)
-            line.show("")
-            sys.stderr.write("canceled: the robot stops\n")
-            raise
+            result = followed(client, line, timeout_s)
         if result is None:
-            cancel(session, goal_stamp_ns=stamp_ns)
+            actions.cancel_goal(robot, goal_request, PATIENCE_S)
             raise ConfigError(f"goal: --timeout: {timeout_s:g} s: not reached by then: canceled")
     if as_json:
         print_json(result.model_dump(mode="json"))
@@ -80,9 +75,9 @@ def cancel_goal(endpoint: str, as_json: bool) -> None:
 
     Raises ConfigError where there is none, or navigation is not running.
     """
-    with connected(endpoint) as session:
-        await_navigation(session, "cancel")
-        reply = cancel(session)
+    with ZenohRobot(endpoint) as robot:
+        await_navigation(robot, "cancel")
+        reply = actions.cancel_goal(robot, CancelGoal(), PATIENCE_S)
     if reply.error:
         raise ConfigError(f"cancel: {reply.error}")
     if as_json:
@@ -91,22 +86,3 @@ def cancel_goal(endpoint: str, as_json: bool) -> None:
     at = reply.goal
     where = "the task" if at is None else f"({at.x_m:g}, {at.y_m:g}, {at.yaw_rad:g})"
     sys.stdout.write(f"canceled: {where}; the robot stops\n")
-
-
-def _await_result(
-    inlet: Inlet, stamp_ns: int, timeout_s: float | None, line: ProgressLine
-) -> NavigationResult | None:
-    """The result of the goal with this stamp; None on timeout."""
-    end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
-    while (left_s := end_s - time.monotonic()) > 0.0:
-        come = inlet.next(min(left_s, 0.2))
-        if come is None:
-            continue
-        topic, message = come
-        # The feedback of a goal on /goal_pose has no id.
-        if topic is ACTION_FEEDBACK and not message.goal_id:
-            line.show(progress(message))
-        if topic is NAVIGATION_RESULT and message.goal_stamp_ns == stamp_ns:
-            assert isinstance(message, NavigationResult)
-            return message
-    return None

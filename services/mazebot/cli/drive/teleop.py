@@ -26,7 +26,7 @@ from mazebot.cli.parsing.options import ROUTER, Connect
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
-    from mazebot.common.client.over_zenoh import ZenohConnection
+    from mazebot.common.client.robot import Robot
     from mazebot.common.messages.messages import TwistStamped
 
 PERIOD_S = 0.05
@@ -53,30 +53,26 @@ def teleop(
         raise ConfigError("teleop: standard input: must be a terminal, for the keys")
     from mazebot.cli.drive.progress import ProgressLine  # noqa: PLC0415
     from mazebot.cli.drive.task import await_navigation  # noqa: PLC0415 - loads Zenoh
-    from mazebot.common.client.over_zenoh import ZenohConnection  # noqa: PLC0415
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
     from mazebot.common.messages.topics import (  # noqa: PLC0415
         CMD_VEL_TELEOP,
         COLLISION_MONITOR_STATE,
         NAVIGATION_STATUS,
     )
 
-    connection = ZenohConnection(connect, (COLLISION_MONITOR_STATE, NAVIGATION_STATUS))
-    try:
-        await_navigation(connection.session, "teleop")
+    with ZenohRobot(connect) as robot:
+        robot.watch((COLLISION_MONITOR_STATE, NAVIGATION_STATUS))
+        await_navigation(robot, "teleop")
         sys.stdout.write(TABLE)
         with keyboard() as fd, ProgressLine() as line:
             try:
-                _drive(connection, Teleop(speed, turn), fd, line.show)
+                _drive(robot, Teleop(speed, turn), fd, line.show)
             finally:
                 for _ in range(_STOPS_SENT):
-                    connection.put(CMD_VEL_TELEOP, _twist(connection, 0.0, 0.0))
-    finally:
-        connection.close()
+                    robot.publish(CMD_VEL_TELEOP, _twist(robot, 0.0, 0.0))
 
 
-def _drive(
-    connection: ZenohConnection, state: Teleop, fd: int, show: Callable[[str], None]
-) -> None:
+def _drive(robot: Robot, state: Teleop, fd: int, show: Callable[[str], None]) -> None:
     """Publish what the keys ask for until the person leaves."""
     from mazebot.common.messages.topics import (  # noqa: PLC0415
         CMD_VEL_TELEOP,
@@ -102,23 +98,23 @@ def _drive(
         stops = stops + 1 if linear_m_s == angular_rad_s == 0.0 else 0
         # Whoever only looks on does not hold up a task.
         if stops <= _STOPS_SENT:
-            connection.put(CMD_VEL_TELEOP, _twist(connection, linear_m_s, angular_rad_s))
+            robot.publish(CMD_VEL_TELEOP, _twist(robot, linear_m_s, angular_rad_s))
         text = f"linear {linear_m_s:+.2f} m/s, angular {angular_rad_s:+.2f} rad/s"
-        monitor = connection.latest(COLLISION_MONITOR_STATE)
+        monitor = robot.latest(COLLISION_MONITOR_STATE)
         if monitor is not None and monitor.action != "do_nothing":
             text += f"; collision monitor: {monitor.action}"
-        status = connection.latest(NAVIGATION_STATUS)
+        status = robot.latest(NAVIGATION_STATUS)
         if status is not None and status.state != "idle":
             text += "; a task runs: `mazebot cancel` ends it"
         show(text)
 
 
-def _twist(connection: ZenohConnection, linear_m_s: float, angular_rad_s: float) -> TwistStamped:
+def _twist(robot: Robot, linear_m_s: float, angular_rad_s: float) -> TwistStamped:
     from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME  # noqa: PLC0415
     from mazebot.common.messages import messages as msg  # noqa: PLC0415
 
     return msg.TwistStamped(
-        header=msg.header(connection.now_ns(), BASE_FOOTPRINT_FRAME),
+        header=msg.header(robot.now_ns(), BASE_FOOTPRINT_FRAME),
         twist=msg.Twist(
             linear=msg.Vector3(linear_m_s, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, angular_rad_s)
         ),

@@ -13,8 +13,7 @@ from mazebot.cli.parsing.options import ROUTER, Connect, Json
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
-    import zenoh
-
+    from mazebot.common.client.robot import Robot
     from mazebot.common.messages.action_documents import ActionGoal
     from mazebot.common.messages.messages import CompressedImage
     from mazebot.common.messages.topics import Topic
@@ -50,7 +49,7 @@ def waypoints(
     """
     from mazebot.cli.drive.task import run_task  # noqa: PLC0415 - loads Zenoh
     from mazebot.cli.drive.waypoints_file import read_mission  # noqa: PLC0415
-    from mazebot.cli.session import world_that_runs  # noqa: PLC0415
+    from mazebot.common.client.subscription import running_world  # noqa: PLC0415
     from mazebot.common.messages.topics import PHOTO, PHOTO_REQUEST  # noqa: PLC0415
 
     mission = read_mission(places)
@@ -58,8 +57,8 @@ def waypoints(
     if photos is not None and photos.exists() and not photos.is_dir():
         raise ConfigError(f"--photos: {photos}: must be a folder")
 
-    def goal(session: zenoh.Session) -> ActionGoal:
-        found = mission.goal(world_that_runs(session, 5.0).locations)
+    def goal(robot: Robot) -> ActionGoal:
+        found = mission.goal(running_world(robot, 5.0).locations)
         changes: dict[str, Any] = {}
         if loops is not None:
             changes["number_of_loops"] = loops
@@ -114,11 +113,10 @@ class _Album:
         return f"photo at waypoint {self.waypoint}: {file}"
 
 
-def _give_input(session: zenoh.Session) -> None:
+def _give_input(robot: Robot) -> None:
     """Send the input for a waypoint where Enter was pressed."""
-    from mazebot.cli.session import ask  # noqa: PLC0415
     from mazebot.common.messages.action_documents import Empty  # noqa: PLC0415
     from mazebot.common.messages.topics import INPUT_AT_WAYPOINT  # noqa: PLC0415
 
     if sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0] and sys.stdin.readline():
-        ask(session, INPUT_AT_WAYPOINT, Empty(), 5.0)
+        robot.ask(INPUT_AT_WAYPOINT, Empty(), 5.0)

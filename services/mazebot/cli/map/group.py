@@ -36,15 +36,16 @@ def save(
     """Save the map of a running stack: NAME.yaml and NAME.pgm as Nav2 reads them, and from mapping
     NAME.pose_graph.json and NAME.markers.yaml.
     """
-    from mazebot.cli.session import connected, first_message  # noqa: PLC0415
+    from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
+    from mazebot.common.client.subscription import first_message  # noqa: PLC0415
     from mazebot.common.messages.topics import MAP, POSE_GRAPH, WORLD  # noqa: PLC0415
 
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name.name, re.ASCII):
         raise ConfigError(f"NAME: {str(name)!r:.80}: must end in letters, digits, '_', '-' or '.'")
-    with connected(connect) as session:
-        grid = first_message(session, MAP, _MAP_PATIENCE_S, "no map")
-        slam = first_message(session, WORLD, _MAP_PATIENCE_S, "no world").slam
-        graph = first_message(session, POSE_GRAPH, _GRAPH_PATIENCE_S) if slam else None
+    with ZenohRobot(connect) as robot:
+        grid = first_message(robot, MAP, _MAP_PATIENCE_S, "no map")
+        slam = first_message(robot, WORLD, _MAP_PATIENCE_S, "no world").slam
+        graph = first_message(robot, POSE_GRAPH, _GRAPH_PATIENCE_S) if slam else None
     files = [str(path) for path in _write(name, grid, graph)]
     if as_json:
         print_json({"files": files})

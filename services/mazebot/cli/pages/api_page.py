@@ -102,7 +102,9 @@ def _signature(name: str, found: object) -> str:
     """
     shown = not inspect.isclass(found) or "__init__" in vars(found) or issubclass(found, tuple)
     if inspect.isclass(found) and (
-        not shown or issubclass(found, BaseModel | enum.Enum) or getattr(found, "_is_protocol", False)
+        not shown
+        or issubclass(found, BaseModel | enum.Enum)
+        or getattr(found, "_is_protocol", False)
     ):
         return f"class {name}"
     kind = "class " if inspect.isclass(found) else ""

@@ -162,7 +162,7 @@ def _sent_past_a_box() -> Iterator[Session]:
         _put(session, "box", _BOX_AT, (_BOX_SIDE_M, _BOX_SIDE_M))
         session.run_for(1.0)
         header = msg.header(round(session.now_s * 1e9), "map")
-        session.put(GOAL_POSE, msg.PoseStamped(header, msg.pose_from_se2(_GOAL)))
+        session.publish(GOAL_POSE, msg.PoseStamped(header, msg.pose_from_se2(_GOAL)))
         yield session
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 import time
@@ -12,20 +11,15 @@ import numpy as np
 import yaml
 from rosbags.interfaces import Nodetype
 
-from mazebot.cli.session import connected
 from mazebot.cli.sim import stats_now
 from mazebot.cli.topics.topic import named_topic
-from mazebot.common.bus.bus import Bus
-from mazebot.common.bus.liveliness import alive
-from mazebot.common.bus.subscriber import subscribed
+from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.config import ConfigError
 from mazebot.common.files.yaml_words import line_and_words
 from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import CLOCK, CMD_VEL, EDGE, Topic, owned_by
-from mazebot.common.node.edge_client import EdgeClient
-from mazebot.common.node.node import Inbox
+from mazebot.common.messages.topics import CMD_VEL, EDGE, Topic, owned_by
 from mazebot.common.settings.known_settings import unknown_name
 
 _INTEGERS = {
@@ -53,30 +47,20 @@ def publish_messages(
         )
     content = parsed(topic, text)
     message_at(topic, content, 0)
-    client = EdgeClient()
-    with connected(endpoint) as session:
-        if not alive(session) & set(topic.readers):
+    with ZenohRobot(endpoint) as robot:
+        if not robot.alive().keys() & set(topic.readers):
             raise ConfigError(
                 f"topic pub: {topic.name}: no {' or '.join(topic.readers)} is running"
             )
-        outbox = Bus(session, client, Inbox(client)).outbox(client)
-        now_ns = [round(stats_now(session, "topic pub").sim_time_s * 1e9)]
+        begin_ns = round(stats_now(robot, "topic pub").sim_time_s * 1e9)
         sent, next_s = 0, time.monotonic()
-        with subscribed(session, CLOCK, lambda payload, _: _follow(now_ns, payload)):
-            while times is None or sent < times:
-                time.sleep(max(next_s - time.monotonic(), 0.0))
-                next_s += 1.0 / rate_hz
-                outbox.now_ns = now_ns[0]
-                outbox.put(topic, message_at(topic, content, now_ns[0]))
-                sent += 1
-                sys.stdout.write(f"published {sent} on {topic.name}\n")
-                sys.stdout.flush()
-
-
-def _follow(now_ns: list[int], payload: bytes) -> None:
-    """Store the simulation time."""
-    with contextlib.suppress(wire.WireError):
-        now_ns[0] = msg.ns_from_time(wire.decode(CLOCK, payload).clock)
+        while times is None or sent < times:
+            time.sleep(max(next_s - time.monotonic(), 0.0))
+            next_s += 1.0 / rate_hz
+            robot.publish(topic, message_at(topic, content, robot.now_ns() or begin_ns))
+            sent += 1
+            sys.stdout.write(f"published {sent} on {topic.name}\n")
+            sys.stdout.flush()
 
 
 def parsed(topic: Topic[object], text: str) -> object:

@@ -7,27 +7,23 @@ import difflib
 import itertools
 import json
 import math
-import queue
 import statistics
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 
 from mazebot.cli.parsing.options import print_json
-from mazebot.cli.session import connected
 from mazebot.cli.sim import paused
-from mazebot.common.bus.liveliness import alive
-from mazebot.common.bus.subscriber import subscribed
+from mazebot.common.client.over_zenoh import ZenohRobot
+from mazebot.common.client.robot import Robot
+from mazebot.common.client.subscription import Subscription
 from mazebot.common.config import ConfigError
 from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Document
 from mazebot.common.messages.topics import BY_NAME, EDGE, TOPICS, Topic
-
-if TYPE_CHECKING:
-    import zenoh
 
 ARRAY_SHOWN = 12
 """Numbers of an array to print; of the rest only the count."""
@@ -35,8 +31,8 @@ ARRAY_SHOWN = 12
 
 def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
     """Print the topics whose owners are running."""
-    with connected(endpoint) as session:
-        services = alive(session)
+    with ZenohRobot(endpoint) as robot:
+        services = robot.alive().keys()
     there = sorted(
         (topic for topic in TOPICS if services & set(topic.owners)), key=lambda topic: topic.name
     )
@@ -51,8 +47,8 @@ def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
 def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
     """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
-    with connected(endpoint) as session:
-        services = alive(session)
+    with ZenohRobot(endpoint) as robot:
+        services = robot.alive()
     told = {
         "name": topic.name,
         "type": wire.type_name(topic),
@@ -87,14 +83,15 @@ def measure_rate(endpoint: str, name: str, window_s: float, as_json: bool) -> No
     """
     topic = named_topic(name)
     times_s: list[float] = []
-    with connected(endpoint) as session:
-        with subscribed(session, topic, lambda *_: times_s.append(time.monotonic())):
-            end_s = time.monotonic() + window_s
-            while time.monotonic() < end_s:
-                time.sleep(min(0.1, window_s))
+    with ZenohRobot(endpoint) as robot:
+        end = robot.watch((topic,), lambda *_: times_s.append(time.monotonic()))
+        end_s = time.monotonic() + window_s
+        while time.monotonic() < end_s:
+            time.sleep(min(0.1, window_s))
+        end()
         if len(times_s) < 2:
             count = f"{len(times_s)} message{'s' * (len(times_s) != 1)}"
-            raise _too_few(session, topic, f"{count} in {window_s:g} s")
+            raise _too_few(robot, topic, f"{count} in {window_s:g} s")
     gaps_s = [b - a for a, b in itertools.pairwise(times_s)]
     rate_hz, deviation_s = 1.0 / statistics.fmean(gaps_s), statistics.pstdev(gaps_s)
     if as_json:
@@ -123,39 +120,37 @@ def echo(endpoint: str, name: str, once: bool, timeout_s: float, as_json: bool) 
     Raises ConfigError where none was received.
     """
     topic = named_topic(name)
-    payloads: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     count = 0
-    with connected(endpoint) as session:
-        with subscribed(session, topic, lambda payload, _: payloads.put(payload)):
+    with ZenohRobot(endpoint) as robot:
+        with Subscription(robot, topic) as messages:
             end_s = time.monotonic() + timeout_s
             while time.monotonic() < end_s and not (once and count):
-                try:
-                    payload = payloads.get(timeout=0.1)
-                except queue.Empty:
-                    continue
-                _print_message(topic, payload, as_json)
-                count += 1
+                count += _print_next(messages, as_json)
         if not count:
-            raise _too_few(session, topic, f"no message in {timeout_s:g} s")
+            raise _too_few(robot, topic, f"no message in {timeout_s:g} s")
 
 
-def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
+def _print_next(messages: Subscription, as_json: bool) -> bool:
+    """Print a message that is received within 0.1 s; whether there was one."""
     try:
-        message = wire.decode(topic, payload)
+        received = messages.next(0.1)
     except wire.WireError as error:
         # With --json, standard output is JSON only.
         told = sys.stderr if as_json else sys.stdout
         told.write(f"# rejected: {error}\n")
-        return
+        return True
+    if received is None:
+        return False
     if as_json:
-        sys.stdout.write(json.dumps(in_json(message), allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(in_json(received[1]), allow_nan=False) + "\n")
     else:
-        sys.stdout.write(f"{yaml.safe_dump(plain(message), sort_keys=False)}---\n")
+        sys.stdout.write(f"{yaml.safe_dump(plain(received[1]), sort_keys=False)}---\n")
     sys.stdout.flush()
+    return True
 
 
-def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigError:
-    why = paused(session)
+def _too_few(robot: Robot, topic: Topic[object], said: str) -> ConfigError:
+    why = paused(robot)
     return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
 
 

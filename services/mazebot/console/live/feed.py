@@ -14,10 +14,10 @@ from collections import OrderedDict, deque
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
+from mazebot.common.client.robot import Robot
 from mazebot.common.messages.topics import CAMERA_IMAGE, Delivery, Topic
 from mazebot.common.node.node import Envelope
 from mazebot.console.live.frame import Frame, text_frame
-from mazebot.console.live.stack import Stack
 from mazebot.console.live.view import CAMERA, WATCHED, View
 
 _LOG = logging.getLogger("console")
@@ -69,8 +69,10 @@ class Outgoing:
 class Feed:
     """Shared by all pages. Its methods run on the event loop, except `_receive`."""
 
-    def __init__(self, stack: Stack) -> None:
-        self._stack = stack
+    def __init__(self, robot: Robot, how_to_start: str) -> None:
+        """`how_to_start`: what to do where no stack is running, in one line."""
+        self._robot = robot
+        self._how_to_start = how_to_start
         self._pages: set[Outgoing] = set()
         self._lock = threading.Lock()
         self._states: dict[tuple[str, str], tuple[Topic[Any], Any]] = {}
@@ -108,7 +110,7 @@ class Feed:
 
     async def _run(self) -> None:
         """Draw and offer, as long as a page is open."""
-        end = await asyncio.to_thread(self._stack.watch, WATCHED, self._receive)
+        end = await asyncio.to_thread(self._robot.watch, WATCHED, self._receive)
         try:
             while True:
                 await asyncio.sleep(PERIOD_S)
@@ -137,13 +139,13 @@ class Feed:
     async def _watch_camera(self) -> None:
         wanted = any(page.wants_camera for page in self._pages)
         if wanted and self._camera_ends is None:
-            self._camera_ends = await asyncio.to_thread(self._stack.watch, CAMERA, self._receive)
+            self._camera_ends = await asyncio.to_thread(self._robot.watch, CAMERA, self._receive)
         elif not wanted and self._camera_ends is not None:
             self._camera_ends()
             self._camera_ends = None
 
     def _receive(self, topic: Topic[Any], message: Any, envelope: Envelope) -> None:
-        """Store a message; on a thread of the stack."""
+        """Store a message; on a thread of the robot."""
         with self._lock:
             if topic.delivery is Delivery.EVERY:
                 self._events.append((topic, message))
@@ -168,8 +170,8 @@ class Feed:
             self._states = dict(kept)
             self._events.clear()
         frames = self._view.frames(arrived)
-        services = sorted(self._stack.services())
-        frames.append(_stack_frame(services, self._stack.how_to_start))
+        services = sorted(self._robot.alive())
+        frames.append(_stack_frame(services, self._how_to_start))
         has_gone, self._was_there = self._was_there and not services, bool(services)
         if has_gone:
             # Another stack may come, of another world.

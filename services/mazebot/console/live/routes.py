@@ -12,6 +12,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from mazebot.common.client.robot import HOW_TO_START, Robot, RobotError
 from mazebot.console.live.commands import carry_out
 from mazebot.console.live.feed import MAX_PAGES, Feed, Outgoing
 from mazebot.console.live.frame import text_frame
@@ -22,7 +23,6 @@ from mazebot.console.live.page_messages import (
     Stop,
     read_message,
 )
-from mazebot.console.live.stack import Stack, StackError
 from mazebot.console.live.teleoperation import Teleoperation
 from mazebot.console.pages import page
 from mazebot.console.viewer_assets import live_data_of, viewer_policy, viewer_version
@@ -38,9 +38,11 @@ MAX_PENDING = 8
 _CLOSE_POLICY, _CLOSE_TOO_MANY = 1008, 1013
 
 
-def live_routes(stack: Stack) -> list[BaseRoute]:
-    """The routes of the live page of a stack."""
-    feed = Feed(stack)
+def live_routes(robot: Robot, how_to_start: str = HOW_TO_START) -> list[BaseRoute]:
+    """The routes of the live page of a robot; `how_to_start`: what to do where no stack is
+    running, in one line.
+    """
+    feed = Feed(robot, how_to_start)
 
     async def show(request: Request) -> Response:
         live_data = live_data_of(request)
@@ -59,7 +61,7 @@ def live_routes(stack: Stack) -> list[BaseRoute]:
             await websocket.close(_CLOSE_TOO_MANY, f"{MAX_PAGES} pages are open already")
             return
         async with feed.page() as outgoing:
-            await _Page(stack, websocket, outgoing).serve()
+            await _Page(robot, websocket, outgoing).serve()
 
     return [Route("/live", show), WebSocketRoute("/live/feed", connect)]
 
@@ -67,11 +69,11 @@ def live_routes(stack: Stack) -> list[BaseRoute]:
 class _Page:
     """One open page."""
 
-    def __init__(self, stack: Stack, websocket: WebSocket, outgoing: Outgoing) -> None:
-        self._stack = stack
+    def __init__(self, robot: Robot, websocket: WebSocket, outgoing: Outgoing) -> None:
+        self._robot = robot
         self._websocket = websocket
         self._outgoing = outgoing
-        self._teleoperation = Teleoperation(stack)
+        self._teleoperation = Teleoperation(robot)
         self._allowance = BURST
         self._counted_s = time.monotonic()
         self._complained = False
@@ -141,7 +143,7 @@ class _Page:
             case Drive():
                 try:
                     self._teleoperation.drive(action.linear_m_s, action.angular_rad_s)
-                except StackError as error:
+                except RobotError as error:
                     self._teleoperation.stop()
                     self._answer(number, "", str(error))
             case Stop():
@@ -153,7 +155,7 @@ class _Page:
             case _:
                 # On a thread from now on: it is carried out also where the page goes at once.
                 loop = asyncio.get_running_loop()
-                done = loop.run_in_executor(None, _carried_out, self._stack, action)
+                done = loop.run_in_executor(None, _carried_out, self._robot, action)
                 task = asyncio.create_task(self._tell_of(number, done))
                 self._pending.add(task)
                 task.add_done_callback(self._pending.discard)
@@ -166,12 +168,12 @@ class _Page:
         self._outgoing.offer(text_frame("answer", content, is_event=True))
 
 
-def _carried_out(stack: Stack, action: object) -> tuple[str, str]:
+def _carried_out(robot: Robot, action: object) -> tuple[str, str]:
     """What to tell the person, and why it was refused; one of them is empty. It raises nothing of
     that, because the page may have gone: nobody would take it.
     """
     try:
-        return carry_out(stack, action), ""
+        return carry_out(robot, action), ""
     except RefusedError as error:
         return "", str(error)
 

@@ -6,9 +6,9 @@ import asyncio
 import contextlib
 import time
 
+from mazebot.common.client.robot import Robot, RobotError
 from mazebot.common.messages.topics import CMD_VEL_TELEOP
 from mazebot.console.live.commands import velocity_message
-from mazebot.console.live.stack import Stack, StackError
 
 PERIOD_S = 0.05
 SILENCE_S = 0.4
@@ -20,14 +20,14 @@ _STOPS_SENT = 3
 class Teleoperation:
     """What one page wants. All methods run on the event loop."""
 
-    def __init__(self, stack: Stack) -> None:
-        self._stack = stack
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self._velocity = (0.0, 0.0)
         self._heard_s = 0.0
         self._task: asyncio.Task[None] | None = None
 
     def drive(self, linear_m_s: float, angular_rad_s: float) -> None:
-        """The page wants this velocity now. Raises StackError where no stack is running."""
+        """The page wants this velocity now. Raises RobotError where no stack is running."""
         self._velocity = linear_m_s, angular_rad_s
         self._heard_s = time.monotonic()
         self._send(*self._velocity)
@@ -40,7 +40,7 @@ class Teleoperation:
             return
         self._task.cancel()
         self._task = None
-        with contextlib.suppress(StackError):
+        with contextlib.suppress(RobotError):
             for _ in range(_STOPS_SENT):
                 self._send(0.0, 0.0)
 
@@ -48,11 +48,11 @@ class Teleoperation:
         """The robot stops 0.2 s after the last command, so the velocity is sent again."""
         while time.monotonic() - self._heard_s < SILENCE_S:
             await asyncio.sleep(PERIOD_S)
-            with contextlib.suppress(StackError):
+            with contextlib.suppress(RobotError):
                 self._send(*self._velocity)
         self.stop()
 
     def _send(self, linear_m_s: float, angular_rad_s: float) -> None:
-        self._stack.publish(
-            CMD_VEL_TELEOP, velocity_message(self._stack, linear_m_s, angular_rad_s)
+        self._robot.publish(
+            CMD_VEL_TELEOP, velocity_message(self._robot, linear_m_s, angular_rad_s)
         )

@@ -151,7 +151,9 @@ class Course:
         # Stamps identify goals: two must not share one.
         self.session.step(1)
         header = msg.header(round(self.now_s * 1e9), MAP_FRAME)
-        self.session.put(GOAL_POSE, msg.PoseStamped(header=header, pose=msg.pose_from_se2(goal)))
+        self.session.publish(
+            GOAL_POSE, msg.PoseStamped(header=header, pose=msg.pose_from_se2(goal))
+        )
         return msg.ns_from_time(header.stamp)
 
     def put_box(

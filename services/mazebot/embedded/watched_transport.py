@@ -1,0 +1,68 @@
+"""The messages of a run in this process, for those who watch from outside of its services."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from mazebot.common.client.robot import Receive
+from mazebot.common.messages.topics import DIAGNOSTICS, Delivery, Topic
+from mazebot.common.node.executive import MemoryTransport
+from mazebot.common.node.node import Envelope
+
+
+class WatchedTransport(MemoryTransport):
+    """Passes each message on to the nodes and to the watches, as Zenoh does for subscribers outside
+    of the stack; keeps the newest of each topic and what is latched.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.latest: dict[str, Any] = {}
+        """The newest message of each topic, by the topic's name."""
+        self._lock = threading.Lock()
+        self._watches: tuple[tuple[frozenset[str], Receive], ...] = ()
+        self._latched: dict[tuple[str, str], deque[tuple[Topic[Any], object, Envelope]]] = {}
+
+    def send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        """Publish a message."""
+        self._send(topic, message, envelope)
+
+    def watch(
+        self, topics: Iterable[Topic[Any]], receive: Receive, with_latched: bool = True
+    ) -> Callable[[], None]:
+        """See Robot. `with_latched`: begin with the latched messages."""
+        watch = frozenset(topic.name for topic in topics), receive
+        with self._lock:
+            for (name, _), kept in self._latched.items() if with_latched else ():
+                for latched in kept if name in watch[0] else ():
+                    receive(*latched)
+            self._watches = (*self._watches, watch)
+
+        def end() -> None:
+            with self._lock:
+                self._watches = tuple(one for one in self._watches if one is not watch)
+
+        return end
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether any topic is watched now."""
+        return bool(self._watches)
+
+    def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
+        with self._lock:
+            self.latest[topic.name] = message
+            # /diagnostics too: a page that opens while the simulation is paused shows the states.
+            if topic.delivery is Delivery.LATCHED or topic is DIAGNOSTICS:
+                key = topic.name, envelope.source
+                if key not in self._latched:
+                    depth = topic.depth if topic.delivery is Delivery.LATCHED else 1
+                    self._latched[key] = deque(maxlen=depth)
+                self._latched[key].append((topic, message, envelope))
+            for names, receive in self._watches:
+                if topic.name in names:
+                    receive(topic, message, envelope)
+        super()._send(topic, message, envelope)
