@@ -97,7 +97,7 @@ class Navigation:
     def _cancel(self, asked: CancelGoal) -> CancelGoalReply:
         self.cancelled.append(asked)
         if not self.goals:
-            return CancelGoalReply(error="no goal is being driven to", return_code=2)
+            return CancelGoalReply(error="no active goal", return_code=2)
         self._end(error_code=9012, error_msg="canceled")
         goal = msg.se2_from_pose(self.goals.pop().pose)
         return CancelGoalReply(goal=Planar(x_m=goal.x_m, y_m=goal.y_m, yaw_rad=goal.yaw_rad))
@@ -162,7 +162,7 @@ def test_the_end_of_a_goal_is_told_in_words_and_in_json(navigation: Navigation) 
 
 def test_whatever_is_driven_to_can_be_cancelled(navigation: Navigation) -> None:
     cancel = ("cancel", "--connect", navigation.endpoint)
-    assert_one_line(mazebot(*cancel), "no goal is being driven to")
+    assert_one_line(mazebot(*cancel), "no active goal")
     assert navigation.cancelled == [CancelGoal()]
     goal = msg.PoseStamped(header=msg.header(1, "map"), pose=msg.pose_from_se2(SE2(2.0, 1.0, 0.0)))
     navigation.goals += [goal, goal]

@@ -314,7 +314,7 @@ def test_a_map_larger_than_can_be_planned_in_is_refused_and_the_robot_drives_on(
     cells = np.zeros((2001, 2000), np.int8)
     driver.deliver(MAP, msg.occupancy_grid(0, 0.05, SE2(0.0, 0.0, 0.0), cells))
     assert driver.drive_to(LOCATIONS["location1"]).error_code == 0
-    assert driver.rejected(MAP) == {"not a map to drive in": 1}
+    assert driver.rejected(MAP) == {"invalid map": 1}
 
 
 def test_of_thousands_of_goals_at_once_the_newest_is_driven_to_and_each_is_answered() -> None:
@@ -385,7 +385,7 @@ def test_what_is_no_map_is_refused_and_counted() -> None:
     driver.deliver(WORLD, house().world)
     driver.deliver(MAP, msg.occupancy_grid(0, 0.0, house().map_origin, house().map_cells))
     driver.step()
-    assert driver.rejected(MAP)["not a map to drive in"] == 1
+    assert driver.rejected(MAP)["invalid map"] == 1
     assert driver.node.waiting_for() == "the map"
 
 
@@ -863,7 +863,7 @@ def test_a_cancelled_goal_ends_and_the_robot_stops() -> None:
     assert driver.of(NAVIGATION_STATUS)[-1].state == "idle"
     driver.run(1.0)
     assert driver.robot.velocity.linear_m_s == 0.0
-    assert "no goal" in cancelled(driver).error
+    assert "no active goal" in cancelled(driver).error
 
 
 def test_after_a_cancelled_goal_another_is_driven_to() -> None:

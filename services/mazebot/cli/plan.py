@@ -182,7 +182,7 @@ def _with_zones(
     from mazebot.navigation.costmap.costmap import NO_INFORMATION  # noqa: PLC0415
     from mazebot.navigation.planning.ends import nearest_free_pose  # noqa: PLC0415
     from mazebot.navigation.planning.grid.search_grid import search_grid  # noqa: PLC0415
-    from mazebot.navigation.robot import forbidden_goal  # noqa: PLC0415
+    from mazebot.navigation.robot.planner_server import forbidden_goal  # noqa: PLC0415
 
     def with_costs(leaving_m: tuple[float, float] | None) -> Costmap:
         costs = zones.costs(costmap.inscribed_radius_m, leaving_m)

@@ -23,7 +23,8 @@ from mazebot.navigation.control.tracking import TrackerParams
 from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
 from mazebot.navigation.costmap.layered_costmap import InflationParams, ObstacleParams
 from mazebot.navigation.planning.interface import PlannerParams, iterations_of
-from mazebot.navigation.robot import RobotParams
+from mazebot.navigation.robot.controller_server import ControllerServerParams
+from mazebot.navigation.robot.planner_server import PlannerServerParams
 
 CONTROL_PERIOD_NS = 50_000_000
 """20 Hz, Nav2's controller_frequency: the node's period."""
@@ -238,23 +239,28 @@ class NavigationConfig(ServiceConfig):
         """Parameters of the velocity smoother."""
         return self.velocity_smoother.params(self.max_linear_accel, self.max_angular_accel)
 
-    def robot_params(self, footprint: Footprint) -> RobotParams:
-        """Limits of the robot's control."""
-        return RobotParams(
-            control_period_s=CONTROL_PERIOD_NS * 1e-9,
-            failure_tolerance_s=self.failure_tolerance,
+    def planner_server_params(self, footprint: Footprint) -> PlannerServerParams:
+        """Which planner, and which of its paths are kept."""
+        return PlannerServerParams(
             path_improvement=self.path_improvement,
             tolerance_m=self.tolerance,
-            max_speed_m_s=self.desired_linear_vel,
             footprint=footprint,
             default_planner=self.planner,
+            smoothing_iterations=self.smoothing_iterations,
+        )
+
+    def controller_server_params(self) -> ControllerServerParams:
+        """Which controller, and when it has failed."""
+        return ControllerServerParams(
+            control_period_s=CONTROL_PERIOD_NS * 1e-9,
+            failure_tolerance_s=self.failure_tolerance,
+            max_speed_m_s=self.desired_linear_vel,
             default_controller=self.controller,
             progress=ProgressParams(
                 required_movement_radius_m=self.required_movement_radius,
                 required_movement_angle_rad=self.required_movement_angle,
                 movement_time_allowance_s=self.movement_time_allowance,
             ),
-            smoothing_iterations=self.smoothing_iterations,
         )
 
     def controller_params_of(

@@ -12,7 +12,7 @@ from mazebot.common.node.node import random_generator
 from mazebot.navigation.behavior.actions import NavigateToPose
 from mazebot.navigation.behavior.context import PathCheck
 from mazebot.navigation.behavior.motions.search_motion import SearchMotion
-from mazebot.navigation.build import Drive, made_drive
+from mazebot.navigation.build import made_drive
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
@@ -20,9 +20,10 @@ from mazebot.navigation.control.safety.collision_kernels import compile_collisio
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
 from mazebot.navigation.costmap.layered_costmap import frame_of, scan_points
 from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
+from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.warm_up import run_planning_kernels
-from mazebot.navigation.robot import View
+from mazebot.navigation.robot.view import View
 
 _LOG = logging.getLogger("navigation")
 _NOWHERE = SE2(0.0, 0.0, 0.0)
@@ -75,7 +76,7 @@ def _drive(drive: Drive) -> None:
     moving = drive.tracker.tracks(0.1)
     robot.costmap.clear_around(start, 1.0)
     robot.costmap.clear()
-    for name, controller in robot.controllers.items():
+    for name, controller in robot.controller_server.controllers.items():
         robot.begin(View(0, start, start, STOP, points_m, moving))
         path = robot.compute_path(None, [SE2(2.0, 2.3, 0.0)], "any_angle")
         robot.compute_path(start, [SE2(2.0, 2.3, 0.0)], "a_star")

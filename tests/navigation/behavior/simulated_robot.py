@@ -26,7 +26,7 @@ from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.costmap.layered_costmap import frame_of
 from mazebot.navigation.planning.path import PlannedPath
-from mazebot.navigation.robot import View
+from mazebot.navigation.robot.view import View
 from tests.navigation.driving import START, Unicycle, box_segments
 from tests.navigation.house_tour import (
     ANGLE_INCREMENT_RAD,

@@ -9,7 +9,7 @@ from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
 from mazebot.navigation.control.controller import ControllerParams, PathlessController, Robot
 from mazebot.navigation.control.track import Track
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.robot import View
+from mazebot.navigation.robot.view import View
 from tests.navigation.behavior.simulated_robot import NO_ECHOES, PERIOD_S, SimulatedRobot
 from tests.navigation.driving import LOCATIONS, START
 
@@ -25,7 +25,8 @@ def patience_s(moving: tuple[Track, ...], turning: tuple[Track, ...] = ()) -> fl
     """How long the robot may stand before that counts as a failure."""
     robot = SimulatedRobot().inner
     stands = Stands(ControllerParams(), Robot(), np.random.default_rng(0))
-    robot.controllers = {**robot.controllers, "stands": stands}
+    server = robot.controller_server
+    server.controllers = {**server.controllers, "stands": stands}
     for i in range(500):
         now_ns = round(i * PERIOD_S * 1e9)
         robot.begin(View(now_ns, START, START, STOP, NO_ECHOES, moving, turning=turning))
@@ -45,7 +46,7 @@ def track(distance_m: float) -> Track:
 
 
 def test_a_robot_may_stand_longer_where_something_moves_near_it() -> None:
-    allowed_s = SimulatedRobot().inner.params.progress.movement_time_allowance_s
+    allowed_s = SimulatedRobot().inner.controller_server.params.progress.movement_time_allowance_s
     assert patience_s(()) == pytest.approx(allowed_s, abs=0.2)
     assert patience_s((track(3.0),)) == pytest.approx(allowed_s, abs=0.2)
     assert patience_s((track(0.7),)) == pytest.approx(15.0 + allowed_s, abs=0.2)

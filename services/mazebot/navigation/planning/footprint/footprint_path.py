@@ -92,19 +92,51 @@ def through_narrow_places(
     )  # fmt: skip
     if status != FOUND:
         return None
-    distance_m, resolution_m = costmap.clearance_m, grid.frame.resolution_m
+    found = _searched(
+        grid, costmap, footprint, start, goal, guide, kept.cost_to_come, allow_reverse,
+        min(_MOST_STATES, max_iterations),
+    )  # fmt: skip
+    if found is None:
+        return None
+    poses, begin = found
+    points, yaws_rad, backwards = _without_turns(poses, goal.yaw_rad)
     at_start, at_goal = grid.at(*start[:2]), grid.at(*goal[:2])
-    begins = np.array([[*at_start, start.yaw_rad, 0.0]])
+    back = bool(begin[3] < 0.0)
+    if begin[3] != 0.0:
+        at_start = float(begin[0]), float(begin[1])
+        x_m, y_m = grid.in_map(begin[None, :2])[0].tolist()
+        start = SE2(x_m, y_m, start.yaw_rad)
+    if len(points) == 1:
+        points, yaws_rad = np.repeat(points, 2, axis=0), np.repeat(yaws_rad, 2)
+    points, lattice = _ended(points, at_start, at_goal), points
+    if _enters_zone(costmap, grid, points):
+        points = lattice.copy()
+        points[0], points[-1] = at_start, at_goal
+        if _enters_zone(costmap, grid, points):
+            return None
+    if backwards.any():
+        return Found(points, yaws_rad, backwards, start, back)
+    smooth = _smoothed(grid, costmap, footprint, points, start.yaw_rad, goal.yaw_rad, passes)
+    return Found(points if smooth is None else smooth, yaws_rad, None, start, back)
 
+
+def _searched(
+    grid: SearchGrid, costmap: Costmap, footprint: Footprint, start: SE2, goal: SE2,
+    guide: Prices, cost_to_come: Prices, allow_reverse: bool, max_states: int,
+) -> tuple[Array, Array] | None:  # fmt: skip
+    """The poses of a path, and the (x, y, yaw, way) in cells from where it begins; None if there is
+    no path. Raises NavigationError with PLANNER_TIMEOUT.
+    """
+    distance_m, resolution_m = costmap.clearance_m, grid.frame.resolution_m
+    begins = np.array([[*grid.at(*start[:2]), start.yaw_rad, 0.0]])
     reverse_within = math.inf if allow_reverse else -1.0
 
     def search(costs: Array, reverse_within: float, exact: bool) -> tuple[int, Array, int]:
         starts = np.column_stack((begins[: len(costs), :3], costs))
         return drive_through(
-            grid.cells, guide, kept.cost_to_come, distance_m, resolution_m, footprint.points_m,
+            grid.cells, guide, cost_to_come, distance_m, resolution_m, footprint.points_m,
             footprint.circles, _HEADINGS_RAD, AHEAD, starts,
-            np.array([*at_goal, goal.yaw_rad]), reverse_within, exact,
-            min(_MOST_STATES, max_iterations),
+            np.array([*grid.at(*goal[:2]), goal.yaw_rad]), reverse_within, exact, max_states,
         )  # fmt: skip
 
     status, poses, begin = search(np.zeros(1), reverse_within, True)
@@ -125,24 +157,15 @@ def through_narrow_places(
             ErrorCode.PLANNER_TIMEOUT,
             f"no path found for the footprint within {_MOST_STATES} poses",
         )
-    if status != FOUND:
-        return None
-    points, yaws_rad, backwards = _without_turns(poses, goal.yaw_rad)
-    back = bool(begins[begin, 3] < 0.0)
-    if begins[begin, 3] != 0.0:
-        at_start = float(begins[begin, 0]), float(begins[begin, 1])
-        x_m, y_m = grid.in_map(begins[begin : begin + 1, :2])[0].tolist()
-        start = SE2(x_m, y_m, start.yaw_rad)
-    if len(points) == 1:
-        points, yaws_rad = np.repeat(points, 2, axis=0), np.repeat(yaws_rad, 2)
-    points, lattice = _ended(points, at_start, at_goal), points
-    if _enters_zone(costmap, grid, points):
-        points = lattice.copy()
-        points[0], points[-1] = at_start, at_goal
-        if _enters_zone(costmap, grid, points):
-            return None
-    if backwards.any():
-        return Found(points, yaws_rad, backwards, start, back)
+    return (poses, begins[begin]) if status == FOUND else None
+
+
+def _smoothed(
+    grid: SearchGrid, costmap: Costmap, footprint: Footprint, points: Array,
+    start_yaw_rad: float, goal_yaw_rad: float, passes: int,
+) -> Array | None:  # fmt: skip
+    """The points made as smooth as the footprint allows; None: not at all."""
+    distance_m, resolution_m = costmap.clearance_m, grid.frame.resolution_m
     tried = max(passes, 1)
     while tried > 0:
         smooth = rounded(
@@ -151,12 +174,12 @@ def through_narrow_places(
         )  # fmt: skip
         at, _ = first_obstruction(
             distance_m, resolution_m, footprint.points_m, footprint.circles, smooth,
-            start.yaw_rad, goal.yaw_rad, -math.inf,
+            start_yaw_rad, goal_yaw_rad, -math.inf,
         )  # fmt: skip
         if at == CLEAR and not _enters_zone(costmap, grid, smooth):
-            return Found(smooth, yaws_rad, None, start, back)
+            return smooth
         tried //= 2
-    return Found(points, yaws_rad, None, start, back)
+    return None
 
 
 def _without_turns(poses: Array, goal_yaw_rad: float) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -1,0 +1,158 @@
+"""The goal in progress: start, cancel and pause, and the results of goals that have ended."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from mazebot.common.maths.frames import MAP_FRAME, SE2
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import CancelGoalReply, NavigationResult
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.actions import FollowWaypoints, NavigateToPose, Request, TaskResult
+from mazebot.navigation.drive import Drive
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.messages import (
+    goal_result,
+    planar_document,
+    request_of,
+    result_action,
+    result_document,
+)
+
+_LOG = logging.getLogger("navigation")
+_MOST_GOALS_TRIED = 4
+"""Of goals that arrive together: planning a path to each takes milliseconds."""
+
+Ready = Callable[[], Drive]
+"""Raises NavigationError while navigation is not active."""
+
+
+class Goal(NamedTuple):
+    """How a goal was given."""
+
+    goal_id: str
+    stamp_ns: int | None
+    """Of its message on /goal_pose; None: it came as an action."""
+
+
+class Goals:
+    """Keeps the goal of the task that runs, and results until they are published."""
+
+    def __init__(self) -> None:
+        self.current: Goal | None = None
+        self._results: list[tuple[Goal, TaskResult]] = []
+
+    def take_poses(self, now_ns: int, poses: Sequence[msg.PoseStamped], ready: Ready) -> None:
+        """Accept the newest valid goal; those before it would be preempted at once."""
+        tries, taken = _MOST_GOALS_TRIED, False
+        rejected: list[tuple[Goal, TaskResult]] = []
+        for message in reversed(poses):
+            request = NavigateToPose(msg.se2_from_pose(message.pose))
+            goal = Goal("", msg.ns_from_time(message.header.stamp))
+            if taken or not tries:
+                preempted = (ErrorCode.PREEMPTED, "preempted by a new goal")
+                rejected.append((goal, goal_result(request, now_ns, *preempted)))
+                continue
+            tries -= 1
+            try:
+                if message.header.frame_id not in ("", MAP_FRAME):
+                    raise NavigationError(
+                        ErrorCode.TF_ERROR,
+                        f"frame_id {message.header.frame_id!r:.40}: must be 'map' or empty",
+                    )
+                self._start(now_ns, request, goal, ready)
+            except NavigationError as error:
+                _LOG.error("Goal rejected with error %d: %s", error.code, error.message)
+                rejected.append((goal, goal_result(request, now_ns, error.code, error.message)))
+            else:
+                taken = True
+        self._results += reversed(rejected)
+
+    def send(self, now_ns: int, send: act.SendGoal, ready: Ready) -> act.SendGoalReply:
+        """Accept the goal of an action."""
+        try:
+            self._start(now_ns, request_of(send.goal), Goal(send.goal_id, None), ready)
+        except NavigationError as error:
+            _LOG.error("Goal rejected with error %d: %s", error.code, error.message)
+            near = error.nearest_free
+            return act.SendGoalReply(
+                accepted=False,
+                error_code=int(error.code),
+                error_msg=error.message,
+                nearest_free=None if near is None else planar_document(near),
+            )
+        return act.SendGoalReply(accepted=True)
+
+    def _start(self, now_ns: int, request: Request, goal: Goal, ready: Ready) -> None:
+        """Start a task. Raises NavigationError where it is rejected; the one before continues."""
+        ended = ready().navigator.start(now_ns, request)
+        self._keep(ended)
+        self.current = goal
+
+    def _keep(self, result: TaskResult | None) -> None:
+        if result is not None and self.current is not None:
+            self._results.append((self.current, result))
+
+    def end(self, result: TaskResult | None) -> None:
+        """Keep the result of the goal in progress, if it has ended."""
+        self._keep(result)
+        if result is not None:
+            self.current = None
+
+    def cancel(
+        self, now_ns: int, drive: Drive | None, stamp_ns: int | None, goal_id: str | None
+    ) -> CancelGoalReply:
+        """Cancel the goal with this stamp or id; None: any goal."""
+        current = self.current
+        request = drive.navigator.request if drive is not None else None
+        if (
+            drive is None
+            or current is None
+            or request is None
+            or stamp_ns not in (None, current.stamp_ns)
+            or goal_id not in (None, current.goal_id)
+        ):
+            error = "no active goal"
+            if stamp_ns is not None:
+                error = f"goal_stamp_ns: {stamp_ns}: no active goal with this stamp"
+            elif goal_id is not None:
+                error = f"goal_id: {goal_id}: no active goal with this id"
+            return CancelGoalReply(error=error, return_code=2)
+        self.end(drive.navigator.cancel(now_ns))
+        pose = request.pose if isinstance(request, NavigateToPose) else None
+        return CancelGoalReply(
+            goal=None if pose is None else planar_document(pose),
+            goal_stamp_ns=current.stamp_ns or 0,
+        )
+
+    def take_results(self, docks: Mapping[str, SE2]) -> list[NavigationResult | act.ActionResult]:
+        """How goals have ended since the last call; `docks`: poses of the docked robot."""
+        documents = [
+            result_action(goal.goal_id, result, docks) if goal.stamp_ns is None
+            else result_document(goal.stamp_ns, result)
+            for goal, result in self._results
+        ]  # fmt: skip
+        self._results.clear()
+        return documents
+
+
+def pause_goal(drive: Drive | None, paused: bool) -> act.Reply:
+    """Pause the task that runs, or resume it."""
+    if drive is None or drive.navigator.request is None:
+        return act.Reply(error="no action is running")
+    if paused:
+        drive.navigator.pause()
+    else:
+        drive.navigator.resume()
+    return act.Reply()
+
+
+def input_at_waypoint(drive: Drive | None) -> act.Reply:
+    """An input for the robot that waits at a waypoint."""
+    if drive is None or not isinstance(drive.navigator.request, FollowWaypoints):
+        return act.Reply(error="no waypoints are being followed")
+    drive.navigator.exchange.inputs += 1
+    return act.Reply()

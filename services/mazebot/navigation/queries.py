@@ -1,0 +1,49 @@
+"""Replies to queries for paths, and to requests to clear costmaps."""
+
+from __future__ import annotations
+
+from mazebot.common.messages import action_documents as act
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.goals import Ready
+from mazebot.navigation.messages import clear_requests, path_poses, planar_document, planned_path
+
+
+def compute_path(ask: act.ComputePath, ready: Ready) -> act.ComputePathReply:
+    """A path through goals, from the robot or from another pose."""
+    try:
+        robot = ready().robot
+        start = robot.pose() if ask.start is None else ask.start.se2()
+        path = robot.compute_path(start, [goal.se2() for goal in ask.goals], ask.planner_id)
+    except NavigationError as error:
+        near = error.nearest_free
+        return act.ComputePathReply(
+            error_code=int(error.code),
+            error_msg=error.message,
+            nearest_free=None if near is None else planar_document(near),
+        )
+    return act.ComputePathReply(path=path_poses(path), length_m=path.length_m)
+
+
+def smooth_path(ask: act.SmoothPath, ready: Ready) -> act.SmoothPathReply:
+    """A path, smoothed."""
+    try:
+        path = ready().robot.smooth_path(
+            planned_path(ask.path, ErrorCode.SMOOTHER_INVALID_PATH),
+            ask.smoother_id,
+            ask.check_for_collisions,
+        )
+    except NavigationError as error:
+        return act.SmoothPathReply(error_code=int(error.code), error_msg=error.message)
+    return act.SmoothPathReply(path=path_poses(path))
+
+
+def clear_costmap(ask: act.ClearCostmap, ready: Ready) -> act.Reply:
+    """Clear the costmaps that are named."""
+    try:
+        drive = ready()
+        for request in clear_requests(ask):
+            drive.robot.clear_costmap(request)
+    except NavigationError as error:
+        return act.Reply(error=error.message)
+    return act.Reply()

@@ -1,0 +1,149 @@
+"""The controller server: follows a path by a controller, and notices where it cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.navigation.behavior.context import FollowRequest
+from mazebot.navigation.behavior.nodes.path_parts import nearest_index, piece
+from mazebot.navigation.control.collision import Surroundings, Velocity
+from mazebot.navigation.control.controller import Control, Controller
+from mazebot.navigation.control.safety.progress_checker import ProgressChecker, ProgressParams
+from mazebot.navigation.control.safety.stuck_detector import StuckDetector, StuckDetectorParams
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.robot.view import View
+
+_NAV2_DEFAULTS = ("", "FollowPath")
+"""What Nav2's trees and parameter files call their controller: here, the configured one."""
+_GIVES_WAY_M = 1.2
+_GIVES_WAY_M_S = 0.1
+_GIVES_WAY_NS = 15_000_000_000
+"""For so long a robot may stand, or drive slowly, with a moving obstacle this near."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerServerParams:
+    """Which controller, and when it has failed."""
+
+    control_period_s: float
+    failure_tolerance_s: float
+    """How long the controller may find no valid command."""
+    max_speed_m_s: float
+    """The controllers' highest."""
+    default_controller: str
+    progress: ProgressParams
+
+
+class ControllerServer:
+    """Runs one of the controllers along a path."""
+
+    def __init__(
+        self, params: ControllerServerParams, controllers: Mapping[str, Controller]
+    ) -> None:
+        self.params = params
+        self.controllers = controllers
+        self.controller = controllers[params.default_controller]
+        """The one that was used last."""
+        self.followed: PlannedPath | None = None
+        self._progress = ProgressChecker(params.progress)
+        self._stuck = StuckDetector(StuckDetectorParams())
+        self._blocked_since_ns: int | None = None
+        self._gives_way_since_ns: int | None = None
+        self._controlled_ns = 0
+
+    def follow(self, request: FollowRequest, pose: SE2) -> bool:
+        """Follow a path from the robot's pose on; whether it is a new one.
+
+        Raises NavigationError with INVALID_CONTROLLER.
+        """
+        name = request.controller_id
+        if name in _NAV2_DEFAULTS:
+            name = self.params.default_controller
+        if name not in self.controllers:
+            raise NavigationError(
+                ErrorCode.INVALID_CONTROLLER,
+                f"controller {name!r:.60}: must be one of {', '.join(sorted(self.controllers))}",
+            )
+        controller, followed = self.controllers[name], self.followed
+        continues = (
+            controller is self.controller
+            and controller.path is not None
+            and followed is not None
+            and followed.goal == request.path.goal
+        )
+        if controller is not self.controller:
+            self.controller.stop()
+        if not continues:
+            self._progress.reset()
+            self._stuck.reset()
+            self._blocked_since_ns = None
+        is_new = followed is not request.path or not continues
+        self.controller = controller
+        self.followed = request.path
+        # A path that is kept began further back.
+        first = nearest_index(request.path, pose)
+        rest = piece(request.path, first, len(request.path.points_m))
+        controller.set_path(rest, same_goal=continues)
+        return is_new
+
+    def control(self, now_ns: int, view: View, around: Surroundings) -> Control:
+        """The next velocity along the path.
+
+        Raises NavigationError with a code of FollowPath (100s).
+        """
+        params, pose = self.params, around.map_from_base
+        elapsed_s = (view.now_ns - self._controlled_ns) * 1e-9
+        # A late step is followed by one in time: less than a period after it.
+        if not 0.0 < elapsed_s < params.control_period_s:
+            elapsed_s = params.control_period_s
+        self._controlled_ns = view.now_ns
+        made = self.controller.step(elapsed_s, around)
+        where = f"at ({pose.x_m:.2f}, {pose.y_m:.2f})"
+        if self._gives_way(now_ns, view, made.velocity):
+            self._blocked_since_ns = None
+            self._progress.reset()
+        elif not made.blocked:
+            self._blocked_since_ns = None
+        elif self._blocked_since_ns is None:
+            self._blocked_since_ns = now_ns
+        elif now_ns - self._blocked_since_ns > params.failure_tolerance_s * 1e9:
+            raise NavigationError(
+                ErrorCode.NO_VALID_CONTROL, f"every motion along the path collides {where}"
+            )
+        if not self._progress.makes_progress(now_ns, pose):
+            allowance_s = params.progress.movement_time_allowance_s
+            raise NavigationError(
+                ErrorCode.FAILED_TO_MAKE_PROGRESS, f"no progress for {allowance_s:.1f} s {where}"
+            )
+        stuck = self._stuck.update(now_ns, made.velocity, view.odom_from_base, pose)
+        if stuck is not None:
+            self._stuck.reset()
+            raise NavigationError(ErrorCode.FAILED_TO_MAKE_PROGRESS, f"{stuck.text} {where}")
+        return made
+
+    def _gives_way(self, now_ns: int, view: View, velocity: Velocity) -> bool:
+        """Whether the robot stands because something that moves is near: for a while, that is no
+        failure.
+        """
+        pose = view.map_from_base
+        near = pose is not None and any(
+            math.hypot(each.x_m - pose.x_m, each.y_m - pose.y_m) < _GIVES_WAY_M
+            for each in (*view.tracks, *view.turning)
+        )
+        if not near or abs(velocity.linear_m_s) > _GIVES_WAY_M_S:
+            self._gives_way_since_ns = None
+            return False
+        if self._gives_way_since_ns is None:
+            self._gives_way_since_ns = now_ns
+        return now_ns - self._gives_way_since_ns <= _GIVES_WAY_NS
+
+    def stop(self) -> None:
+        """Drop the path."""
+        self.controller.stop()
+        self.followed = None
+        self._blocked_since_ns = None

@@ -1,0 +1,144 @@
+"""The newest measurements of the robot, and its pose in the map by them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.messages import messages as msg
+from mazebot.common.messages.documents import LocalizationStatus
+from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.safety.collision_monitor import moved_points
+from mazebot.navigation.control.tracking import ObstacleTracker
+from mazebot.navigation.costmap.layered_costmap import scan_points
+from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
+from mazebot.navigation.robot.view import View
+
+_TELEOP_NS = 300_000_000
+"""A teleoperation command is valid for this long."""
+_STATIC_MARGIN_M = 0.05
+_SIGMAS = 3.0
+"""An echo is a wall's within a cell of it and so many standard deviations of the pose."""
+_JUMP_M, _JUMP_RAD = 0.3, 0.3
+"""A correction of the pose by more than this is a jump."""
+
+
+class Echoes(NamedTuple):
+    """The newest scan's echoes, with the odometry at that scan."""
+
+    stamp_ns: int
+    odom_from_base: SE2
+    base_points_m: Array
+
+
+class Measurements:
+    """The newest of each sensor, and of localization."""
+
+    def __init__(self) -> None:
+        self.localization: LocalizationStatus | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Drop everything but the state of localization."""
+        self.odom: tuple[int, SE2] | None = None
+        self.velocity = STOP
+        self.map_from_odom: tuple[int, SE2] | None = None
+        """The newest correction of odometry, with its stamp."""
+        self.echoes: Echoes | None = None
+        self._pose_std_m: float | None = None
+        """Of the pose in the map, along the axis of which less is known."""
+        self._teleop: tuple[int, Velocity] | None = None
+
+    def take_scan(self, stamp_ns: int, scan: msg.LaserScan, base_from_scan: SE2) -> None:
+        """Keep a scan's echoes, once odometry is known."""
+        assert self.odom is not None
+        points_m = scan_points(
+            base_from_scan, denoised_ranges(scan.ranges), scan.angle_min, scan.angle_increment,
+            scan.range_min, scan.range_max,
+        )  # fmt: skip
+        self.echoes = Echoes(stamp_ns, self.odom[1], points_m)
+
+    def take_teleop(self, now_ns: int, command: Velocity) -> None:
+        """Keep a teleoperation command."""
+        self._teleop = (now_ns, command)
+
+    def take_covariance(self, covariance: Array) -> None:
+        """Keep how well the pose is known, from the (36,) covariance of /amcl_pose."""
+        self._pose_std_m = math.sqrt(max(covariance[0], covariance[7], 0.0))
+
+    def correct(self, stamp_ns: int, map_from_odom: SE2) -> bool:
+        """Take a correction of odometry; whether the pose in the map jumps by it."""
+        before = self.map_from_odom
+        self.map_from_odom = (stamp_ns, map_from_odom)
+        if before is None or self.odom is None:
+            return False
+        old, new = (one @ self.odom[1] for one in (before[1], map_from_odom))
+        turn_rad = abs(wrap_angle(new.yaw_rad - old.yaw_rad))
+        return new.distance_m(old) > _JUMP_M or turn_rad > _JUMP_RAD
+
+    def map_from_base(self) -> SE2:
+        """The robot's pose, once odometry and its correction are known."""
+        assert self.map_from_odom is not None
+        assert self.odom is not None
+        return self.map_from_odom[1] @ self.odom[1]
+
+    def is_localized(self, epoch: int | None) -> bool:
+        """Whether the pose is known and can be trusted in this epoch of the simulation."""
+        status = self.localization
+        return (
+            status is not None
+            and status.state == "localized"
+            and status.epoch == epoch
+            and self.map_from_odom is not None
+            and self.odom is not None
+            and self.echoes is not None
+        )
+
+    def wants_motion(self, epoch: int | None) -> bool:
+        """Whether localization needs the robot to move."""
+        status = self.localization
+        return status is not None and status.wants_motion and status.epoch == epoch
+
+    def is_searching(self) -> bool:
+        """Whether a global localization was requested: the robot moves without a goal."""
+        return self.localization is not None and self.localization.state == "searching"
+
+    def oldest_ns(self, now_ns: int) -> int:
+        """Stamp of the oldest of odometry, its correction and the scan."""
+        assert self.odom is not None
+        # A pose that is not known has no age; an old one stops the robot.
+        pose_ns = now_ns if self.map_from_odom is None else self.map_from_odom[0]
+        echoes_ns = self.echoes.stamp_ns if self.echoes is not None else self.odom[0]
+        return min(self.odom[0], echoes_ns, pose_ns)
+
+    def static_margin_m(self, most_m: float) -> float:
+        """How near to a wall of the map an echo is taken for the wall's: by the pose's error."""
+        if self._pose_std_m is None:
+            return most_m
+        return min(_STATIC_MARGIN_M + _SIGMAS * self._pose_std_m, most_m)
+
+    def view(self, now_ns: int, epoch: int | None, tracker: ObstacleTracker) -> View:
+        """What the robot knows at this step, once odometry is known."""
+        assert self.odom is not None
+        teleop = self._teleop
+        return View(
+            now_ns,
+            self.map_from_base() if self.is_localized(epoch) else None,
+            self.odom[1],
+            self.velocity,
+            self._echoes_now(),
+            tracker.moving(now_ns * 1e-9),
+            teleop[1] if teleop and now_ns - teleop[0] <= _TELEOP_NS else None,
+            tracker.turning(),
+        )
+
+    def _echoes_now(self) -> Array:
+        """(n, 2) the newest echoes in the current base frame."""
+        assert self.odom is not None
+        echoes = self.echoes
+        if echoes is None:
+            return np.empty((0, 2))
+        return moved_points(echoes.base_points_m, echoes.odom_from_base, self.odom[1])

@@ -1,0 +1,266 @@
+"""The planner server: paths by the planners, checks and smoothing of paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.world.costmap import Cells
+from mazebot.navigation.behavior.context import PathCheck
+from mazebot.navigation.behavior.nodes.path_parts import joined, nearest_index, piece, pose_on
+from mazebot.navigation.costmap.footprint import Footprint, footprint_in_collision
+from mazebot.navigation.costmap.layered_costmap import (
+    INSCRIBED_INFLATED_OBSTACLE,
+    LETHAL_OBSTACLE,
+    Costmap,
+    GridFrame,
+    LayeredCostmap,
+)
+from mazebot.navigation.costmap.path_check import new_collisions
+from mazebot.navigation.costmap.zones import Zones
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.ends import nearest_free_pose
+from mazebot.navigation.planning.grid.search_grid import search_grid
+from mazebot.navigation.planning.interface import GlobalPlanner
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.planning.planner import Planner
+from mazebot.navigation.planning.smoother import smoothed
+
+_NAV2_DEFAULTS = ("", "GridBased")
+"""What Nav2's trees and parameter files call their planner: here, the one that is configured."""
+_SMOOTHERS = ("", "simple_smoother", "SmoothPath")
+"""Names in Nav2's parameters and trees; all stand for the one that there is."""
+_ON_PATH_CELLS = 3.0
+"""A path is kept only while the robot is this near to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerServerParams:
+    """Which planner, and which of its paths are kept."""
+
+    path_improvement: float
+    """A path that is still free is replaced only by one shorter by this fraction."""
+    tolerance_m: float
+    """A goal that is occupied is replaced by the nearest free place within this."""
+    footprint: Footprint
+    default_planner: str
+    smoothing_iterations: int = 100
+    """Most passes of the path smoother."""
+
+
+class PlannerServer:
+    """Plans on the global costmap, and keeps the last path while it is as good as a new one."""
+
+    def __init__(
+        self,
+        params: PlannerServerParams,
+        costmap: LayeredCostmap,
+        planners: Mapping[str, GlobalPlanner],
+        zones: Zones | None,
+    ) -> None:
+        """`zones`: keepout zones, which the costmap has as well; None: there are none."""
+        self._params = params
+        self._costmap = costmap
+        self._planners = planners
+        self.zones = zones
+        self._kept: PlannedPath | None = None
+
+    def take_map(
+        self, frame: GridFrame, cells: Cells, static_margin_m: float, zones: Zones | None
+    ) -> None:
+        """Drive on in a map that has grown or changed, with the zones on its grid. A path that the
+        map now shows to be blocked is not kept.
+        """
+        costmap = self._costmap
+        costmap.take_map(frame, cells, static_margin_m)
+        if zones is not None:
+            costmap.set_keepout(zones.costs(costmap.master.inscribed_radius_m))
+        self.zones = zones
+        kept = self._kept
+        if kept is not None:
+            nothing = Costmap(
+                frame, costmap.master.inscribed_radius_m,
+                np.zeros_like(costmap.master.costs),
+                np.full_like(costmap.master.distance_m, np.inf),
+            )  # fmt: skip
+            hit = new_collisions(
+                costmap.static, nothing, self._params.footprint, kept.points_m, kept.yaws_rad,
+                LETHAL_OBSTACLE, True,
+            )  # fmt: skip
+            if len(hit):
+                self._kept = None
+
+    def clear(self) -> None:
+        """Keep no path."""
+        self._kept = None
+
+    def check_goals(self, pose: SE2, goals: Sequence[SE2]) -> None:
+        """Raise NavigationError (200s) for a goal that no plan can reach on the static map."""
+        planner = self._planner("")
+        for goal in goals:
+            pose = self._leg(planner, pose, goal, static_only=True).goal
+
+    def compute_path(
+        self, start: SE2, goals: Sequence[SE2], planner_id: str,
+        followed: PlannedPath | None, keep: bool,
+    ) -> PlannedPath:  # fmt: skip
+        """Path through all goals to the last one.
+
+        Args:
+            start: where it begins.
+            goals: at least one.
+            planner_id: empty: the configured one.
+            followed: the path that the robot follows; None: it follows none.
+            keep: whether the path begins at the robot: then it may be the followed one, where
+                that is as good.
+
+        Raises NavigationError with a code of ComputePathToPose (200s).
+        """
+        planner = self._planner(planner_id)
+        at = start
+        path: PlannedPath | None = None
+        for goal in goals:
+            leg = self._leg(planner, at, goal)
+            path = leg if path is None else joined(path, leg)
+            at = leg.goal
+        if path is None:
+            raise NavigationError(ErrorCode.NO_VALID_PATH, "no goals: must be at least one")
+        if not keep:
+            return path
+        kept = self._kept
+        if len(goals) == 1 and kept is not None and kept is followed:
+            if self._is_as_good(kept, path, start):
+                return kept
+        self._kept = path
+        return path
+
+    def _leg(
+        self, planner: GlobalPlanner, start: SE2, goal: SE2, static_only: bool = False
+    ) -> PlannedPath:
+        """A path to one goal; raises NavigationError, which names a keepout zone at the goal."""
+        static, master = self._costmaps_from(start, goal)
+        costmap = static if static_only else master
+        tolerance_m = self._params.tolerance_m
+        try:
+            if isinstance(planner, Planner) and not static_only:
+                # With the map alone too, it names the obstacle that is in the way.
+                return planner.plan(costmap, start, goal, tolerance_m, static=static)
+            return planner.plan(costmap, start, goal, tolerance_m)
+        except NavigationError as error:
+            zone = self.zones.keepout_at(*goal[:2]) if self.zones is not None else None
+            if zone is None or error.code != ErrorCode.GOAL_OCCUPIED:
+                raise
+            raise forbidden_goal(goal, zone, error.nearest_free) from error
+
+    def _costmaps_from(self, start: SE2, goal: SE2) -> tuple[Costmap, Costmap]:
+        """The static and the combined costmap for a path from a place: where that is in a keepout
+        zone, it can be left.
+
+        Raises NavigationError for a goal in the same zone.
+        """
+        costmap, zones = self._costmap, self.zones
+        if zones is None or zones.keepout_at(*start[:2]) is None:
+            return costmap.static, costmap.master
+        costs = zones.costs(costmap.master.inscribed_radius_m, leaving_m=start[:2])
+        assert costs is not None
+        static, master = costmap.with_keepout(costs)
+        zone, cell = zones.keepout_at(*goal[:2]), master.frame.cell(*goal[:2])
+        if zone is not None and cell is not None and costs[cell] < LETHAL_OBSTACLE:
+            grid = search_grid(costmap.master, self._params.footprint.half_width_m, False)
+            near = nearest_free_pose(grid, costmap.master, self._params.footprint, goal, math.inf)
+            raise forbidden_goal(goal, zone, near)
+        return static, master
+
+    def _is_as_good(self, kept: PlannedPath, path: PlannedPath, pose: SE2) -> bool:
+        """Whether the path before leads to the same goal, is free, and hardly longer."""
+        if kept.goal != path.goal:
+            return False
+        index = nearest_index(kept, pose)
+        off_m = float(np.abs(kept.points_m[index] - np.array(pose[:2])).max())
+        if off_m > _ON_PATH_CELLS * self._costmap.frame.resolution_m:
+            return False
+        left_m = kept.length_m - float(kept.along_m[index])
+        if path.length_m < left_m * (1.0 - self._params.path_improvement):
+            return False
+        return not self.collisions(piece(kept, index, len(kept.points_m)), PathCheck())
+
+    def smooth_path(
+        self, path: PlannedPath, smoother_id: str, check_for_collisions: bool
+    ) -> PlannedPath:
+        """The path, smoothed. Raises NavigationError with Nav2's codes of SmoothPath."""
+        if smoother_id not in _SMOOTHERS:
+            raise NavigationError(
+                ErrorCode.INVALID_SMOOTHER,
+                f"smoother_id: {smoother_id!r:.60}: must be empty or one of "
+                f"{', '.join(filter(None, _SMOOTHERS))}",
+            )
+        costmap = self._costmap.master
+        safe_m = self._params.footprint.circumscribed_radius_m
+        smooth = smoothed(
+            costmap, path, costmap.frame.resolution_m, safe_m, self._params.smoothing_iterations
+        )
+        for index in range(len(smooth.points_m)) if check_for_collisions else ():
+            pose = pose_on(smooth, index)
+            if self.cost_at(pose, use_footprint=True) >= INSCRIBED_INFLATED_OBSTACLE:
+                raise NavigationError(
+                    ErrorCode.SMOOTHED_PATH_IN_COLLISION,
+                    f"the smoothed path touches an obstacle at ({pose.x_m:.2f}, {pose.y_m:.2f})",
+                    (pose.x_m, pose.y_m),
+                )
+        return smooth
+
+    def collisions(self, path: PlannedPath, check: PathCheck) -> tuple[SE2, ...]:
+        """Poses of a path at which the robot collides, in order. What the static map has in the way
+        already is no collision: a path may begin near a wall.
+        """
+        end = len(path.points_m)
+        if check.max_lookahead_distance_m >= 0.0:
+            end = int(np.searchsorted(path.along_m, check.max_lookahead_distance_m, side="right"))
+        found = new_collisions(
+            self._costmap.master, self._costmap.static, self._params.footprint, path.points_m[:end],
+            path.yaws_rad, check.max_cost, check.stop_at_first_collision,
+        )  # fmt: skip
+        return tuple(pose_on(path, index) for index in found.tolist())
+
+    def _touches(self, costmap: Costmap, pose: SE2) -> bool:
+        footprint, frame = self._params.footprint, costmap.frame
+        column, row = frame.place(pose.x_m, pose.y_m)
+        x_axis = pose @ SE2(1.0, 0.0, 0.0)
+        return bool(
+            footprint_in_collision(
+                costmap.distance_m, frame.resolution_m, footprint.points_m, footprint.circles,
+                column, row, x_axis.x_m - pose.x_m, x_axis.y_m - pose.y_m, 0.0,
+            )
+        )  # fmt: skip
+
+    def cost_at(self, pose: SE2, use_footprint: bool) -> int:
+        """Cost of the costmap under the robot's centre or its footprint at a pose."""
+        if use_footprint and self._touches(self._costmap.master, pose):
+            return LETHAL_OBSTACLE
+        return self._costmap.master.cost_at(pose.x_m, pose.y_m)
+
+    def _planner(self, planner_id: str) -> GlobalPlanner:
+        name = self._params.default_planner if planner_id in _NAV2_DEFAULTS else planner_id
+        if name not in self._planners:
+            raise NavigationError(
+                ErrorCode.INVALID_PLANNER,
+                f"planner {name!r:.60}: must be one of {', '.join(sorted(self._planners))}",
+            )
+        return self._planners[name]
+
+
+def forbidden_goal(goal: SE2, zone: str, nearest_free: SE2 | None) -> NavigationError:
+    """The error of a goal in a keepout zone."""
+    at = f"goal ({goal.x_m:.2f}, {goal.y_m:.2f})"
+    instead = ""
+    if nearest_free is not None:
+        instead = f"; the nearest free pose is ({nearest_free.x_m:.2f}, {nearest_free.y_m:.2f})"
+    return NavigationError(
+        ErrorCode.GOAL_OCCUPIED, f"{at} is in {zone}: must be outside of it{instead}",
+        (goal.x_m, goal.y_m), nearest_free,
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""The robot as behaviors see it: costmaps, planners, controllers and the command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.world.costmap import Cells
+from mazebot.navigation.behavior.context import (
+    ClearRequest,
+    Dock,
+    FollowRequest,
+    MarkerPose,
+    PathCheck,
+    TrackingFeedback,
+)
+from mazebot.navigation.behavior.docking.docks import Docks
+from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
+from mazebot.navigation.costmap.footprint import Footprint
+from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
+from mazebot.navigation.costmap.zones import Zones
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.path import PlannedPath
+from mazebot.navigation.robot.controller_server import ControllerServer
+from mazebot.navigation.robot.planner_server import PlannerServer
+from mazebot.navigation.robot.speed_limit import speed_limit_m_s
+from mazebot.navigation.robot.view import View
+
+_LOOK_AHEAD_S = 2.0
+_MIN_ECHOES = 3
+"""Fewer echoes are noise."""
+_LATE_PERIODS = 2.0
+
+
+@dataclass
+class RobotContext:
+    """See NavigationContext. The caller gives it a view, lets behaviors act, and takes the
+    command.
+    """
+
+    footprint: Footprint
+    costmap: LayeredCostmap
+    local_costmap: LocalCostmap
+    planner_server: PlannerServer
+    controller_server: ControllerServer
+    docks: Docks = field(default_factory=Docks)
+    markers: dict[str, MarkerPose] = field(default_factory=dict)
+    """The newest sighting of each marker, by its id."""
+    view: View | None = None
+    command: Velocity | None = None
+    """What behaviors want in this step; None: nothing."""
+    new_path: PlannedPath | None = None
+    """A path adopted in this step."""
+    controlled: bool = False
+    """Whether the command is the controller's."""
+    wants_global_localization: bool = False
+    monitor_enabled: bool = True
+
+    def __post_init__(self) -> None:
+        zones = self.zones
+        self._forbidden = zones.forbidden if zones is not None else None
+
+    @property
+    def zones(self) -> Zones | None:
+        """Keepout zones, which the costmap has as well, and speed limits; None: there are none."""
+        return self.planner_server.zones
+
+    def take_map(
+        self, frame: GridFrame, cells: Cells, static_margin_m: float, zones: Zones | None
+    ) -> None:
+        """Drive on in a map that has grown or changed, with the zones on its grid."""
+        self.planner_server.take_map(frame, cells, static_margin_m, zones)
+        self._forbidden = zones.forbidden if zones is not None else None
+
+    def begin(self, view: View) -> None:
+        """Begin a step."""
+        self.view = view
+        self.command, self.new_path, self.controlled = None, None, False
+
+    def around(self) -> Surroundings:
+        """The pose and the obstacles around it."""
+        view, pose, server = self._view(), self.pose(), self.controller_server
+        # A command is obeyed in the period after it, and the pose is as old as that again.
+        late_m = abs(view.velocity.linear_m_s) * _LATE_PERIODS * server.params.control_period_s
+        limit_m_s = speed_limit_m_s(
+            self.zones, server.followed, pose, late_m, server.params.max_speed_m_s
+        )
+        return Surroundings(
+            pose, self.costmap.master, view.echoes_m, self.footprint, view.tracks,
+            view.velocity, min_echoes=_MIN_ECHOES, speed_limit_m_s=limit_m_s,
+            forbidden=self._forbidden, turning=view.turning,
+        )  # fmt: skip
+
+    def _view(self) -> View:
+        assert self.view is not None
+        return self.view
+
+    def pose(self) -> SE2:
+        """See NavigationContext."""
+        pose = self._view().map_from_base
+        if pose is None:
+            raise NavigationError(ErrorCode.TF_ERROR, "the robot is not localized")
+        return pose
+
+    def odom_from_base(self) -> SE2:
+        """See NavigationContext."""
+        return self._view().odom_from_base
+
+    def velocity(self) -> Velocity:
+        """See NavigationContext."""
+        return self._view().velocity
+
+    def check_goals(self, goals: Sequence[SE2]) -> None:
+        """See NavigationContext."""
+        self.planner_server.check_goals(self.pose(), goals)
+
+    def compute_path(self, start: SE2 | None, goals: Sequence[SE2], planner_id: str) -> PlannedPath:
+        """See NavigationContext."""
+        return self.planner_server.compute_path(
+            start or self.pose(), goals, planner_id, self.controller_server.followed, start is None
+        )
+
+    def smooth_path(
+        self, path: PlannedPath, smoother_id: str, check_for_collisions: bool
+    ) -> PlannedPath:
+        """The path, smoothed. Raises NavigationError with Nav2's codes of SmoothPath."""
+        return self.planner_server.smooth_path(path, smoother_id, check_for_collisions)
+
+    def collisions(self, path: PlannedPath, check: PathCheck) -> tuple[SE2, ...]:
+        """See NavigationContext."""
+        return self.planner_server.collisions(path, check)
+
+    def cost_at(self, pose: SE2, use_footprint: bool) -> int:
+        """See NavigationContext."""
+        return self.planner_server.cost_at(pose, use_footprint)
+
+    def follow(self, request: FollowRequest) -> None:
+        """See NavigationContext."""
+        if self.controller_server.follow(request, self.pose()):
+            self.new_path = request.path
+
+    def control(self, now_ns: int) -> TrackingFeedback:
+        """See NavigationContext."""
+        made = self.controller_server.control(now_ns, self._view(), self.around())
+        self.command, self.controlled = made.velocity, True
+        return TrackingFeedback(made.reached, made.distance_remaining_m)
+
+    def drive(self, velocity: Velocity) -> None:
+        """See NavigationContext."""
+        self.command = velocity
+
+    def stop(self) -> None:
+        """See NavigationContext."""
+        self.controller_server.stop()
+        self.planner_server.clear()
+        self.command = STOP
+
+    def time_to_collision(self, velocity: Velocity) -> float:
+        """See NavigationContext. Without a pose, by the echoes alone."""
+        view = self._view()
+        if view.map_from_base is None:
+            return first_contact_s(
+                Surroundings(
+                    view.odom_from_base, self.local_costmap.master, view.echoes_m, self.footprint
+                ),
+                velocity, _LOOK_AHEAD_S,
+            )  # fmt: skip
+        return first_contact_s(self.around(), velocity, _LOOK_AHEAD_S)
+
+    def clear_costmap(self, request: ClearRequest) -> None:
+        """See NavigationContext."""
+        view = self._view()
+        costmap: LayeredCostmap
+        if request.costmap == "local":
+            costmap, here = self.local_costmap, view.odom_from_base
+        else:
+            costmap, here = self.costmap, self.pose()
+        if request.area == "entirely":
+            costmap.clear()
+        elif request.area == "except_region":
+            costmap.clear_except(here, request.reset_distance_m)
+        else:
+            there = request.pose if request.area == "around_pose" else here
+            costmap.clear_around(there or here, request.reset_distance_m)
+
+    def selected(self, topic_name: str) -> str | None:
+        """See NavigationContext."""
+        return None
+
+    def updated_goals(self) -> tuple[SE2, ...]:
+        """See NavigationContext."""
+        return ()
+
+    def teleop(self) -> Velocity | None:
+        """See NavigationContext."""
+        return self._view().teleop
+
+    def marker(self, marker_id: str) -> MarkerPose | None:
+        """See NavigationContext."""
+        return self.markers.get(marker_id)
+
+    def dock(self, dock_id: str) -> Dock:
+        """See NavigationContext."""
+        return self.docks.by_name(dock_id)
+
+    def dock_at(self, map_from_dock: SE2) -> Dock:
+        """See NavigationContext."""
+        return self.docks.at(map_from_dock)
+
+    def is_localized(self) -> bool:
+        """See NavigationContext."""
+        return self._view().map_from_base is not None
+
+    def reinitialize_global_localization(self) -> None:
+        """See NavigationContext."""
+        self.wants_global_localization = True
+
+    def toggle_collision_monitor(self, enable: bool) -> None:
+        """See NavigationContext."""
+        self.monitor_enabled = enable

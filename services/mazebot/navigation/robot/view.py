@@ -1,0 +1,26 @@
+"""What the robot knows of itself and of its surroundings at one step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.navigation.control.collision import Velocity
+from mazebot.navigation.control.track import Track
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The newest measurements, moved to the time of the step."""
+
+    now_ns: int
+    map_from_base: SE2 | None
+    """None: it is not localized."""
+    odom_from_base: SE2
+    velocity: Velocity
+    echoes_m: Array
+    """(n, 2) float64, the newest scan's echoes in the current base frame."""
+    tracks: tuple[Track, ...] = ()
+    teleop: Velocity | None = None
+    turning: tuple[Track, ...] = ()
+    """Obstacles that stand and are expected to turn back."""
