@@ -171,7 +171,7 @@ class Slam:
         return slam
 
     def document(self, stamp_ns: int) -> PoseGraph:
-        """The graph with its scans and markers; `restored` goes on with it."""
+        """The graph with its scans and markers; `restored` continues from it."""
         scans = [
             NodeScan(at_ns, millimetres(seen.points_m), millimetres(seen.misses_m), seen.sensor)
             for at_ns, seen in zip(self._stamps_ns, self._seen, strict=True)
