@@ -83,8 +83,8 @@ class Opened:
 
     def said(self) -> str:
         """The last answer of the services."""
-        self.wait(lambda: self.page.locator("#said").inner_text() not in ("", "…"))
-        return self.page.locator("#said").inner_text()
+        self.wait(lambda: self.page.locator("#message").inner_text() not in ("", "…"))
+        return self.page.locator("#message").inner_text()
 
     def pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Where a place of the map is on the screen, from the place of two clicks."""
@@ -184,7 +184,7 @@ def test_a_goal_clicked_on_the_plan_is_reached(live: Opened) -> None:
     assert math.dist(reached[:2], (x - 0.55, y - 0.45)) < 0.3
     assert abs(reached[2]) < 20.0
     page.get_by_label("Speed").select_option("1")
-    live.wait(lambda: page.locator("#said").inner_text().startswith("running at 1x"))
+    live.wait(lambda: page.locator("#message").inner_text().startswith("running at 1x"))
 
 
 def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened, url: str) -> None:
@@ -203,12 +203,12 @@ def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened, url: str
         corners = bystander.wait_kind("world")["walls"][0]
     middle = [sum(corner[axis] for corner in corners) / 4 for axis in (0, 1)]
     page.get_by_role("button", name="Box").click()
-    page.locator("#said").evaluate("one => { one.textContent = ''; }")
+    page.locator("#message").evaluate("one => { one.textContent = ''; }")
     page.mouse.click(*live.pixel(*middle))
     assert "reaches" in live.said()
-    assert page.locator("#said.bad").count() == 1
+    assert page.locator("#message.bad").count() == 1
     page.get_by_role("button", name="Remove").click()
-    page.locator("#said").evaluate("one => { one.textContent = ''; }")
+    page.locator("#message").evaluate("one => { one.textContent = ''; }")
     page.mouse.click(*place)
     assert live.said() == f"{name} removed"
 
@@ -279,7 +279,7 @@ def test_time_is_paused_and_stepped(live: Opened) -> None:
     page.get_by_role("button", name="Pause", exact=True).click()
     page.get_by_role("button", name="Resume", exact=True).wait_for()
     page.get_by_role("button", name="Step").click()
-    live.wait(lambda: page.locator("#said").inner_text().startswith("paused at"))
+    live.wait(lambda: page.locator("#message").inner_text().startswith("paused at"))
     page.get_by_role("button", name="Resume", exact=True).click()
     page.get_by_role("button", name="Pause", exact=True).wait_for()
 
@@ -444,7 +444,7 @@ def test_every_tool_aims_by_keys(live: Opened) -> None:
 
     def answer() -> str:
         said = live.said()
-        page.locator("#said").evaluate("one => { one.textContent = ''; }")
+        page.locator("#message").evaluate("one => { one.textContent = ''; }")
         return said
 
     x, y, before_deg = live.pose()

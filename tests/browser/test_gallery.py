@@ -124,7 +124,7 @@ def test_runs_are_found_tagged_and_deleted(served: Served, page: Page) -> None:
     page.locator("[name=tags]").fill("slow corner")
     page.locator("[name=note]").fill("at the end")
     page.get_by_role("button", name="Save").click()
-    expect(page.locator("#labels-say")).to_have_text("saved")
+    expect(page.locator("#labels-status")).to_have_text("saved")
     page.goto(f"{served.url}/runs?tag=corner")
     expect(cards).to_have_count(1)
     expect(cards.first).to_contain_text("at the end")
@@ -237,7 +237,7 @@ def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> Non
     for which in ("s0", "s1"):
         expect(page.locator(f"[data-plot=plan] path.way.{which}")).to_be_attached()
         expect(page.locator(f"[data-plot=time] path.line.{which}").first).to_be_attached()
-    page.get_by_text("All that mazebot diff says").click()
+    page.get_by_text("Full output of mazebot diff").click()
     expect(page.locator(".verdict")).to_contain_text("goes on for another")
     expect(page.get_by_role("row", name="simulated time")).to_be_visible()
 

@@ -54,7 +54,7 @@ def test_a_viewer_that_stalls_and_a_recorder_that_is_killed_cost_the_tour_nothin
     with stalled_viewer(stack.data_port):
         wait_until(lambda: "reached after" in stack.logs(DEMO), 120.0, "a goal is reached")
     stack.kill("recorder")
-    wait_until(lambda: "going on with" in stack.logs("recorder"), 15.0, "the recorder is back")
+    wait_until(lambda: "resuming" in stack.logs("recorder"), 15.0, "the recorder is back")
     with stalled_viewer(stack.data_port):
         wait_until(lambda: process.poll() is not None, 300.0, "the tour ends")
     said = stack.logs("recorder")

@@ -78,7 +78,7 @@ def test_links_are_not_followed(served: Served) -> None:
         assert served.ask(f"/runs/{path}").status == 404
     page = served.ask(f"/runs/{FIRST}")
     assert page.status == 200
-    assert "config.yaml: is a link" in page.text
+    assert "config.yaml: is a symbolic link" in page.text
     assert "outside" not in page.text
 
 
@@ -340,5 +340,5 @@ def test_only_our_own_page_gets_a_websocket(failing: Served) -> None:
 def test_scripts_get_their_errors_as_json(shared: Served) -> None:
     answer = shared.ask("/runs/none", headers={"Accept": "application/json"})
     assert answer.status == 404
-    assert json.loads(answer.body) == {"error": "there is no run 'none'"}
+    assert json.loads(answer.body) == {"error": "no such run: 'none'"}
     assert SECOND not in answer.text

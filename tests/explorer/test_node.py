@@ -35,7 +35,7 @@ def test_it_sees_all_that_can_be_reached_and_drives_home() -> None:
     stage = Stage(TWO_ROOMS, HOME, CONFIG)
     stage.run(120, "complete", "failed")
     assert stage.status.state == "complete"
-    assert stage.status.reason == "no reachable frontier is left"
+    assert stage.status.reason == "no reachable frontiers left"
     assert stage.status.reachable == stage.status.set_aside == 0
     assert stage.status.seen_share == 1.0
     assert stage.robot.distance_m(HOME) < 0.1
@@ -83,7 +83,7 @@ def test_a_place_is_tried_again_when_the_map_there_changes() -> None:
     stage.refuses = once
     stage.run(200, "complete", "failed")
     assert refused
-    assert stage.status.reason == "no reachable frontier is left"
+    assert stage.status.reason == "no reachable frontiers left"
     assert stage.status.seen_share == 1.0
 
 
@@ -146,7 +146,7 @@ def test_it_says_what_it_waits_for() -> None:
     stage.step()
     assert stage.node.waiting_for() == "navigation to become active"
     assert stage.status.state == "waiting"
-    assert stage.status.reason == "waits for navigation to become active"
+    assert stage.status.reason == "waiting for navigation to become active"
 
 
 def test_it_tells_where_the_frontiers_are() -> None:
@@ -180,7 +180,7 @@ def test_it_fails_where_there_is_no_way_home() -> None:
     stage.refuses = lambda goal: 208 if goal.distance_m(HOME) < 0.01 else 0
     stage.run(120, "complete", "failed")
     assert stage.status.state == "failed"
-    assert stage.status.reason == "cannot drive home: error 208: no way"
+    assert stage.status.reason == "failed to return home: error 208: no way"
 
 
 def test_a_choice_is_quick() -> None:

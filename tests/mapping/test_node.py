@@ -205,7 +205,7 @@ def test_it_says_what_it_waits_for_in_the_order_it_comes() -> None:
     said.append(bench.node.waiting_for())
     bench.drive(0.2)
     said.append(bench.node.waiting_for())
-    assert said == ["the world", "the robot's fixed frames", "odometry", "a scan", None]
+    assert said == ["the world", "static transforms on /tf_static", "odometry", "a scan", None]
 
 
 def killed(made: Bench, graph: PoseGraph | None, **changed: Any) -> Bench:
@@ -236,7 +236,7 @@ def test_it_waits_for_that_graph_for_a_while_and_then_begins_where_odometry_says
 ) -> None:
     bench = killed(made, None)
     bench.drive(1.0, 0.0)
-    assert bench.node.waiting_for() == "the graph that it had before"
+    assert bench.node.waiting_for() == "its previous pose graph on /pose_graph"
     assert not bench.of(TF)
     bench.drive(2.5, 0.0)
     assert bench.of(TF)

@@ -519,7 +519,7 @@ def test_a_pose_by_a_persons_word_is_taken() -> None:
 
 @pytest.mark.parametrize(
     ("frame_id", "x_m", "reason"),
-    [("odom", 0.0, "frame is not map"), ("map", 99.0, "outside the map")],
+    [("odom", 0.0, "frame_id is not map"), ("map", 99.0, "outside the map")],
 )
 def test_a_bad_initial_pose_is_counted_and_changes_nothing(
     frame_id: str, x_m: float, reason: str

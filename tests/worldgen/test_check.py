@@ -73,10 +73,13 @@ def test_every_problem_is_told_at_once_with_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"boxes": [box("south")]}, "boxes[0].name: 'south': must be unique: walls[0] has it"),
+        (
+            {"boxes": [box("south")]},
+            "boxes[0].name: 'south': must be unique: already used by walls[0]",
+        ),
         (
             {"maze": {"rows": 2, "columns": 2}, "boxes": [box("maze_0", x_m=1.5)], "markers": []},
-            "boxes[0].name: 'maze_0': must be unique: maze has it",
+            "boxes[0].name: 'maze_0': must be unique: already used by maze",
         ),
         ({"boxes": [box("a", material="gold")]}, "boxes[0].material: 'gold': must be one of brick"),
         ({"boxes": [box("a", x_m=0.0, y_m=0.0)]}, "start: (0.0, 0.0): must not lie in a wall or"),
@@ -88,7 +91,8 @@ def test_every_problem_is_told_at_once_with_its_line(tmp_path: Path) -> None:
         ({"bodies": [body(name="a\nb")]}, "bodies[0].name: 'a\\nb': must be printable"),
         (
             {"bodies": [body(shapes=[{"name": "s", "geometry": {"kind": "cube"}}])]},
-            "bodies[0].shapes[0].geometry: {'kind': 'cube'}: must be of a kind among 'box'",
+            "bodies[0].shapes[0].geometry: {'kind': 'cube'}: "
+            "must have a `kind` that is one of 'box'",
         ),
         (
             {

@@ -92,7 +92,7 @@ def test_what_a_urdf_gets_wrong_is_told_with_its_line(table: Path) -> None:
     with pytest.raises(ConfigError, match=r"table\.urdf:11: .*`heavy` must be a finite number"):
         read_model(table)
     table.write_text(TABLE.format(kind="fixed").replace("foot.obj", "gone.obj"))
-    with pytest.raises(ConfigError, match=r"table\.urdf:13: .*`gone.obj` is not there"):
+    with pytest.raises(ConfigError, match=r"table\.urdf:13: .*`gone.obj` does not exist"):
         read_model(table)
 
 
@@ -131,8 +131,8 @@ def test_links_of_a_static_model_are_one_and_an_upright_box_is_no_wall(tmp_path:
          "link 'm::b': must be joined to 'm::a' by fixed joints"),
         (f'<world name="w"><model name="m"><link name="a">{solid("s")}</link></model>'
          f'<model name="n"><link name="a">{solid("s")}</link></model></world>',
-         "must hold one model, has m, n"),
-        ('<model name="m"><link name="a"/></model>', "has nothing but a floor, must hold a body"),
+         "must contain one model, has m, n"),
+        ('<model name="m"><link name="a"/></model>', "contains only a floor, must contain a body"),
         ('<model name="m"><link name="a"><collision name="c"><geometry><box><size>1 1 -1</size>'
          '</box></geometry></collision></link></model>', "m.sdf:2: model m/link a"),
         ("<light/>", "must"),

@@ -136,7 +136,7 @@ def test_a_mistake_is_answered_and_logged_and_a_right_request_still_met(
         status = bench.ask("cellar")
         assert status.error == "world_name: 'cellar': must be one of hall, room"
         assert status.world_hash == ""
-        assert bench.node.waiting_for() == f"another world to be asked for: {status.error}"
+        assert bench.node.waiting_for() == f"a valid world request: {status.error}"
         assert bench.ask("hall").error == ""
     levels = [(record.levelname, record.name) for record in caplog.records]
     assert levels == [("ERROR", "worldgen"), ("INFO", "worldgen")]

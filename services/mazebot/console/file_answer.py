@@ -40,7 +40,7 @@ class FileAnswer(Response):
         self._size = state.st_size
         self._changed_s = int(state.st_mtime)
         tag = f'"{state.st_ino:x}-{state.st_mtime_ns:x}-{state.st_size:x}"'
-        told = {
+        sent = {
             "accept-ranges": "bytes",
             "cache-control": "no-cache",
             "etag": tag,
@@ -48,9 +48,9 @@ class FileAnswer(Response):
             **(headers or {}),
         }
         if download_name:
-            told["content-disposition"] = f"attachment; filename*=utf-8''{quote(download_name)}"
+            sent["content-disposition"] = f"attachment; filename*=utf-8''{quote(download_name)}"
         assert stat.S_ISREG(state.st_mode)
-        super().__init__(headers=told, media_type=media_type)
+        super().__init__(headers=sent, media_type=media_type)
         del self.headers["content-length"]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -124,7 +124,7 @@ class FileAnswer(Response):
             first, end = max(self._size - int(match[2]), 0), self._size
         if first >= end:
             headers = {"content-range": f"bytes */{self._size}"}
-            raise HTTPException(416, "the range begins after the file's end", headers)
+            raise HTTPException(416, "the range starts after the end of the file", headers)
         return first, end
 
 

@@ -17,7 +17,7 @@ STATIC = HERE / "static"
 
 
 def size(size_bytes: float) -> str:
-    """A size for people."""
+    """A size as text for a page."""
     for unit in ("B", "kB", "MB"):
         if size_bytes < 1000.0:
             return f"{size_bytes:.0f} {unit}" if unit == "B" else f"{size_bytes:.1f} {unit}"
@@ -26,7 +26,7 @@ def size(size_bytes: float) -> str:
 
 
 def seconds(time_s: float | None) -> str:
-    """A duration for people."""
+    """A duration as text for a page."""
     if time_s is None:
         return "-"
     if time_s < 120.0:
@@ -37,17 +37,17 @@ def seconds(time_s: float | None) -> str:
 
 
 def metres(length_m: float | None) -> str:
-    """A length for people."""
+    """A length as text for a page."""
     return "-" if length_m is None else f"{length_m:.1f} m"
 
 
 def millimetres(length_m: float | None) -> str:
-    """A small length for people."""
+    """A small length as text for a page."""
     return "-" if length_m is None else f"{1000.0 * length_m:.0f} mm"
 
 
 def in_words(value: object) -> str:
-    """A setting's value for people."""
+    """A setting's value as text for a page."""
     if value is None:
         return "none"
     return value if isinstance(value, str) else json.dumps(value, default=str)
@@ -85,7 +85,7 @@ def page(
 
 
 def wants_json(request: Request) -> bool:
-    """Whether a script asks, not a person."""
+    """Whether a script asks, not a browser's user."""
     return "application/json" in request.headers.get("accept", "")
 
 
@@ -96,7 +96,12 @@ async def error_page(request: Request, error: Exception) -> Response:
     phrase = HTTPStatus(error.status_code).phrase
     if wants_json(request):
         return JSONResponse({"error": error.detail}, error.status_code, headers)
-    said = "" if error.detail == phrase else error.detail
+    message = "" if error.detail == phrase else error.detail
     return page(
-        request, "error.html", status=error.status_code, headers=headers, heading=phrase, said=said
+        request,
+        "error.html",
+        status=error.status_code,
+        headers=headers,
+        heading=phrase,
+        message=message,
     )

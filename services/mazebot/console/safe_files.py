@@ -71,4 +71,4 @@ def is_real_folder(path: Path) -> bool:
 def check_no_link(path: Path) -> None:
     """Raises ConfigError if a path is a link: what it leads to is not shown."""
     if path.is_symlink():
-        raise ConfigError(f"{path}: is a link, and not followed")
+        raise ConfigError(f"{path}: is a symbolic link, which is not followed")

@@ -167,7 +167,7 @@ class Guard:
     async def _websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
         refusal = self._refusal(scope, Headers(scope=scope))
         if refusal is not None:
-            LOGGER.warning("websocket %s refused: %s", _path(scope), refusal[1])
+            LOGGER.warning("websocket %s rejected: %s", _path(scope), refusal[1])
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": refusal[1][:120]})
             return
@@ -196,12 +196,12 @@ class Guard:
             await self._app(scope, self._limited(receive), sending)
         except Exception as error:
             if isinstance(error, HTTPException):
-                status, said = error.status_code, str(error.detail)
+                status, text = error.status_code, str(error.detail)
             else:
                 LOGGER.error("%s %s: %s", scope["method"], _path(scope), _one_line(error))
-                status, said = 500, "the console failed at this; its log says how"
+                status, text = 500, "internal error: see the log of the console"
             if not started:
-                await _answer(sending, scope, status, said)
+                await _answer(sending, scope, status, text)
 
     def _limited(self, receive: Receive) -> Receive:
         """The same, with the limits of the body's size and duration."""
@@ -218,7 +218,7 @@ class Guard:
                 async with asyncio.timeout_at(end_s):
                     message = await receive()
             except TimeoutError:
-                raise HTTPException(408, "the request's body came too slowly") from None
+                raise HTTPException(408, "timed out while receiving the request body") from None
             received += len(message.get("body", b""))
             complete = not message.get("more_body", False)
             if received > self._max_body:
@@ -228,9 +228,9 @@ class Guard:
         return limited
 
 
-async def _answer(send: Send, scope: Scope, status: int, said: str) -> None:
+async def _answer(send: Send, scope: Scope, status: int, text: str) -> None:
     """A short text; the connection ends, as the rest of the body is not read."""
-    body = f"{said}\n".encode()
+    body = f"{text}\n".encode()
     headers = [
         (b"content-type", b"text/plain; charset=utf-8"),
         (b"content-length", str(len(body)).encode()),

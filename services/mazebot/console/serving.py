@@ -92,8 +92,8 @@ def _listening(bind: str, port: int) -> socket.socket:
         listener.close()
         if error.errno == errno.EADDRNOTAVAIL:
             raise ConfigError(f"bind: {bind!r:.80}: must be an address of this machine") from error
-        said = error.strerror or str(error)
-        raise ConfigError(f"port: {port}: cannot be used on {bind}: {said}") from error
+        reason = error.strerror or str(error)
+        raise ConfigError(f"port: {port}: cannot be used on {bind}: {reason}") from error
     return listener
 
 
@@ -133,7 +133,7 @@ def _protocol(patience_s: float) -> type[asyncio.Protocol]:
 
 
 def _without_traceback(record: logging.LogRecord) -> bool:
-    """Leave one line of an error that nobody has handled."""
+    """Leave one line of an error that was not handled."""
     if record.exc_info and record.exc_info[1] is not None:
         error: Any = record.exc_info[1]
         record.msg = f"{record.getMessage().strip()}: {type(error).__name__}: {error}"

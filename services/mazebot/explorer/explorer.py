@@ -34,7 +34,7 @@ _HOME_TRIES = 3
 _REFUSALS = 3
 """A place is set aside when so many goals for it were refused because something stands there."""
 _NOT_OUR_FAULT = (ErrorCode.PREEMPTED, ErrorCode.CANCELED, ErrorCode.WORLD_RESTARTED)
-"""Results that say nothing about the way to a goal."""
+"""Results that do not depend on the way to a goal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Explorer:
         self._robot: SE2 | None = None
         self._sent: _Sent | None = None
         self._known_ns = 0
-        """When navigation last said that it drives to a goal."""
+        """When navigation last reported a goal."""
         self._aside = SetAside()
         self._looked_ns: int | None = None
         self._fresh = False
@@ -106,7 +106,7 @@ class Explorer:
             self._robot = map_from_base
 
     def drives_to_goal(self, now_ns: int) -> None:
-        """Navigation says that it has a goal."""
+        """Navigation reports that it has a goal."""
         self._known_ns = now_ns
 
     def pause(self) -> None:
@@ -206,7 +206,7 @@ class Explorer:
             return
         self._nothing_ns = None
         if self.state == "returning":
-            _LOG.info("there is more to see: exploring goes on")
+            _LOG.info("found another frontier; continuing the exploration")
             self.state = "exploring"
         if current is None or chosen.is_for_another(current):
             self._least_m, self._progress_ns = float("inf"), now_ns
@@ -216,7 +216,7 @@ class Explorer:
         if chosen.way_m < self._least_m - _NEARER_M:
             self._least_m, self._progress_ns = chosen.way_m, now_ns
         if self._reached_ns is not None and self._map_ns >= self._reached_ns + _SEE_NS:
-            self._set_aside(now_ns, "is not seen from its view point")
+            self._set_aside(now_ns, "not visible from its view point")
         elif now_ns - self._progress_ns > params.progress_timeout * 1e9:
             self._set_aside(now_ns, f"no progress for {params.progress_timeout:.0f} s")
 
@@ -225,7 +225,7 @@ class Explorer:
         if self._nothing_ns is None:
             self._nothing_ns = now_ns
         elif now_ns - self._nothing_ns > self._params.progress_timeout * 1e9:
-            self._finish("failed", "the robot stands where the map has no free floor")
+            self._finish("failed", "the robot is not in free space of the map")
 
     def _end_if_sure(self, now_ns: int) -> None:
         """Nothing is left to see: after a while, drive home."""
@@ -236,10 +236,10 @@ class Explorer:
         if now_ns - self._nothing_ns < _SURE_NS:
             return
         if self._aside.open_untried():
-            _LOG.info("what was set aside is tried once more")
+            _LOG.info("retrying the frontiers that were set aside")
             self._nothing_ns = self._looked_ns = None
             return
-        _LOG.info("nothing is left to see, after %.1f m", self.driven_m)
+        _LOG.info("no frontiers left after %.1f m", self.driven_m)
         if self._params.return_to_init:
             self.state, self._sent = "returning", None
             self.reason = self._verdict()
@@ -249,14 +249,14 @@ class Explorer:
     def _verdict(self) -> str:
         count = self.set_aside
         if not count:
-            return "no reachable frontier is left"
+            return "no reachable frontiers left"
         return f"{count} frontier{'s' if count > 1 else ''} could not be reached"
 
     def _set_aside(self, now_ns: int, why: str) -> None:
         target, self.aim = self.aim, None
         assert target is not None
         assert self.seen is not None
-        _LOG.warning("(%.2f, %.2f) is set aside: %s", *target.target_m, why)
+        _LOG.warning("frontier at (%.2f, %.2f) set aside: %s", *target.target_m, why)
         self._aside.add(self.seen.floor, target.target_m)
         self._sent = self._reached_ns = self._looked_ns = None
         self._progress_ns = now_ns
@@ -313,7 +313,7 @@ class Explorer:
         self._home_failures += 1
         self._sent = None
         if self._home_failures >= _HOME_TRIES:
-            self._finish("failed", f"cannot drive home: error {error_code}: {error_msg}")
+            self._finish("failed", f"failed to return home: error {error_code}: {error_msg}")
 
     def _finish(self, state: State, reason: str) -> None:
         self.state, self.reason = state, reason

@@ -40,7 +40,7 @@ class ExplorerNode(Node):
     """Drives the robot until it has seen all the floor that it can reach, and home.
 
     It begins by itself when the world's request wants exploring (`slam` and `explore`) and
-    navigation is active. A false on EXPLORE_RESUME stops it, a true lets it go on.
+    navigation is active. A false on EXPLORE_RESUME stops it, a true resumes it.
     """
 
     name: ClassVar[str] = "explorer"
@@ -57,7 +57,7 @@ class ExplorerNode(Node):
         self._explorer: Explorer | None = None
         self._posed = False
         self._beat = Beat(_STATUS_PERIOD_NS)
-        self._told: tuple[str, str, int | None] | None = None
+        self._published: tuple[str, str, int | None] | None = None
         """State, reason and epoch of the status last published."""
         compile_kernels(config)
 
@@ -83,7 +83,7 @@ class ExplorerNode(Node):
         """The state, and how much of the floor has been seen."""
         explorer = self._explorer
         if explorer is None:
-            return {"state": "not wanted"}
+            return {"state": "off: no exploration requested"}
         return {
             "state": explorer.state,
             "seen": f"{100.0 * explorer.seen_share():.1f} %",
@@ -94,8 +94,8 @@ class ExplorerNode(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process the map, the pose and results; publish a goal when there is another one."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
-            _LOG.info("the simulation began anew: so does the exploration")
-            self._begin_anew()
+            _LOG.info("simulation restarted; resetting the exploration")
+            self._reset()
         self._learn(now_ns, inbox)
         explorer = self._explorer
         if explorer is None:
@@ -106,7 +106,7 @@ class ExplorerNode(Node):
             goal = explorer.step(now_ns)
             if goal is not None:
                 self._send(now_ns, outbox, goal)
-        self._tell(now_ns, outbox, explorer)
+        self._publish(now_ns, outbox, explorer)
 
     def _wanted(self) -> bool:
         return self._world is not None and self._world.slam and self._world.explore
@@ -119,9 +119,9 @@ class ExplorerNode(Node):
             self._world = world
             self.world_hash = world.hash
             if known is None or (known.hash, known.slam) != (world.hash, world.slam):
-                self._begin_anew()
+                self._reset()
         if self._wanted() != (self._explorer is not None):
-            self._begin_anew()
+            self._reset()
         for status in inbox.new(NAVIGATION_STATUS):
             self._navigation = status
             if self._explorer is not None and status.goal is not None:
@@ -134,7 +134,7 @@ class ExplorerNode(Node):
                 self._explorer.take_pose(msg.se2_from_pose(pose.pose.pose))
         for resume in inbox.new(EXPLORE_RESUME):
             if self._explorer is None:
-                inbox.reject(EXPLORE_RESUME, "no exploration is wanted")
+                inbox.reject(EXPLORE_RESUME, "no exploration requested")
             elif resume.data:
                 self._explorer.resume()
             else:
@@ -148,7 +148,7 @@ class ExplorerNode(Node):
         if not self._watch.is_of_this_run(stamp_ns, MAP, inbox):
             return
         if len(grid.data) > MAX_MAP_CELLS or not len(grid.data):
-            inbox.reject(MAP, "not a map to explore")
+            inbox.reject(MAP, "invalid number of cells")
             _LOG.error("map: %d cells: must be 1 to %d", len(grid.data), MAX_MAP_CELLS)
             return
         self._map = grid
@@ -156,11 +156,11 @@ class ExplorerNode(Node):
         origin = msg.se2_from_pose(grid.info.origin)
         self._explorer.take_map(now_ns, MapSoFar(cells, grid.info.resolution, origin))
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         """Forget what was explored."""
         self._map = self._navigation = None
         self._posed = False
-        self._told = None
+        self._published = None
         self._explorer = None
         if self._wanted() and self._world is not None:
             self._explorer = Explorer(self._config, self._world.start.se2())
@@ -171,17 +171,17 @@ class ExplorerNode(Node):
             msg.PoseStamped(header=msg.header(now_ns, MAP_FRAME), pose=msg.pose_from_se2(goal)),
         )
 
-    def _tell(self, now_ns: int, outbox: Outbox, explorer: Explorer) -> None:
+    def _publish(self, now_ns: int, outbox: Outbox, explorer: Explorer) -> None:
         """Publish status and frontiers, once a second and when the state is another one."""
         missing = self.waiting_for()
         reason = explorer.reason
         if explorer.state == "waiting" and missing is not None:
-            reason = f"waits for {missing}"
-        told = (explorer.state, reason, self._watch.epoch)
+            reason = f"waiting for {missing}"
+        status = (explorer.state, reason, self._watch.epoch)
         due = self._beat.due(now_ns)
-        if not due and told == self._told:
+        if not due and status == self._published:
             return
-        self._told = told
+        self._published = status
         seen = explorer.seen
         outbox.put(
             EXPLORATION_STATUS,

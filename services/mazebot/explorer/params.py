@@ -28,7 +28,7 @@ class ExplorerParams(BaseModel):
         "nearest: to the nearest frontier, to its end; gain: explore_lite's cost",
     )
     potential_scale: float = Field(
-        1.0, ge=0, description="of choice gain: weight of the way's length in m"
+        1.0, ge=0, description="of choice gain: weight of the path length in m"
     )
     gain_scale: float = Field(
         1.0, ge=0, description="of choice gain: weight of the frontier's size in m"
@@ -39,7 +39,7 @@ class ExplorerParams(BaseModel):
     hysteresis: float = Field(
         0.2,
         ge=0,
-        description="another view point is chosen only if it saves this share of the way to the "
+        description="another view point is chosen only if it saves this share of the path to the "
         "current one",
     )
     return_to_init: bool = Field(True, description="drive back to the start pose at the end")

@@ -1,9 +1,9 @@
-"""What each beam of a scan says about a pose: explained by the map, shortened, or through a wall.
+"""How each beam of a scan fits a pose: explained by the map, shortened, or through a wall.
 
 The likelihood field looks only at where beams end. Here each beam is also followed through the map,
-so that a pose in the wrong room, whose beams pass through walls, is told from the right one (the
-test of emcl2, Ueda and others), and so that a beam without a return counts, too: the map has to be
-open there.
+so that a pose in the wrong room, whose beams pass through walls, is distinguished from the right
+one (the test of emcl2, Ueda and others), and so that a beam without a return counts, too: the map
+has to be open there.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class ScanView:
     """
     base_from_scan: SE2
     range_max_m: float
-    silent_weight: float
+    miss_weight: float
     """How many of the beams with a return a beam without one stands for: they are thinned apart."""
     likelihood_weight: float
     """Of one beam, so that a scan weighs no more than `max_beams` beams."""
@@ -68,15 +68,15 @@ class ScanView:
 
     def halved(self) -> ScanView:
         """Every second beam, each with twice the weight."""
-        heard, silent = slice(0, self.returns, 2), slice(self.returns, None, 2)
+        hits, misses = slice(0, self.returns, 2), slice(self.returns, None, 2)
         return ScanView(
-            np.concatenate([self.directions[heard], self.directions[silent]]),
-            np.concatenate([self.ranges_m[heard], self.ranges_m[silent]]),
+            np.concatenate([self.directions[hits], self.directions[misses]]),
+            np.concatenate([self.ranges_m[hits], self.ranges_m[misses]]),
             np.ascontiguousarray(self.points_m[::2]),
             np.ascontiguousarray(self.before_m[::2]),
             self.base_from_scan,
             self.range_max_m,
-            self.silent_weight,
+            self.miss_weight,
             2.0 * self.likelihood_weight,
         )
 
@@ -93,8 +93,8 @@ class RayMap:
     map_from_grid: SE2
     field: LikelihoodField
     raster_m: float
-    """Off a wall by no more than this, a return says nothing against a pose: poses that look alike
-    in the world must not be told apart by how their walls fall into cells.
+    """Off a wall by no more than this, a return does not count against a pose: poses that look
+    alike in the world must not be distinguished by how their walls fall into cells.
     """
     tolerance_m: float
 
@@ -132,29 +132,29 @@ def scan_view(
     """Evenly thinned beams of a scan: up to `max_beams` with a return and as many without.
 
     Ranges in [range_min, range_max) are returns; those beyond it, infinite ones included, are beams
-    without one. Ranges below range_min and NaN say nothing, as in REP 117.
+    without one. Ranges below range_min and NaN are ignored, as in REP 117.
     """
     distances_m = np.asarray(ranges_m, np.float64)
     limit_m = min(range_max_m, _FAR_M)
     returned = (distances_m >= range_min_m) & (distances_m < limit_m)
-    heard, heard_stride = _thinned(np.flatnonzero(returned), max_beams)
-    silent, silent_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
-    beams = np.concatenate([heard, silent])
+    hits, hit_stride = _thinned(np.flatnonzero(returned), max_beams)
+    misses, miss_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
+    beams = np.concatenate([hits, misses])
     directions = _directions(
         len(distances_m), angle_min_rad + base_from_scan.yaw_rad, angle_increment_rad
     )[beams]
-    ends = directions[: len(heard)]
-    points_m = np.array([base_from_scan.x_m, base_from_scan.y_m]) + distances_m[heard, None] * ends
-    silent_weight = silent_stride / heard_stride
-    represented = len(heard) + silent_weight * len(silent)
+    ends = directions[: len(hits)]
+    points_m = np.array([base_from_scan.x_m, base_from_scan.y_m]) + distances_m[hits, None] * ends
+    miss_weight = miss_stride / hit_stride
+    represented = len(hits) + miss_weight * len(misses)
     return ScanView(
         directions,
-        np.concatenate([distances_m[heard], np.full(len(silent), np.inf)]),
+        np.concatenate([distances_m[hits], np.full(len(misses), np.inf)]),
         points_m,
         points_m - BEFORE_M * ends,
         base_from_scan,
         limit_m,
-        silent_weight,
+        miss_weight,
         min(1.0, max_beams / max(represented, 1.0)),
     )
 
@@ -190,7 +190,7 @@ def judge(rays: RayMap, poses: Array, view: ScanView) -> tuple[Array, Array]:
         min(view.range_max_m, _CAST_AT_MOST_M),
         rays.occupied, rays.cells_per_m, grid.x_m, grid.y_m, grid.yaw_rad, rays.inset_m,
         field.distance_m, 1.0 / field.cell_m, field_pose.x_m, field_pose.y_m, field_pose.yaw_rad,
-        rays.tolerance_m, rays.raster_m, view.silent_weight, counts, log_likelihoods,
+        rays.tolerance_m, rays.raster_m, view.miss_weight, counts, log_likelihoods,
     )  # fmt: skip
     log_likelihoods *= view.likelihood_weight
     return counts, log_likelihoods
@@ -203,9 +203,9 @@ def qualities(counts: Array, dynamic_share: float) -> Array:
     that the map does not have may stand there. Beams through walls weigh thrice. Where the map has
     no wall in range and nothing returns, nothing contradicts the pose: its quality is 1.
     """
-    heard = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, MISSING]
-    total = heard + THROUGH_WEIGHT * counts[:, THROUGH]
-    short = np.minimum(counts[:, SHORT], dynamic_share * (heard + counts[:, THROUGH]))
+    judged = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, MISSING]
+    total = judged + THROUGH_WEIGHT * counts[:, THROUGH]
+    short = np.minimum(counts[:, SHORT], dynamic_share * (judged + counts[:, THROUGH]))
     explained = counts[:, HIT] + short
     few = total < _LEAST_BEAMS
     return np.asarray(np.where(few, 1.0, explained / np.maximum(total, 1.0)))
@@ -234,7 +234,7 @@ def moved_view(view: ScanView, now_from_then: SE2) -> ScanView:
         _turned(view.before_m, c, s) + there_m,
         now_from_then @ view.base_from_scan,
         view.range_max_m,
-        view.silent_weight,
+        view.miss_weight,
         view.likelihood_weight,
     )
 
@@ -303,7 +303,7 @@ def _judge(
     field_yaw: float,
     tolerance: float,
     raster: float,
-    silent_weight: float,
+    miss_weight: float,
     counts: Array,
     log_likelihoods: Array,
 ) -> None:
@@ -336,10 +336,10 @@ def _judge(
                         behind = False
             if not returned:
                 if behind:
-                    counts[i, MISSING] += silent_weight
-                    total -= 3.0 * silent_weight
+                    counts[i, MISSING] += miss_weight
+                    total -= 3.0 * miss_weight
                 else:
-                    counts[i, OPEN] += silent_weight
+                    counts[i, OPEN] += miss_weight
                 continue
             if behind:
                 counts[i, THROUGH] += 1.0

@@ -16,7 +16,7 @@ class LocalizationConfig(LocalizationParams, ServiceConfig):
 
     initialize_at_start_pose: bool = Field(
         True,
-        description="begin at the world's start pose; false: search the whole map, unless "
+        description="start at the world's start pose; false: search the whole map, unless "
         "set_initial_pose is true",
     )
     initial_pose_std_m: float = Field(

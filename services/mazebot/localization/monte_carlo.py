@@ -210,7 +210,7 @@ class Localization:
         self._set.begin(map_from_base, covariance)
         self._known = True
         self._hypotheses = None
-        self._state, self._reasons = "localized", ("a pose was given",)
+        self._state, self._reasons = "localized", ("initial pose set",)
         self._begin_at_latest_odometry()
         self._match_fast = 1.0
 
@@ -219,11 +219,11 @@ class Localization:
         `reinitialize_global_localization`.
         """
         self._known = False
-        self._search("searching", "global localization was asked for")
+        self._search("searching", "global localization requested")
 
     def relocalize(self) -> None:
         """Search the whole map, as where the robot was found lost; the pose is kept until then."""
-        self._search("lost" if self._known else "searching", "relocalization was asked for")
+        self._search("lost" if self._known else "searching", "relocalization requested")
 
     def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
         """Add odometry; a message that is not later than the last one is ignored."""
@@ -294,7 +294,7 @@ class Localization:
         if not seen:
             return False
         if self._hypotheses is None and self._is_refuted(stamp_ns, odom_from_base, seen):
-            self._search("lost", "two sightings of markers contradict the pose")
+            self._search("lost", "two marker detections contradict the pose")
         key = tuple(float(value) for value in map_from_marker[:3, 3])
         if not self._is_due(self._last_marker.get(key), stamp_ns, odom_from_base):
             return False
@@ -389,7 +389,7 @@ class Localization:
             near = float(counts[0, HIT]) / view.returns
             self._match_fast += self._params.recovery_alpha_fast * (near - self._match_fast)
         if not self._monitor.is_suspect:
-            self._reasons = ("the scans fit the map",)
+            self._reasons = ("the scans match the map",)
             return
         share = f"{100.0 * self._monitor.quality:.0f} % of the beams are explained by the map"
         through = int(counts[0, THROUGH])
@@ -399,13 +399,13 @@ class Localization:
         if self._monitor.is_hopeless(stamp_ns):
             self._search("lost", share)
         elif enough and self._monitor.wants_search(stamp_ns) and self._is_better_elsewhere(view):
-            self._search("lost", share + "; another pose fits better")
+            self._search("lost", share + "; another pose matches better")
         if self._hypotheses is not None and self._view is not None:
             self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
 
     def _poses_to_judge(self) -> Array:
         """(n, 3) the estimate, and where it is uncertain some particles, too: that the mean of many
-        poses does not fit says nothing against each of them.
+        poses does not match does not rule out each of them.
         """
         mean = np.array([self._set.pose])
         widest_2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
@@ -518,7 +518,7 @@ class Localization:
             hypotheses.search()
             verdict = hypotheses.verdict()
         if verdict is None:
-            self._reasons = (self._cause, "no pose fits what the robot sees, or it sees nothing")
+            self._reasons = (self._cause, "no pose matches the scans, or the scans have no returns")
             return
         keyframe = hypotheses.keyframe_odometry
         assert keyframe is not None
@@ -532,10 +532,11 @@ class Localization:
         if self._is_certain(verdict):
             self._settle_on(verdict, here)
         else:
-            poses = "one pose" if len(hypotheses) == 1 else f"{len(hypotheses)} poses"
+            count = len(hypotheses)
+            poses = "1 candidate pose" if count == 1 else f"{count} candidate poses"
             self._reasons = (
                 self._cause,
-                f"{poses} in question, the likeliest with probability {verdict.certainty:.2f} "
+                f"{poses}, the most likely with probability {verdict.certainty:.2f} "
                 f"and quality {verdict.quality:.2f}",
             )
 
@@ -559,8 +560,8 @@ class Localization:
         self._set.begin(here, (found + found.T) / 2.0 + spread)
         self._hypotheses = None
         self._state = "localized"
-        why = "markers agree" if verdict.markers >= _MARKERS_AGREE else "no other pose fits"
-        self._reasons = (f"the pose was found: {why}",)
+        why = "markers agree" if verdict.markers >= _MARKERS_AGREE else "no other pose matches"
+        self._reasons = (f"pose found: {why}",)
         self._begin_at_latest_odometry(forget=False)
 
     def _begin_at_latest_odometry(self, forget: bool = True) -> None:

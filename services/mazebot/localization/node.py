@@ -93,7 +93,7 @@ class LocalizationNode(Node):
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
         self._schedule = Schedule()
-        self._told: tuple[State, int | None] | None = None
+        self._published: tuple[State, int | None] | None = None
         """State and epoch of the status last published."""
         compile_kernels(config)
 
@@ -107,7 +107,7 @@ class LocalizationNode(Node):
         if self._localization is None:
             return "the map"
         if SCAN_FRAME not in self._base_from:
-            return "the robot's fixed frames"
+            return "static transforms on /tf_static"
         if self._odom is None:
             return "odometry"
         if not self._scanned:
@@ -136,15 +136,15 @@ class LocalizationNode(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages, publish pose and status."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
-            _LOG.info("the simulation began anew: so does localisation")
-            self._begin_anew()
+            _LOG.info("simulation restarted; resetting localization")
+            self._reset()
         self._learn_world(inbox)
         if self._is_off():
             self._leave_to_mapping(inbox)
             return
         self._localize(inbox)
         self._reinitialize(inbox)
-        self._tell(now_ns, outbox)
+        self._publish(now_ns, outbox)
 
     def _is_off(self) -> bool:
         """Whether mapping localises the robot in this run."""
@@ -163,16 +163,16 @@ class LocalizationNode(Node):
         if world is not None and (self._world is None or world.hash != self._world.hash):
             self._world = world
             self.world_hash = world.hash
-            self._begin_anew()
+            self._reset()
             self._register_markers()
         grid = inbox.latest(MAP)
         if grid is not None and not msg.same_grid(grid, self._map):
             if len(grid.data) > MAX_MAP_CELLS:
-                inbox.reject(MAP, "not a map to localise in")
+                inbox.reject(MAP, "too many cells")
                 _LOG.error("map: %d cells: must be at most %d", len(grid.data), MAX_MAP_CELLS)
             else:
                 self._map = grid
-                self._begin_anew()
+                self._reset()
         entities = inbox.latest(ENTITIES)
         if entities is not None:
             self._entities = entities
@@ -209,10 +209,10 @@ class LocalizationNode(Node):
                 doubled.add(key)
             self._markers[key] = pose_matrix(entity)
         for key in sorted(doubled):
-            _LOG.warning("marker %d of %s hangs in two places: not used", key[1], key[0])
+            _LOG.warning("marker %d of %s is in two places: ignored", key[1], key[0])
             del self._markers[key]
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         """Drop all measurements; the filter restarts at the start pose."""
         self._odom = None
         self._scanned = self._started = False
@@ -292,7 +292,7 @@ class LocalizationNode(Node):
         pose = msg.se2_from_pose(initial.pose.pose)
         assert self._map is not None
         if initial.header.frame_id not in ("", MAP_FRAME):
-            inbox.reject(INITIAL_POSE, "frame is not map")
+            inbox.reject(INITIAL_POSE, "frame_id is not map")
         elif not msg.grid_contains(self._map, pose.x_m, pose.y_m):
             inbox.reject(INITIAL_POSE, "outside the map")
         else:
@@ -301,7 +301,7 @@ class LocalizationNode(Node):
             try:
                 localization.initialize(pose, covariance + self._initial_covariance())
             except ValueError:
-                inbox.reject(INITIAL_POSE, "not a covariance")
+                inbox.reject(INITIAL_POSE, "invalid covariance")
                 return
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
@@ -341,7 +341,7 @@ class LocalizationNode(Node):
         for request in inbox.requests(REINITIALIZE_GLOBAL_LOCALIZATION):
             missing = self.waiting_for()
             if self._localization is None or missing is not None:
-                request.respond(Reply(error=f"localization waits for {missing}"))
+                request.respond(Reply(error=f"localization is waiting for {missing}"))
                 continue
             self._localization.global_localization()
             request.respond(Reply())
@@ -355,7 +355,7 @@ class LocalizationNode(Node):
             return "uninitialized"
         return localization.state
 
-    def _tell(self, now_ns: int, outbox: Outbox) -> None:
+    def _publish(self, now_ns: int, outbox: Outbox) -> None:
         """Publish the pose, the particles and the status."""
         localization = self._localization
         if localization is not None and self._started and localization.initialized:
@@ -369,10 +369,10 @@ class LocalizationNode(Node):
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
         reason = "" if localization is None else "; ".join(localization.reasons)
-        if due or self._told != (state, self._watch.epoch):
-            if self._told is None or self._told[0] != state:
+        if due or self._published != (state, self._watch.epoch):
+            if self._published is None or self._published[0] != state:
                 _LOG.info("%s%s", state, f": {reason}" if reason else "")
-            self._told = (state, self._watch.epoch)
+            self._published = (state, self._watch.epoch)
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(

@@ -148,19 +148,21 @@ class LocalizationParams(BaseModel):
         description="below this share of its long mean, the quality of the pose is suspect",
     )
     lost_after_s: float = Field(
-        1.0, gt=0, description="time for which the quality is suspect before another pose is sought"
+        1.0,
+        gt=0,
+        description="time for which the quality is suspect before searching for another pose",
     )
     lost_margin: float = Field(
         0.15, gt=0, le=1, description="by how much another pose's quality must be better"
     )
     max_hypotheses: int = Field(
-        256, ge=8, description="poses that are weighed while the pose is sought"
+        256, ge=8, description="candidate poses while searching for the pose"
     )
     search_min_travel_m: float = Field(
         1.0,
         ge=0,
-        description="m; least way, a turn of 1 rad counting 0.25 m, before a pose found by lidar "
-        "alone is trusted",
+        description="m; least distance driven, a turn of 1 rad counting 0.25 m, before a pose "
+        "found by lidar alone is trusted",
     )
     search_certainty: float = Field(
         0.999, gt=0.5, lt=1, description="least probability of a pose that is trusted"

@@ -36,7 +36,7 @@ class PoseMonitor:
         self.begin()
 
     def begin(self) -> None:
-        """Start anew, as at a pose that was just given."""
+        """Reset, as at a pose that was just set."""
         self.quality = 1.0
         self._slow = 1.0
         self._suspect_ns: int | None = None

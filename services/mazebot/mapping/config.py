@@ -23,9 +23,9 @@ class MappingConfig(SlamParams, ServiceConfig):
         description="mapping: the map grows; localization: the loaded graph stays as it is",
     )
     map_file_name: Path | None = Field(
-        None, description="a saved graph (*.pose_graph.json) to begin with; none: an empty map"
+        None, description="a saved graph (*.pose_graph.json) to start from; none: an empty map"
     )
     map_start_pose: tuple[Finite, Finite, Finite] | None = Field(
-        None, description="x, y (m) and yaw (rad) of the robot in the map at the beginning; "
+        None, description="x, y (m) and yaw (rad) of the robot in the map at the start; "
         "none: the world's start pose, and what odometry has measured since"
     )  # fmt: skip

@@ -26,7 +26,7 @@ def compile_kernels(params: SlamParams) -> None:
         msg.pose_from_se2(SE2(_ROOM_M / 2.0, 0.0, math.pi / 2.0), 0.3)
     )
     for step in range(12):
-        # There and back, and once where odometry does not say.
+        # There and back, and once where odometry is missing.
         away = min(step, 11 - step)
         pose = SE2(_AT_ONCE_M * away, 0.05 * away, 0.1 * away)
         stamp_ns = (step + 1) * 100_000_000

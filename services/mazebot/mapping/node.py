@@ -53,9 +53,9 @@ _AMCL_POSE_PERIOD_NS = 100_000_000
 _STATUS_PERIOD_NS = 500_000_000
 _GRAPH_PERIOD_NS = 5_000_000_000
 _LATE_NS = 2_000_000_000
-"""A process that hears its first odometry later than this may be one that was started again."""
+"""A process that receives its first odometry later than this may have been restarted."""
 _RETURN_NS = 3_000_000_000
-"""For so long it waits for the graph that it had before."""
+"""It waits this long for the pose graph of its previous process."""
 
 
 class MappingNode(Node):
@@ -78,18 +78,18 @@ class MappingNode(Node):
         self._static_frames = FrameTree()
         self._base_from: dict[str, Array] = {}
         self._returned: PoseGraph | None = None
-        """The graph of this service's process before."""
-        self._heard_ns: int | None = None
-        """When the first odometry came."""
+        """The pose graph of this service's previous process."""
+        self._received_ns: int | None = None
+        """When the first odometry was received."""
         self._slam: Slam | None = None
         self._odom: tuple[int, SE2] | None = None
         self._scanned = False
         self._schedule = Schedule()
-        self._told: tuple[str, int | None] | None = None
+        self._published: tuple[str, int | None] | None = None
         """State and epoch of the status last published."""
-        self._map_told: int | None = None
+        self._published_map: int | None = None
         """Version of the map last published."""
-        self._graph_told: tuple[int, int] | None = None
+        self._published_graph: tuple[int, int] | None = None
         """Version and number of loops of the graph last published."""
         self._counts = {"keyframes": 0, "markers": 0}
         """Of the graph last published."""
@@ -103,11 +103,11 @@ class MappingNode(Node):
             # The robot has a map, and localization finds it there.
             return None
         if SCAN_FRAME not in self._base_from:
-            return "the robot's fixed frames"
+            return "static transforms on /tf_static"
         if self._odom is None:
             return "odometry"
         if self._slam is None:
-            return "the graph that it had before"
+            return "its previous pose graph on /pose_graph"
         if not self._scanned:
             return "a scan"
         return None
@@ -136,8 +136,8 @@ class MappingNode(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process sensor messages; publish the pose, the map and its graph."""
         if self._watch.restarted(now_ns, inbox.new(SIMULATION_STATS)):
-            _LOG.info("the simulation began anew: so does the map")
-            self._begin_anew()
+            _LOG.info("simulation restarted; resetting the map")
+            self._reset()
             self._returned = None
         for graph in inbox.new(POSE_GRAPH):
             self._returned = graph
@@ -145,7 +145,7 @@ class MappingNode(Node):
         if self._world is None or not self._world.slam:
             return
         self._measure(now_ns, self._world, inbox)
-        self._tell(now_ns, self._world, outbox)
+        self._publish(now_ns, self._world, outbox)
 
     def _learn_world(self, inbox: Inbox) -> None:
         """Process latched topics. The same world, received again, changes nothing."""
@@ -153,7 +153,7 @@ class MappingNode(Node):
         if world is not None and (self._world is None or world.hash != self._world.hash):
             self._world = world
             self.world_hash = world.hash
-            self._begin_anew()
+            self._reset()
         for tree in inbox.new(TF_STATIC):
             problem = self._static_frames.add(tree)
             if problem:
@@ -165,12 +165,12 @@ class MappingNode(Node):
                 if matrix is not None:
                     self._base_from[frame] = matrix
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         """Drop the map and all measurements."""
-        self._slam = self._odom = self._heard_ns = None
+        self._slam = self._odom = self._received_ns = None
         self._scanned = False
         self._schedule.clear()
-        self._map_told = self._graph_told = None
+        self._published_map = self._published_graph = None
         self._counts = dict.fromkeys(self._counts, 0)
 
     def _measure(self, now_ns: int, world: World, inbox: Inbox) -> None:
@@ -182,7 +182,7 @@ class MappingNode(Node):
                 continue
             self._odom = (stamp_ns, msg.se2_from_pose(odom.pose.pose))
             if self._slam is None:
-                self._slam = self._begun(now_ns, world, self._odom[1])
+                self._slam = self._started(now_ns, world, self._odom[1])
             if self._slam is not None:
                 self._slam.odometry(*self._odom)
         slam = self._slam
@@ -198,33 +198,33 @@ class MappingNode(Node):
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(slam, stamp_ns, message, inbox)
 
-    def _begun(self, now_ns: int, world: World, odom_from_base: SE2) -> Slam | None:
-        """The map to go on with: that of the process before, the saved one, or an empty one; None
+    def _started(self, now_ns: int, world: World, odom_from_base: SE2) -> Slam | None:
+        """The map to start from: that of the previous process, the saved one, or an empty one; None
         while the first of these may still come.
         """
-        if self._heard_ns is None:
-            self._heard_ns = now_ns
+        if self._received_ns is None:
+            self._received_ns = now_ns
         before = self._returned
         if before is not None and self._watch.epoch is not None:
             if (before.world_hash, before.epoch) == (world.hash, self._watch.epoch):
                 try:
                     slam = self._restored(before)
                 except ConfigError as error:
-                    _LOG.error("the graph of the process before: %s", error)
+                    _LOG.error("failed to restore the previous pose graph: %s", error)
                     self._returned = None
                 else:
-                    _LOG.info("going on with the graph of %.1f s", before.stamp_ns * 1e-9)
+                    _LOG.info("restored the previous pose graph of %.1f s", before.stamp_ns * 1e-9)
                     return slam
-        elif self._heard_ns > _LATE_NS and now_ns - self._heard_ns < _RETURN_NS:
+        elif self._received_ns > _LATE_NS and now_ns - self._received_ns < _RETURN_NS:
             return None
         map_from_odom = world.start.se2()
         if self._config.map_start_pose is not None:
             map_from_odom = SE2(*self._config.map_start_pose) @ odom_from_base.inverse()
         if self._saved is None:
             return Slam(self._config, map_from_odom)
-        _LOG.info("Loaded a graph of %d keyframes", len(self._saved.nodes))
-        begun = {"map_from_odom": planar(map_from_odom)}
-        return self._restored(self._saved.model_copy(update=begun))
+        _LOG.info("Loaded a pose graph of %d keyframes", len(self._saved.nodes))
+        start = {"map_from_odom": planar(map_from_odom)}
+        return self._restored(self._saved.model_copy(update=start))
 
     def _restored(self, graph: PoseGraph) -> Slam:
         slam = Slam.restored(self._config, graph)
@@ -254,7 +254,7 @@ class MappingNode(Node):
     def _state(self) -> str:
         return "localized" if self._slam is not None and self._scanned else "uninitialized"
 
-    def _tell(self, now_ns: int, world: World, outbox: Outbox) -> None:
+    def _publish(self, now_ns: int, world: World, outbox: Outbox) -> None:
         """Publish the pose, the status, the map and its graph."""
         slam = self._slam
         if slam is not None:
@@ -263,15 +263,15 @@ class MappingNode(Node):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *slam.pose()))
             if self._scanned:
-                self._tell_map(now_ns, slam, outbox)
-                self._tell_graph(now_ns, slam, world, outbox)
+                self._publish_map(now_ns, slam, outbox)
+                self._publish_graph(now_ns, slam, world, outbox)
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)
-        if due or self._told != (state, self._watch.epoch):
-            if self._told is None or self._told[0] != state:
+        if due or self._published != (state, self._watch.epoch):
+            if self._published is None or self._published[0] != state:
                 _LOG.info("%s", state)
-            self._told = (state, self._watch.epoch)
+            self._published = (state, self._watch.epoch)
             outbox.put(
                 LOCALIZATION_STATUS,
                 LocalizationStatus(
@@ -281,25 +281,25 @@ class MappingNode(Node):
                 ),
             )
 
-    def _tell_map(self, now_ns: int, slam: Slam, outbox: Outbox) -> None:
-        if slam.map_version == self._map_told:
+    def _publish_map(self, now_ns: int, slam: Slam, outbox: Outbox) -> None:
+        if slam.map_version == self._published_map:
             return
         period_ns = max(round(self._config.map_update_interval * 1e9), STEP_PERIOD_NS)
-        if self._map_told is not None and not self._schedule.is_due("map", now_ns, period_ns):
+        if self._published_map is not None and not self._schedule.is_due("map", now_ns, period_ns):
             return
-        self._map_told = slam.map_version
+        self._published_map = slam.map_version
         grid = slam.grid()
         outbox.put(MAP, map_message(now_ns, grid.cells, grid.resolution_m, grid.origin))
 
-    def _tell_graph(self, now_ns: int, slam: Slam, world: World, outbox: Outbox) -> None:
+    def _publish_graph(self, now_ns: int, slam: Slam, world: World, outbox: Outbox) -> None:
         state = slam.graph_version, slam.loops
-        told = self._graph_told
-        if state == told:
+        published = self._published_graph
+        if state == published:
             return
-        looped = told is None or told[1] != slam.loops
+        looped = published is None or published[1] != slam.loops
         if not looped and not self._schedule.is_due("graph", now_ns, _GRAPH_PERIOD_NS):
             return
-        self._graph_told = state
+        self._published_graph = state
         self._schedule.put_off("graph", now_ns + _GRAPH_PERIOD_NS)
         graph = slam.document(now_ns)
         self._counts = {"keyframes": len(graph.nodes), "markers": len(graph.landmarks)}

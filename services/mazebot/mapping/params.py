@@ -37,8 +37,8 @@ class SlamParams(BaseModel):
         0.5,
         ge=0,
         le=1,
-        description="below this share of returns that fit the map around, the pose is sought in "
-        "the correlation's window",
+        description="below this share of returns that fit the map around, the pose is searched for "
+        "in the correlation's window",
     )
     link_scan_maximum_distance: float = Field(
         3.0, gt=0, description="m; keyframes nearer than this are matched against"
@@ -68,10 +68,10 @@ class SlamParams(BaseModel):
         "that neighbouring returns have in common",
     )
     odometry_translation_ratio: float = Field(
-        0.1, ge=0, description="standard deviation of odometry's way, as a share of it"
+        0.1, ge=0, description="standard deviation of odometry's distance, as a share of it"
     )
     odometry_translation_std_m_per_sqrt_m: float = Field(
-        0.03, ge=0, description="standard deviation of odometry's way after one metre"
+        0.03, ge=0, description="standard deviation of odometry's distance after one metre"
     )
     odometry_rotation_ratio: float = Field(
         0.1, ge=0, description="standard deviation of odometry's turns, as a share of them"
@@ -79,7 +79,9 @@ class SlamParams(BaseModel):
     odometry_rotation_std_rad_per_sqrt_m: float = Field(
         0.25, ge=0, description="standard deviation of odometry's heading after one metre"
     )
-    do_loop_closing: bool = Field(True, description="whether loops are sought by lidar and markers")
+    do_loop_closing: bool = Field(
+        True, description="whether to search for loop closures by lidar and markers"
+    )
     loop_search_maximum_distance: float = Field(
         4.0, gt=0, description="m; keyframes this near by estimate may close a loop"
     )

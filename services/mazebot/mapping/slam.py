@@ -65,11 +65,11 @@ _KNOWN_FIT, _KNOWN_FACTOR = 0.9, 2.0
 _SURE_FIT = 0.8
 """A scan that fits so well adds to what the keyframe next to it has seen."""
 _MOST_SCANS, _REBUILD_SCANS = 16, 4
-"""Scans of a keyframe, and how many of them are added until the local map is made anew."""
+"""Scans of a keyframe, and how many of them are added until the local map is rebuilt."""
 _COMPACT_M = 0.025
 """Their returns are averaged within cells of this side."""
 _LOST_FIT = 0.3
-"""Below it a scan says nothing about the pose."""
+"""Below it a scan does not constrain the pose."""
 _FAR = SE2(math.inf, 0.0, 0.0)
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
@@ -77,8 +77,8 @@ _BETTER_FIT = 0.03
 _UNUSUAL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
 _SURE_SHARE = 0.15
-"""Where a smaller share of the returns tells about a direction, and against odometry, odometry is
-believed: somebody walks ahead of the robot in a corridor.
+"""Where a smaller share of the returns constrains a direction, and against odometry, odometry is
+believed: a person walks ahead of the robot in a corridor.
 """
 _DOUBTED = np.outer([1.0, 1.0, 0.1], [1.0, 1.0, 0.1])
 """What is left of odometry's information where another pose fits better. Its turns err: wheels slip
@@ -171,7 +171,7 @@ class Slam:
         return slam
 
     def document(self, stamp_ns: int) -> PoseGraph:
-        """The graph with its scans and markers; `restored` goes on with it."""
+        """The graph with its scans and markers; `restored` continues from it."""
         scans = [
             NodeScan(at_ns, millimetres(seen.points_m), millimetres(seen.misses_m), seen.sensor)
             for at_ns, seen in zip(self._stamps_ns, self._seen, strict=True)
@@ -448,10 +448,10 @@ class Slam:
         if not (found.open_direction or doubtful or contradicted):
             self._wheels.learn(self._pose, self._covariance, found)
         if found.open_direction:
-            told = found.information[:2, :2]
-            trace = float(told[0, 0] + told[1, 1])
-            untold = np.eye(2) - told / trace if trace > 0.0 else np.eye(2)
-            self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * untold
+            xy_information = found.information[:2, :2]
+            trace = float(xy_information[0, 0] + xy_information[1, 1])
+            open_share = np.eye(2) - xy_information / trace if trace > 0.0 else np.eye(2)
+            self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * open_share
         self._pose = found.map_from_base
         self._covariance = PlanarCovariance.from_matrix(information_of(prior + found.information))
         return found.fit
@@ -579,7 +579,7 @@ class Slam:
 
     def _follow(self, before: SE2) -> None:
         """The nodes have moved: take the pose along with its reference, which was at `before`, and
-        draw the grid anew.
+        redraw the grid.
         """
         self._pose = self._graph.pose(self._reference) @ (before.inverse() @ self._pose)
         self._local = None

@@ -20,7 +20,7 @@ class NavigationError(Exception):
 
         Args:
             code: Nav2's number.
-            message: one line for people.
+            message: one line of text.
             place_m: x and y in the map of what is in the way, where that is known.
             nearest_free: the pose nearest to an occupied goal where the robot can be.
         """

@@ -24,10 +24,10 @@ class Masks:
 def masks_of(config: NavigationConfig) -> Masks:
     """The masks of a configuration. Raises ConfigError, see `read_mask`."""
     keepout, speed = config.keepout_mask, config.speed_mask
-    told = FilterInfo(config.speed_mask_type, config.speed_mask_base, config.speed_mask_multiplier)
+    info = FilterInfo(config.speed_mask_type, config.speed_mask_base, config.speed_mask_multiplier)
     return Masks(
         (read_mask("keepout_mask", keepout, FilterInfo(KEEPOUT)),) if keepout else (),
-        (read_mask("speed_mask", speed, told),) if speed else (),
+        (read_mask("speed_mask", speed, info),) if speed else (),
     )
 
 

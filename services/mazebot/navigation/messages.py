@@ -42,7 +42,7 @@ _MOTIONS = {
     "BackUp": {"backup_dist": SE2(-1.0, 0.0, 0.0)},
     "DriveOnHeading": {"dist_to_travel": SE2(1.0, 0.0, 0.0)},
 }
-"""The port that says how far a behaviour moves the robot, and where a unit of it leads."""
+"""The port that gives how far a behaviour moves the robot, and where a unit of it leads."""
 _STEPS_A_POINT = 4
 """A rollout is drawn with a point for as many of its steps: 0.2 s of driving is nearly straight."""
 _ROLLOUTS_Z_M = 0.03
@@ -202,7 +202,7 @@ def result_document(goal_stamp_ns: int, result: TaskResult) -> NavigationResult:
 
 
 def goal_of(request: Request, docks: Mapping[str, SE2]) -> SE2 | None:
-    """Where a request should end, in the map; None where it says nothing of that."""
+    """Where a request should end, in the map; None where it has no such place."""
     if isinstance(request, actions.NavigateToPose):
         return request.pose
     if isinstance(request, actions.NavigateThroughPoses | actions.FollowWaypoints):

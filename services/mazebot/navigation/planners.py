@@ -36,8 +36,8 @@ def make_planner(name: str, params: PlannerParams) -> GlobalPlanner:
     try:
         return cast("GlobalPlanner", found(params))
     except Exception as error:
-        said = " ".join(str(error).split())
+        text = " ".join(str(error).split())
         raise ConfigError(
-            f"planner: {name:.120}: cannot be made with PlannerParams: "
-            f"{type(error).__name__}: {said:.200}"
+            f"planner: {name:.120}: cannot be constructed with PlannerParams: "
+            f"{type(error).__name__}: {text:.200}"
         ) from error

@@ -172,8 +172,8 @@ class RecorderNode(Node):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Take all queued messages, and publish the evaluation."""
         stats = inbox.received(SIMULATION_STATS)
-        told_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
-        begins = self._beginnings.look(now_ns, told_ns) and self._run is not None
+        stats_ns = [round(message.sim_time_s * 1e9) for message, _, _ in stats]
+        begins = self._beginnings.look(now_ns, stats_ns) and self._run is not None
         now_ns = self._beginnings.now_ns
         ended = inbox.pending(NAVIGATION_RESULT) or inbox.pending(ACTION_RESULT)
         later: list[tuple[Topic[Any], Taken]] = []
@@ -201,7 +201,7 @@ class RecorderNode(Node):
         if self._offered is not None:
             self._choose_run(*self._offered, now_ns)
         if begins and self._run is not None:
-            _LOG.info("the simulation began anew")
+            _LOG.info("simulation restarted; starting a new run")
             self._begin(self._run.world, now_ns)
             for topic, taken in later:
                 self._take(topic, taken, now_ns)
@@ -286,12 +286,12 @@ class RecorderNode(Node):
 
     def _choose_run(self, world: doc.World, offered_s: float, now_ns: int) -> None:
         """Resume the run whose recorder died, or start a new one, as soon as it is known which."""
-        told = self._simulation
-        if told is None or told[0].world_hash != world.hash:
+        simulation = self._simulation
+        if simulation is None or simulation[0].world_hash != world.hash:
             if self._setting.wall_clock_s() - offered_s >= SIMULATION_PATIENCE_S:
                 self._begin(world, now_ns)
             return
-        stats, envelope = told
+        stats, envelope = simulation
         time_ns = round(stats.sim_time_s * 1e9)
         assert self._interrupted is not None
         folder, progress = self._interrupted
@@ -305,7 +305,7 @@ class RecorderNode(Node):
         except (OSError, ValueError, KeyError, TypeError) as error:
             if taken is not None:
                 taken.let_go()
-            _LOG.warning("%s cannot be gone on with: %s", folder, error)
+            _LOG.warning("failed to resume %s: %s", folder, error)
             self._begin(world, now_ns)
 
     def _let_go_of_assets(self) -> None:
@@ -368,11 +368,11 @@ class RecorderNode(Node):
             self._repair.spared = None
         self._write_config()
         if progress is not None:
-            what = "going on with"
+            what = "resuming"
         elif self._config.record:
             what = "recording to"
         else:
-            what = "no recording; the run's verdict goes to"
+            what = "recording is off; writing only the summary to"
         _LOG.info("%s %s", what, self._run.folder.path)
         while self._early:
             topic, taken = self._early.popleft()
@@ -389,6 +389,6 @@ class RecorderNode(Node):
             "world": world.name,
             "world_hash": world.hash,
             "seed": self._seed,
-            "services": {name: said.values for name, said in sorted(self._parameters.items())},
+            "services": {name: entry.values for name, entry in sorted(self._parameters.items())},
         }
         self._run.write_config(content)

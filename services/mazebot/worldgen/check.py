@@ -169,7 +169,7 @@ def _kept_out(draft: Draft) -> Iterator[Mistake]:
         if area.intersects(start):
             must = f"must not lie in keepout zone {zone.name}: the robot cannot come back to it"
             yield Mistake(("start",), (start.x, start.y), must, fatal=False)
-    # What lies in a zone is a problem of the recipe, told there.
+    # What lies in a zone is a problem of the recipe, reported there.
     places = [
         place
         for place in world.locations
@@ -211,12 +211,12 @@ def _markers(draft: Draft) -> Iterator[Mistake]:
     number_of: Counter[str] = Counter()
     for index, marker in enumerate(markers):
         name = marker.name
-        said = reasons.get(name, [])
+        refusals = reasons.get(name, [])
         if name in hung:
             # Earlier ones of the same name were refused for their pose, later ones for their id.
-            before = sum("must be unique" not in reason for reason in said)
-            said = [*said[:before], "", *said[before:]]
-        reason = said[number_of[name]]
+            before = sum("must be unique" not in reason for reason in refusals)
+            refusals = [*refusals[:before], "", *refusals[before:]]
+        reason = refusals[number_of[name]]
         number_of[name] += 1
         if reason and marker.wall in walls:
             yield _refused(draft, index, marker, reason)
@@ -238,7 +238,9 @@ def _unseen(draft: Draft, entities: Entities) -> Iterator[Mistake]:
         if not cells.any():
             index = index_of[entity.marker_id]
             marker = draft.world.markers[index]
-            yield _refused(draft, index, marker, "is seen from nowhere that the robot can reach")
+            yield _refused(
+                draft, index, marker, "is not visible from anywhere that the robot can reach"
+            )
 
 
 def _refused(draft: Draft, index: int, marker: Marker, reason: str) -> Mistake:

@@ -84,7 +84,7 @@ def read_model(
     converted = to_recipe(_merged(sdf, model, links), "model")
     _raise_first(f"{error.where}: {error.message}" for error in converted.report.errors)
     if not converted.recipe.get("bodies"):
-        raise ConfigError(words(f"{path}: has nothing but a floor, must hold a body"))
+        raise ConfigError(words(f"{path}: contains only a floor, must contain a body"))
     made = _made(path, converted.recipe, converted.files)
     static = all(link.static for link in links)
     return dataclasses.replace(
@@ -141,7 +141,7 @@ def _one_rigid_model(path: Path, sdf: SdfWorld) -> tuple[SdfModel, tuple[SdfLink
     outermost = [model for model in sdf.models if "::" not in model.name]
     if len(outermost) != 1:
         names = ", ".join(model.name for model in outermost) or "none"
-        raise ConfigError(words(f"{path}: must hold one model, has {names:.200}"))
+        raise ConfigError(words(f"{path}: must contain one model, has {names:.200}"))
     _raise_first(
         f"{one.where}: {one.what.rpartition(': ')[0]}: must be fixed: what is put into a world is "
         "one rigid body"

@@ -57,7 +57,7 @@ class WorldgenNode(Node):
         """A valid request."""
         if self._running:
             return None
-        return f"another world to be asked for: {self._error}" if self._error else "a world request"
+        return f"a valid world request: {self._error}" if self._error else "a world request"
 
     def _answer(self, request: WorldRequest, outbox: Outbox) -> str:
         config = self._config
@@ -101,7 +101,7 @@ class WorldgenNode(Node):
     def _load_map(self, wanted: LoadMap, outbox: Outbox) -> LoadMapReply:
         """Publish a map in place of the world's own."""
         if self._running is None:
-            return LoadMapReply(result=255, error=f"worldgen waits for {self.waiting_for()}")
+            return LoadMapReply(result=255, error=f"worldgen is waiting for {self.waiting_for()}")
         if self._mode.slam:
             return LoadMapReply(result=255, error="slam: mapping makes the map of this run")
         try:
@@ -124,7 +124,7 @@ class WorldgenNode(Node):
         for sha256, data in loaded.assets.items():
             outbox.put(ASSETS, asset_message(sha256, data))
         outbox.put(WORLD, world)
-        about = "no map: it is to be made"
+        about = "no map: mapping will build it"
         if not mode.slam:
             chart = self._map or MapFile(
                 loaded.map_cells, world.map_resolution_m, loaded.map_origin

@@ -308,5 +308,5 @@ def test_a_reset_tells_the_page_to_begin_anew(page: Page) -> None:
     page.wait_kind("stats")
     epoch = page.newest["stats"]["epoch"]
     page.done(do="simulation", reset="all")
-    page.wait_for(lambda: page.newest["stats"]["epoch"] > epoch and "began_anew" in page.newest)
+    page.wait_for(lambda: page.newest["stats"]["epoch"] > epoch and "restarted" in page.newest)
     page.wait_for(lambda: page.newest["navigation"]["navigation_active"])

@@ -57,7 +57,7 @@ def test_it_is_at_rest_within_its_speeds_and_says_its_states() -> None:
 def test_a_marker_that_is_never_seen_ends_the_docking_with_its_code() -> None:
     robot = DockingRobot(1)
     robot.blind = True
-    with pytest.raises(NavigationError, match="was seen 0 times in 8") as caught:
+    with pytest.raises(NavigationError, match="was detected 0 times in 8") as caught:
         robot.dock_it()
     assert caught.value.code is ErrorCode.FAILED_TO_DETECT_DOCK
     # It looked to both sides, four times 8 s.
@@ -181,7 +181,7 @@ def test_a_wrong_sighting_is_left_out_until_there_are_many() -> None:
 
 def test_something_in_the_way_stops_the_approach() -> None:
     robot = DockingRobot(7, time_to_collision=lambda v: 0.3 if v.linear_m_s > 0.0 else math.inf)
-    with pytest.raises(NavigationError, match="something is in the way") as caught:
+    with pytest.raises(NavigationError, match="obstacle in the way") as caught:
         robot.dock_it()
     assert caught.value.code is ErrorCode.FAILED_TO_CONTROL
     assert robot.states[-1].num_retries == 3

@@ -352,8 +352,8 @@ def test_a_missed_waypoint_is_told_and_the_next_one_driven_to(stop: bool) -> Non
 @pytest.mark.parametrize(
     ("work", "text"),
     [
-        (WaypointWork(photo=True), "photo at waypoint 0: no picture came in 5.0 s"),
-        (WaypointWork(input_timeout_s=0.5), "input at waypoint 0: none came in 0.5 s"),
+        (WaypointWork(photo=True), "photo at waypoint 0: no camera image received within 5.0 s"),
+        (WaypointWork(input_timeout_s=0.5), "input at waypoint 0: none received within 0.5 s"),
     ],
 )
 def test_work_that_fails_at_a_waypoint_is_told(work: WaypointWork, text: str) -> None:

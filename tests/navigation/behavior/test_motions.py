@@ -118,8 +118,8 @@ def test_a_robot_that_does_not_move_runs_out_of_time(motion: Motion, code: Error
     ("motion", "code", "words"),
     [
         (Spin(PARAMS, SpinGoal(1.57)), 703, "turning left by 0.40 rad"),
-        (BackUp(PARAMS, DriveGoal(0.3, 0.2)), 714, "something is 0.08 m behind"),
-        (DriveOnHeading(PARAMS, DriveGoal(0.3, 0.2)), 723, "something is 0.08 m ahead"),
+        (BackUp(PARAMS, DriveGoal(0.3, 0.2)), 714, "obstacle 0.08 m behind"),
+        (DriveOnHeading(PARAMS, DriveGoal(0.3, 0.2)), 723, "obstacle 0.08 m ahead"),
     ],
 )
 def test_a_collision_ahead_ends_a_motion_before_it_moves(

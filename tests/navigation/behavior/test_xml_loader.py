@@ -75,7 +75,7 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
         ("<root>\n<a></b>", "t.xml:2: not well-formed XML: mismatched tag"),
         ("<tree/>", "t.xml:1: the first element is <tree>: must be <root>"),
         ('<root BTCPP_format="3"/>', "t.xml:1: BTCPP_format is '3': must be 4"),
-        ('<root BTCPP_format="4"/>', "t.xml:1: there is no <BehaviorTree>"),
+        ('<root BTCPP_format="4"/>', "t.xml:1: no <BehaviorTree> found"),
         (
             document("<Wait/>", 'BTCPP_format="4" main_tree_to_execute="Mian"'),
             "t.xml:1: main_tree_to_execute is 'Mian': must be one of Main",
@@ -114,7 +114,7 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
         ),
         (
             document('<SubTree ID="Mains"/>'),
-            "t.xml:1: SubTree: there is no tree with ID 'Mains'; did you mean Main?",
+            "t.xml:1: SubTree: no tree with ID 'Mains'; did you mean Main?",
         ),
         (
             document('<Sequence><SubTree ID="Main"/></Sequence>'),
@@ -145,8 +145,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_unknown_ports_are_ignored_with_a_word() -> None:
     file = read_tree(document('<Spin spin_distance="3"/>'), "t.xml")
     assert file.warnings == (
-        "t.xml:1: Spin, port 'spin_distance': ignored, there is no such port; "
-        "did you mean spin_dist?",
+        "t.xml:1: Spin, port 'spin_distance': ignored: no such port; did you mean spin_dist?",
     )
 
 

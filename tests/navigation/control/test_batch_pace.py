@@ -33,7 +33,7 @@ def test_a_missed_period_makes_the_batch_smaller_and_says_so(
     pace, sampler = BatchPace(PERIOD_NS), Sampler()
     steps(pace, sampler, [0.0, 2.1, 3.2])
     assert (sampler.batch_size, pace.missed) == (1400, 1)
-    assert "1400 trajectories are tried instead of 2000" in caplog.text
+    assert "sampling 1400 trajectories instead of 2000" in caplog.text
     steps(pace, sampler, [5.0, 10.0, 15.0, 20.0, 25.0])
     assert sampler.batch_size == 500
 

@@ -76,7 +76,7 @@ def test_what_is_wrong_with_a_name_is_said_in_one_line(folder: Path, spec: str, 
 
 def test_a_constructor_that_raises_is_named(folder: Path) -> None:
     with pytest.raises(
-        ConfigError, match=r"mine.py:Raises: its constructor raises RuntimeError: no"
+        ConfigError, match=r"mine.py:Raises: its constructor raised RuntimeError: no"
     ):
         make_controller("mine.py:Raises", {}, Robot(), RANDOM)
 

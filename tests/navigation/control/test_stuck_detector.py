@@ -34,7 +34,7 @@ def test_wheels_that_do_not_turn_are_noticed_within_three_seconds(command: Veloc
     found, after_s = drive(StuckDetector(StuckDetectorParams()), command, 0.0, 0.0, 10.0)
     assert found is not None
     assert not found.slips
-    assert "odometry has 0.00 m" in found.text
+    assert "odometry measured 0.00 m" in found.text
     assert after_s <= 3.0
 
 

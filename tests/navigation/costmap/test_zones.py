@@ -163,7 +163,7 @@ def test_a_goal_beside_a_zone_is_not_reached_along_its_border() -> None:
     )
     costmap.set_keepout(zones.costs(WAFFLE.half_width_m))
     planner = make_planner("any_angle", NavigationConfig().planner_params(0.05, WAFFLE))
-    with pytest.raises(NavigationError, match="no way from"):
+    with pytest.raises(NavigationError, match="no path from"):
         planner.plan(costmap.master, SE2(3.92, 1.08, -2.3), SE2(2.19, 2.72, -1.85))
 
 

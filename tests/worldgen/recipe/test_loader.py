@@ -68,7 +68,7 @@ def without_line(text: str) -> str:
         (lambda r: r.update(walles=[]), "walles: (): unknown field: must be one of name, about"),
         (
             lambda r: r["walls"][1].update(name="south"),
-            "walls[1].name: 'south': must be unique: walls[0] has it",
+            "walls[1].name: 'south': must be unique: already used by walls[0]",
         ),
         (lambda r: r["walls"][1].update(name="a/b"), "walls[1].name: 'a/b': must be letters"),
         (
@@ -117,7 +117,7 @@ def without_line(text: str) -> str:
             "light.direction: (0.0, 0.0, 0.0): must not",
         ),
         (lambda r: r.update(name="hall"), "name: 'hall': must be 'room', as the file is called"),
-        (lambda r: r.update({1: 2}), "1: 1: must be a text"),
+        (lambda r: r.update({1: 2}), "1: 1: must be a string"),
         (lambda r: r.update(extends="../room.yaml"), "extends: '../room.yaml': must be a file"),
         (
             lambda r: r.update(extends="cellar.yaml"),
@@ -148,7 +148,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, spoil: Spoil, said: str)
         ("a: !!seq x", ":1: not YAML: column 4: must be a list"),
         (
             f"name: 0x{'f' * 5000}",
-            ":1: name: a number of more digits than Python prints: must be a text",
+            ":1: name: a number of more digits than Python prints: must be a string",
         ),
         ("[" * 1000, ":1: not YAML: column 41: must be at most 40 levels deep"),
         (f"a: {'x' * 7000}", ":1: not YAML: column 4: must have values of at most 6000 char"),
@@ -292,7 +292,7 @@ def test_a_texture_that_is_missing_is_named(tmp_path: Path) -> None:
     (tmp_path / "textures" / "brick.png").unlink()
     assert "textures/brick.png cannot be read (No such file or directory)" in mistake(tmp_path)
     (tmp_path / "textures" / "brick.png").mkdir()
-    assert "textures/brick.png is no file, must be a PNG" in mistake(tmp_path)
+    assert "textures/brick.png is not a file, must be a PNG" in mistake(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["brick.jpg", "brick", "brick.PNG.bak"])
@@ -302,7 +302,7 @@ def test_a_png_by_another_name_is_named(tmp_path: Path, name: str) -> None:
     folder.make(tmp_path, recipe)
     (tmp_path / "textures" / "brick.png").rename(tmp_path / "textures" / name)
     right = Path(name).with_suffix(".png").name
-    assert f"textures/{name} is a PNG, must be called {right}" in mistake(tmp_path)
+    assert f"textures/{name} is a PNG, must be named {right}" in mistake(tmp_path)
 
 
 def test_textures_may_lie_in_another_folder(tmp_path: Path) -> None:

@@ -201,7 +201,7 @@ def test_overrides_come_one_after_the_other(tmp_path: Path) -> None:
         ("walls.9.length=2", "walls[9]: must be a number less than 4, or a name"),
         ("walls.3.length=-2", "walls[3].length_m: -2: must be > 0"),
         ("maze.sead=2", "maze.sead: unknown field: must be one of algorithm, rows, "),
-        ("wall_height.x=2", "wall_height_m.x: there is no such field"),
+        ("wall_height.x=2", "wall_height_m.x: no such field"),
         ("start={x_m: 1", "not YAML: "),
         ("start.x_m=x", "start.x_m: 'x': must be a number"),
         ("wall_height", "must be field=value"),

@@ -58,7 +58,7 @@ def test_a_world_without_zones_is_written_as_if_there_were_none(tmp_path: Path) 
          "must not cross or touch itself"),
         ({"keepout_zones": [{"name": "a", "polygon_m": SQUARE}], "speed_limits": [SLOW | {
             "name": "a"}]},
-         "speed_limits[0].name: 'a': must be unique: keepout_zones[0] has it"),
+         "speed_limits[0].name: 'a': must be unique: already used by keepout_zones[0]"),
         ({"speed_limits": [SLOW | {"speed_limit_m_s": 0.2}]},
          "speed_limits[0]: 'slow': must have one of speed_limit_m_s and percent, not both"),
         ({"speed_limits": [{"name": "slow", "polygon_m": SQUARE}]},

@@ -380,7 +380,7 @@ def test_a_marker_moved_off_its_wall_is_listed(
 ) -> None:
     world = edited(house, tmp_path, (pose_of_marker(house, 80), pose))
     assert [marker["id"] for marker in world.recipe["markers"]] == [60]
-    assert new(world, "marker") == ["marker 80, which is on no wall"]
+    assert new(world, "marker") == ["marker 80, which is not on a wall"]
 
 
 def test_a_marker_added_or_taken_away_in_the_file(house: LoadedWorld, tmp_path: Path) -> None:
@@ -485,7 +485,7 @@ def test_a_recipe_is_written_with_what_it_needs(tmp_path: Path) -> None:
     write_recipe(world, target / "mine.yaml")
     assert sorted(path.relative_to(target) for path in target.rglob("*")) == before
     (target / "own.yaml").write_text("name: own\n")
-    with pytest.raises(ConfigError, match=r"own\.yaml: is there already") as error:
+    with pytest.raises(ConfigError, match=r"own\.yaml: already exists") as error:
         write_recipe(world, target / "own.yaml")
     assert "\n" not in str(error.value)
     assert (target / "own.yaml").read_text() == "name: own\n"

@@ -38,8 +38,8 @@ async def _set_labels(request: Request) -> Response:
     try:
         labels = await asyncio.to_thread(_relabel, folder, tuple(tags), fields.get("note", ""))
     except ConfigError as error:
-        said = str(error).replace(str(folder), run.name)
-        raise HTTPException(422, said) from error
+        message = str(error).replace(str(folder), run.name)
+        raise HTTPException(422, message) from error
     if wants_json(request):
         return JSONResponse({"tags": labels.tags, "note": labels.note})
     return RedirectResponse(request.url.path.removesuffix("/labels"), 303)
@@ -69,7 +69,7 @@ async def _delete(request: Request) -> Response:
     if fields.get("confirm") != run.name:
         raise HTTPException(422, "to delete a run, `confirm` must be its name")
     if run.state == "running":
-        raise HTTPException(409, f"{run.name} is being recorded: end that run first")
+        raise HTTPException(409, f"{run.name} is being recorded: stop that run first")
     try:
         await asyncio.to_thread(delete_run, run.path)
     except ConfigError as error:
@@ -94,7 +94,7 @@ async def _fields(request: Request) -> Mapping[str, str]:
             found = parse_qs(body.decode(), keep_blank_values=True, max_num_fields=20)
             return {name: values[-1] for name, values in found.items()}
     except (ValueError, RecursionError):
-        raise HTTPException(400, "the body cannot be read as its type says") from None
+        raise HTTPException(400, "the body does not match its content type") from None
     raise HTTPException(415, "the body must be a form or JSON")
 
 

@@ -40,7 +40,7 @@ async def _compare(request: Request) -> Response:
     runs = [run_at(path) if is_real_folder(path) else None for path in folders]
     for name in names:
         if name not in {run.name for run in runs if run is not None}:
-            raise HTTPException(404, f"there is no run {name!r:.100}")
+            raise HTTPException(404, f"no such run: {name!r:.100}")
     others = [run.name for run in (await current_runs(request)).all[:200] if run.name not in names]
     comparison, problem, same = None, "", {}
     if len(names) >= 2:
@@ -72,7 +72,7 @@ async def _compare(request: Request) -> Response:
         others=others,
         series=[run.name for run in runs if run is not None and SERIES in run.files],
         number=_number,
-        said=lambda line: line.replace(f"{folder}/", ""),
+        shortened=lambda line: line.replace(f"{folder}/", ""),
     )
 
 

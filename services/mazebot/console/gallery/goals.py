@@ -13,7 +13,7 @@ class GoalRow:
 
     name: str
     reached: bool
-    said: str
+    reason: str
     """Why it was not reached."""
     time_s: float | None
     path_length_m: float | None
@@ -30,7 +30,7 @@ def goals_of(summary: Mapping[str, Any]) -> tuple[GoalRow, ...]:
         GoalRow(
             name=str(goal.get("name", "")),
             reached=goal.get("reached") is True,
-            said=str(goal.get("error_msg") or "missed"),
+            reason=str(goal.get("error_msg") or "missed"),
             time_s=_number(goal.get("time_s")),
             path_length_m=_number(goal.get("path_length_m")),
             error_m=_number(goal.get("goal_error_m")),

@@ -1,4 +1,4 @@
-"""All runs of a folder, kept in memory and brought up to date when somebody looks."""
+"""All runs of a folder, kept in memory and updated when a page is requested."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which runs a page shows, and in which order, by what its address says."""
+"""Which runs a page shows, and in which order, by its address."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ SORTS: dict[str, tuple[str, Key | None, bool]] = {
     "oldest": ("oldest first", None, True),
     "name": ("name", lambda card: card.name, False),
     "longest": ("longest simulated", lambda card: card.sim_time_s, True),
-    "distance": ("longest way", lambda card: card.distance_m, True),
+    "distance": ("longest distance", lambda card: card.distance_m, True),
     "error": ("largest error", lambda card: card.error_mean_m, True),
     "accurate": ("smallest error", lambda card: card.error_mean_m, False),
     "contacts": ("most contacts", lambda card: card.contacts, True),
     "fastest": ("fastest simulated", lambda card: card.real_time_factor, True),
     "size": ("largest files", lambda card: card.size_bytes, True),
 }
-"""By the value in the address: the name for people, the figure, and whether large comes first. A
+"""By the value in the address: its label, the figure, and whether large comes first. A
 run without the figure comes last.
 """
 RESULTS = {"reached": "all reached", "failed": "not all reached", "none": "no goal"}
@@ -48,7 +48,7 @@ class RunQuery:
 
     @classmethod
     def of(cls, params: QueryParams) -> RunQuery:
-        """What an address says; unknown values are left out."""
+        """From an address; unknown values are left out."""
 
         def given(name: str) -> str:
             return params.get(name, "").strip()[:_MOST_CHARACTERS]
@@ -66,7 +66,7 @@ class RunQuery:
         )
 
     def address(self, **changes: object) -> str:
-        """The query of an address that says this, with some values changed."""
+        """The query of an address for this, with some values changed."""
         query = replace(self, **changes)  # type: ignore[arg-type]
         values = {
             "q": query.text,
@@ -77,8 +77,8 @@ class RunQuery:
             "sort": "" if query.sort == "newest" else query.sort,
             "page": "" if query.page == 1 else str(query.page),
         }
-        said = urlencode({name: value for name, value in values.items() if value})
-        return f"?{said}" if said else ""
+        parameters = urlencode({name: value for name, value in values.items() if value})
+        return f"?{parameters}" if parameters else ""
 
     @property
     def is_filter(self) -> bool:

@@ -59,7 +59,7 @@ def _context(runs: Runs, query: RunQuery) -> dict[str, Any]:
         "tags": options(tag for card in runs.all for tag in card.tags),
         "results": RESULTS,
         "states": STATES,
-        "sorts": {name: said for name, (said, _, _) in SORTS.items()},
+        "sorts": {name: label for name, (label, _, _) in SORTS.items()},
     }
 
 

@@ -84,7 +84,7 @@ async def run_of(request: Request) -> RecordingInfo:
     if is_plain_name(name):
         run = await asyncio.to_thread(_run_at, index_of(request).folder / name)
     if run is None:
-        raise HTTPException(404, f"there is no run {name!r:.100}")
+        raise HTTPException(404, f"no such run: {name!r:.100}")
     return run
 
 
@@ -94,7 +94,7 @@ def _run_at(folder: Path) -> RecordingInfo | None:
 
 @dataclass(frozen=True)
 class _Content:
-    """What the files of a run say."""
+    """The content of the files of a run."""
 
     goals: tuple[GoalRow, ...]
     figures: tuple[tuple[Figure, str], ...]
@@ -241,4 +241,4 @@ async def _open(request: Request, names: Sequence[str]) -> int:
     except NoSuchFileError:
         raise HTTPException(404, "the run has no such file") from None
     except PermissionError:
-        raise HTTPException(403, "the console may not read this file") from None
+        raise HTTPException(403, "the console has no permission to read this file") from None

@@ -32,7 +32,7 @@ MAX_EVENTS = 200
 _MAX_WAITING = 500
 """Events that wait to be drawn; and messages of all other kinds and sources."""
 _LASTING = {"world", "map", "entities", "stack", "stats"}
-"""Kinds that hold on when the simulation begins anew."""
+"""Kinds that stay valid when the simulation restarts."""
 
 
 class Outgoing:
@@ -176,10 +176,10 @@ class Feed:
         if has_gone:
             # Another stack may come, of another world.
             self._view, self._newest = View(), {}
-        if has_gone or self._view.began_anew:
+        if has_gone or self._view.restarted:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
-            frames.insert(0, text_frame("began_anew", {}, is_event=True))
+            frames.insert(0, text_frame("restarted", {}, is_event=True))
         changed = []
         for frame in frames:
             if frame.kind == "log":

@@ -40,7 +40,7 @@ class Goal(doc.Document):
 
 
 class InitialPose(doc.Document):
-    """Say where the robot is."""
+    """Set where the robot is."""
 
     do: Literal["initial_pose"]
     pose: Place
@@ -140,7 +140,7 @@ class Simulation(doc.Document):
 
 
 class Drive(doc.Document):
-    """The velocity that a person wants, to be sent again and again while it is wanted."""
+    """The velocity that the user commands, to be sent repeatedly while it is wanted."""
 
     do: Literal["drive"]
     linear_m_s: Annotated[float, Field(ge=-MAX_LINEAR_M_S, le=MAX_LINEAR_M_S, allow_inf_nan=False)]

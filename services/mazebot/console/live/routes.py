@@ -116,7 +116,7 @@ class _Page:
                     self._take(text)
 
     def _may_send(self) -> bool:
-        """Whether the page keeps to its rate; if not, it is told once."""
+        """Whether the page keeps to its rate; if not, it gets one error."""
         now_s = time.monotonic()
         earned = (now_s - self._counted_s) * MESSAGES_PER_S
         self._counted_s = now_s
@@ -151,26 +151,26 @@ class _Page:
             case Show():
                 self._outgoing.wants_camera = action.camera
             case _ if len(self._pending) >= MAX_PENDING:
-                self._answer(number, "", "too many requests wait for their answers")
+                self._answer(number, "", "too many pending requests")
             case _:
                 # On a thread from now on: it is carried out also where the page goes at once.
                 loop = asyncio.get_running_loop()
                 done = loop.run_in_executor(None, _carried_out, self._robot, action)
-                task = asyncio.create_task(self._tell_of(number, done))
+                task = asyncio.create_task(self._answer_when_done(number, done))
                 self._pending.add(task)
                 task.add_done_callback(self._pending.discard)
 
-    async def _tell_of(self, number: int, done: asyncio.Future[tuple[str, str]]) -> None:
+    async def _answer_when_done(self, number: int, done: asyncio.Future[tuple[str, str]]) -> None:
         self._answer(number, *await asyncio.shield(done))
 
-    def _answer(self, number: int | None, said: str, error: str) -> None:
-        content = {"id": number, "said": said, "error": " ".join(error.split())}
+    def _answer(self, number: int | None, message: str, error: str) -> None:
+        content = {"id": number, "said": message, "error": " ".join(error.split())}
         self._outgoing.offer(text_frame("answer", content, is_event=True))
 
 
 def _carried_out(robot: Robot, action: object) -> tuple[str, str]:
-    """What to tell the person, and why it was refused; one of them is empty. It raises nothing of
-    that, because the page may have gone: nobody would take it.
+    """The message for the user, and why it was rejected; one of them is empty. It does not raise,
+    because the page may have gone: nothing would catch it.
     """
     try:
         return carry_out(robot, action), ""

@@ -11,8 +11,8 @@ from mazebot.common.messages.topics import CMD_VEL_TELEOP
 from mazebot.console.live.commands import velocity_message
 
 PERIOD_S = 0.05
-SILENCE_S = 0.4
-"""After so long without a word of the page the robot stops: the page repeats itself every 0.1 s."""
+TIMEOUT_S = 0.4
+"""The robot stops after so long without a message of the page, which sends one every 0.1 s."""
 _STOPS_SENT = 3
 """A stop may be lost; without commands the robot stops by itself, but later."""
 
@@ -23,13 +23,13 @@ class Teleoperation:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._velocity = (0.0, 0.0)
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._task: asyncio.Task[None] | None = None
 
     def drive(self, linear_m_s: float, angular_rad_s: float) -> None:
         """The page wants this velocity now. Raises RobotError where no stack is running."""
         self._velocity = linear_m_s, angular_rad_s
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         self._send(*self._velocity)
         if self._task is None:
             self._task = asyncio.create_task(self._repeat())
@@ -46,7 +46,7 @@ class Teleoperation:
 
     async def _repeat(self) -> None:
         """The robot stops 0.2 s after the last command, so the velocity is sent again."""
-        while time.monotonic() - self._heard_s < SILENCE_S:
+        while time.monotonic() - self._received_s < TIMEOUT_S:
             await asyncio.sleep(PERIOD_S)
             with contextlib.suppress(RobotError):
                 self._send(*self._velocity)

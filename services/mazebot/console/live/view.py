@@ -63,9 +63,9 @@ class View:
         self._scan: msg.LaserScan | None = None
         self._has_moved = False
         self._epoch: tuple[str, int] | None = None
-        self.began_anew = False
-        """Whether the simulation has begun anew in the last `frames`: what was drawn before holds
-        no more.
+        self.restarted = False
+        """Whether the simulation restarted in the last `frames`: what was drawn before is no
+        longer valid.
         """
         self._drawn: dict[str, Callable[[Any], list[Frame]]] = {
             tp.WORLD.name: lambda world: [drawing.world_frame(world)],
@@ -95,7 +95,7 @@ class View:
         """The frames of messages, oldest first; CDR bytes are decoded, what cannot be read or drawn
         is left out.
         """
-        self._has_moved = self.began_anew = False
+        self._has_moved = self.restarted = False
         frames: list[Frame] = []
         for topic, raw in arrived:
             try:
@@ -131,7 +131,7 @@ class View:
     def _notice_restart(self, world_hash: str, epoch: int) -> None:
         now = world_hash, epoch
         if self._epoch is not None and self._epoch != now:
-            self.began_anew = True
+            self.restarted = True
             self._truth = self._estimate = self._command = self._scan = None
         self._epoch = now
 

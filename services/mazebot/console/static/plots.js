@@ -212,13 +212,13 @@ function timePlot(title, unit, lines, end_s, point, onTime) {
     line.setAttribute("x1", x(time_s));
     line.setAttribute("x2", x(time_s));
   };
-  const say = (time_s) => {
-    const said = lines.map((line) => {
+  const showValues = (time_s) => {
+    const shown = lines.map((line) => {
       const row = lastUpTo(line.times, time_s);
       const value = row < 0 ? NaN : line.values[row];
       return Number.isFinite(value) ? value.toPrecision(3) : "-";
     });
-    values.textContent = `${time_s.toFixed(2)} s: ${said.join("  |  ")}`;
+    values.textContent = `${time_s.toFixed(2)} s: ${shown.join("  |  ")}`;
   };
   const timeAt = (event) => {
     const box = svg.getBoundingClientRect();
@@ -238,7 +238,7 @@ function timePlot(title, unit, lines, end_s, point, onTime) {
     point(time_s) {
       place(cursor, time_s);
       if (time_s === null) values.textContent = "";
-      else say(time_s);
+      else showValues(time_s);
     },
     mark(time_s) {
       place(marked, Math.min(time_s, end_s));

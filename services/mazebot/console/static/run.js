@@ -12,7 +12,7 @@ document.documentElement.classList.add("scripted");
 const section = document.getElementById("viewer");
 const box = section.querySelector(".viewer-box");
 const start = section.querySelector(".viewer-start");
-const says = document.getElementById("viewer-says");
+const status = document.getElementById("viewer-status");
 let viewer = null;
 let etag = "";
 let plots = [];
@@ -26,13 +26,13 @@ async function openViewer() {
     const button = document.getElementById("open-viewer");
     if (!button || button.disabled) return;
     button.disabled = true;
-    says.textContent = "loading the viewer ...";
+    status.textContent = "loading the viewer ...";
     box.hidden = false;
     section.classList.add("open");
     try {
       viewer = await Viewer.start(box, section.dataset.version);
     } catch (error) {
-      says.textContent = `the viewer cannot be loaded: ${error.message}`;
+      status.textContent = `failed to load the viewer: ${error.message}`;
       button.disabled = false;
       box.hidden = true;
       section.classList.remove("open");
@@ -160,18 +160,18 @@ document.addEventListener("click", (event) => {
 document.addEventListener("submit", async (event) => {
   if (event.target.id !== "labels") return;
   event.preventDefault();
-  const says = document.getElementById("labels-say");
+  const status = document.getElementById("labels-status");
   const body = new URLSearchParams(new FormData(event.target));
   const headers = { accept: "application/json" };
   try {
     const answer = await fetch(event.target.action, { method: "POST", body, headers });
     const content = await answer.json();
-    says.className = answer.ok ? "good" : "bad";
-    says.textContent = answer.ok ? "saved" : content.error;
+    status.className = answer.ok ? "good" : "bad";
+    status.textContent = answer.ok ? "saved" : content.error;
     if (answer.ok) event.target.elements.tags.value = content.tags.join(" ");
   } catch (error) {
-    says.className = "bad";
-    says.textContent = `not saved: ${error.message}`;
+    status.className = "bad";
+    status.textContent = `not saved: ${error.message}`;
   }
 });
 

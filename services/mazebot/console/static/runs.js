@@ -14,7 +14,7 @@ let asked = 0;
 
 document.documentElement.classList.add("scripted");
 
-/** The query of an address that says what the form says, without what is empty. */
+/** The query of an address for the content of the form, without empty fields. */
 function queryOfForm() {
   const query = new URLSearchParams();
   for (const [name, value] of new FormData(filter)) {
@@ -68,7 +68,7 @@ async function load() {
   } catch {
     if (mine === asked) {
       etag = "";
-      status.textContent = "the console does not answer; this page shows what it last said";
+      status.textContent = "no response from the console; this page shows its last state";
     }
   }
 }

@@ -24,7 +24,7 @@ export class Viewer {
 
   /** Load the viewer of a version into an element. */
   static async start(box, version) {
-    // It tells thousands of lines at this level, which would keep the page busy.
+    // It logs thousands of lines at this level, which would keep the page busy.
     console.debug = () => {};
     keepFocus(box);
     const widget = (await import(address(version))).default;
@@ -48,7 +48,7 @@ export class Viewer {
       model: {
         get: (key) => values[key],
         on: (event, listener) => this.#listeners.set(event, listener),
-        send: (event) => this.#hear(event),
+        send: (event) => this.#receive(event),
       },
     });
     this.#observer = new ResizeObserver(() => this.#fit());
@@ -56,7 +56,7 @@ export class Viewer {
     box.addEventListener("pointerdown", () => { this.#soughtS = null; }, { capture: true });
   }
 
-  /** Whether the viewer has been told to open an address. */
+  /** Whether the viewer has been asked to open an address. */
   isOpen(url) {
     return Boolean(url) && this.#open.includes(new URL(url, location.href).href);
   }
@@ -81,8 +81,8 @@ export class Viewer {
     this.#sendTime();
   }
 
-  /** The viewer ignores a time that comes while it opens a recording: said again until it is shown,
-   * or the person takes the viewer over.
+  /** The viewer ignores a time that comes while it opens a recording: sent again until it is shown,
+   * or the user takes the viewer over.
    */
   #sendTime() {
     clearTimeout(this.#again);
@@ -107,26 +107,26 @@ export class Viewer {
     this.#listeners.get("change:_height")?.(null, this.#box.clientHeight);
   }
 
-  #hear(event) {
+  #receive(event) {
     if (event === "ready") {
       this.#fit();
       this.#isReady();
       return;
     }
-    let said;
+    let message;
     try {
-      said = typeof event === "string" ? JSON.parse(event) : event;
+      message = typeof event === "string" ? JSON.parse(event) : event;
     } catch {
       return;
     }
-    if (said.type === "recording_open") this.onOpen(said.recording_id);
-    if (said.type === "time_update" && Number.isFinite(Number(said.time))) {
-      this.#shows(Number(said.time) / 1e9);
+    if (message.type === "recording_open") this.onOpen(message.recording_id);
+    if (message.type === "time_update" && Number.isFinite(Number(message.time))) {
+      this.#shows(Number(message.time) / 1e9);
     }
   }
 }
 
-/** The viewer takes the focus when it starts, and with it the page's keys: it gets it from a person
+/** The viewer takes the focus when it starts, and with it the page's keys: it gets it from the user
  * only.
  */
 function keepFocus(box) {

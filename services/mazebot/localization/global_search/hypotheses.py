@@ -68,7 +68,7 @@ class _Keyframe:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the hypotheses say at the last keyframe."""
+    """The verdict of the hypotheses at the last keyframe."""
 
     pose: SE2
     """The likeliest one."""
@@ -130,7 +130,7 @@ class Hypotheses:
         )
 
     def is_due(self, odom_from_base: SE2) -> bool:
-        """Whether the robot moved far enough since the last keyframe for a scan to say more."""
+        """Whether the robot moved far enough since the last keyframe for another one."""
         last = self.keyframe_odometry
         return (
             last is None

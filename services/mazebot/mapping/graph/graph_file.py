@@ -213,8 +213,8 @@ def load_graph(path: Path) -> PoseGraph:
         first = error.errors()[0]
         if first["type"] == "json_invalid":
             raise ConfigError(f"{path}: {_not_json(data)}") from error
-        said = must(first["msg"])
-        raise _wrong(str(path), first["loc"], first["input"], said) from error
+        right = must(first["msg"])
+        raise _wrong(str(path), first["loc"], first["input"], right) from error
     graph_of(document, str(path))
     return document
 
@@ -339,10 +339,10 @@ def _not_json(data: bytes) -> str:
     except UnicodeDecodeError:
         return "must be JSON in UTF-8"
     except json.JSONDecodeError as error:
-        return f"must be JSON, which ends or breaks at line {error.lineno} column {error.colno}"
+        return f"must be valid JSON: error at line {error.lineno} column {error.colno}"
     except RecursionError:
         pass
-    return "must be JSON"
+    return "must be valid JSON"
 
 
 def _wrong(source: str, at: tuple[str | int, ...], value: object, right: str) -> ConfigError:

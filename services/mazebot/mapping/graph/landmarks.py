@@ -34,12 +34,12 @@ _MOST_TILT_SINE = 0.17364817766693033
 """A normal more than 10 degrees from level is no marker on a wall."""
 _LEAST_SIGHTINGS = 3
 _APART_M, _APART_RAD = 0.1, 0.17
-"""Sightings from places that are nearer to each other than both tell the same."""
+"""Sightings from places that are nearer to each other than both show the same."""
 _MOST_AT_NODE = 4
 """Sightings of one marker that a keyframe keeps: the graph does not grow where the robot stays."""
 _AMBIGUOUS_RATIO = 2.0
-"""Two candidates with scores closer than this may be told apart by the landmark only."""
-_TOLD_APART = 4.0
+"""Two candidates with scores closer than this may be distinguished by the landmark only."""
+_DISTINCT_CHI2 = 4.0
 """They are, if their chi2 differ by this."""
 _UNKNOWN_TURN_RAD = 3.0
 """Standard deviation of a heading that is not known."""
@@ -212,7 +212,7 @@ class MarkerLandmarks:
             if rank == math.inf or (best is not None and rank >= best[0]):
                 continue
             chosen = seen.candidates[ranks.index(rank)]
-            if _ambiguous(seen.candidates) and abs(distances[0] - distances[1]) < _TOLD_APART:
+            if _ambiguous(seen.candidates) and abs(distances[0] - distances[1]) < _DISTINCT_CHI2:
                 chosen = _without_turn(chosen)
             best = rank, index, chosen
         return None if best is None else best[1:]

@@ -28,7 +28,7 @@ _NEAR_CELLS = 3
 """So near to an end of the one part, ends of the other do not contradict."""
 _MOST_BEAMS = 3000
 _LEAST_COMMON = 20
-"""With fewer ends in the common part, nothing can be said."""
+"""With fewer ends in the common part, nothing can be decided."""
 
 
 def contradiction(old_m: Array, new_m: Array, cell_m: float = _CELL_M) -> float:

@@ -1,9 +1,9 @@
 """Finds where a cloud of points lies in an old part of the map, in a wide window.
 
 Correlative matching (Olson, ICRA 2009) by branch and bound (Hess and others, ICRA 2016): a table
-says how near each cell is to a wall, and coarser tables hold the largest values of 2, 4, 8... cells
-along each axis, so that one look bounds the score of all poses in a block. The best pose of the
-raster is always found.
+holds how near each cell is to a wall, and coarser tables hold the largest values of 2, 4, 8...
+cells along each axis, so that one look bounds the score of all poses in a block. The best pose of
+the raster is always found.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The map near the robot, made of the scans of nearby keyframes: lines in small cells.
 
 Each cell that holds returns has a surfel: the line fitted to the returns in it and in the cells
-around it that were seen from the same side. Both faces of a wall are so told apart, and a scan can
-be fitted far more precisely than the cells are large.
+around it that were seen from the same side. So both faces of a wall are distinguished, and a scan
+can be fitted far more precisely than the cells are large.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def _surfels(
         flat = n >= _ENOUGH and length > 1e-9 and small < _FLAT * large and large > _SPREAD_M2
         towards = math.sqrt(fx * fx + fy * fy)
         if not flat and flats > 0.5 * n and towards > _AGREE * flats:
-            # Too few returns for a line of their own: the one that their beams' neighbours told.
+            # Too few returns for a line of their own: the one that their beams' neighbours gave.
             flat = True
             tx, ty, length = fy, -fx, towards
         own_x, own_y = sums[k, 1] / sums[k, 0], sums[k, 2] / sums[k, 0]
@@ -226,7 +226,7 @@ def _paint(
     surfels: Array, x0: float, y0: float, cell: float, nearest: NDArray[np.int32],
     distance: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Tell the cells within PAINT_CELLS of each surfel which one is nearest."""
+    """Write into the cells within PAINT_CELLS of each surfel which one is nearest."""
     rows, columns = nearest.shape
     far = np.float32(PAINT_CELLS * PAINT_CELLS * cell * cell)
     for k in range(surfels.shape[0]):

@@ -1,6 +1,6 @@
 """The occupancy grid: log-odds of cells, by the rays of the keyframes' scans.
 
-A cell is told about by each scan at most once, and by an end of a beam before any ray that passes
+A cell is updated by each scan at most once, and by an end of a beam before any ray that passes
 it, so that grazing rays do not wear off walls.
 """
 
@@ -45,18 +45,18 @@ class Occupancy:
         self._resolution_m = resolution_m
         self._row0 = self._column0 = 0
         self._log_odds: NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        self._told: NDArray[np.int32] = np.zeros((0, 0), np.int32)
-        """Number of the scan that last told about a cell; 0: none did."""
+        self._seen: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+        """Number of the scan that last saw a cell; 0: none did."""
         self._scans = 0
 
     def clear(self) -> None:
         """Forget all scans; the extent stays."""
         self._log_odds[:] = 0.0
-        self._told[:] = 0
+        self._seen[:] = 0
         self._scans = 0
 
     def rebuild(self, keyframes: Iterable[tuple[SE2, ScanPoints]]) -> None:
-        """Begin anew with these keyframes: map_from_base and what was seen there."""
+        """Start again with these keyframes: map_from_base and what was seen there."""
         self.clear()
         for map_from_base, seen in keyframes:
             self.add(map_from_base, seen)
@@ -76,22 +76,22 @@ class Occupancy:
             return
         self._scans += 1
         _trace(
-            self._log_odds, self._told, self._scans, self._row0, self._column0,
+            self._log_odds, self._seen, self._scans, self._row0, self._column0,
             sensor.x_m * cells_per_m, sensor.y_m * cells_per_m, moved, len(seen.points_m),
         )  # fmt: skip
 
     def grid(self) -> MapGrid:
         """The map as far as it was seen, with a margin of one cell; one unknown cell at least."""
         resolution_m = self._resolution_m
-        told = self._told > 0
-        rows, columns = np.flatnonzero(told.any(axis=1)), np.flatnonzero(told.any(axis=0))
+        seen = self._seen > 0
+        rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
         if not len(rows):
             return MapGrid(np.full((1, 1), UNKNOWN, np.int8), resolution_m, SE2(0.0, 0.0, 0.0))
         row, column = int(rows[0]), int(columns[0])
         window = np.s_[row : int(rows[-1]) + 1, column : int(columns[-1]) + 1]
-        cells = np.full(np.array(told[window].shape) + 2, UNKNOWN, np.int8)
+        cells = np.full(np.array(seen[window].shape) + 2, UNKNOWN, np.int8)
         cells[1:-1, 1:-1] = np.where(
-            told[window], np.where(self._log_odds[window] > 0.0, OCCUPIED, FREE), UNKNOWN
+            seen[window], np.where(self._log_odds[window] > 0.0, OCCUPIED, FREE), UNKNOWN
         )
         origin = SE2(
             (self._column0 + column - 1) * resolution_m,
@@ -101,7 +101,7 @@ class Occupancy:
         return MapGrid(cells, resolution_m, origin)
 
     def unseen(self, map_from_base: SE2, seen: ScanPoints) -> int:
-        """How many cells that nothing was known about a scan tells about; the grid stays as it is.
+        """How many unknown cells a scan sees; the grid stays as it is.
 
         Counted along every fourth ray.
         """
@@ -116,7 +116,7 @@ class Occupancy:
         )  # fmt: skip
         return int(
             _count_unseen(
-                self._told,
+                self._seen,
                 self._row0,
                 self._column0,
                 sensor.x_m * cells_per_m,
@@ -140,12 +140,12 @@ class Occupancy:
         if (row1 - row0) * (column1 - column0) > MAX_CELLS:
             return False
         log_odds = np.zeros((row1 - row0, column1 - column0), np.float32)
-        told = np.zeros(log_odds.shape, np.int32)
+        seen = np.zeros(log_odds.shape, np.int32)
         if rows:
             row, column = self._row0 - row0, self._column0 - column0
             log_odds[row : row + rows, column : column + columns] = self._log_odds
-            told[row : row + rows, column : column + columns] = self._told
-        self._row0, self._column0, self._log_odds, self._told = row0, column0, log_odds, told
+            seen[row : row + rows, column : column + columns] = self._seen
+        self._row0, self._column0, self._log_odds, self._seen = row0, column0, log_odds, seen
         return True
 
 
@@ -175,7 +175,7 @@ def _to_cells(
 )
 def _trace(
     log_odds: NDArray[np.float32],
-    told: NDArray[np.int32],
+    seen: NDArray[np.int32],
     scan: int,
     row0: int,
     column0: int,
@@ -186,8 +186,8 @@ def _trace(
 ) -> None:
     for i in range(hits):
         column, row = math.floor(ends[i, 0]) - column0, math.floor(ends[i, 1]) - row0
-        if told[row, column] != scan:
-            told[row, column] = scan
+        if seen[row, column] != scan:
+            seen[row, column] = scan
             log_odds[row, column] = min(log_odds[row, column] + HIT, LIMIT)
     for i in range(ends.shape[0]):
         # From cell to cell along the ray (Amanatides, Woo, 1987), up to the cell where it ended.
@@ -207,8 +207,8 @@ def _trace(
         along = 0.0
         while along < length and not (column == last_column and row == last_row):
             r, c = row - row0, column - column0
-            if told[r, c] != scan:
-                told[r, c] = scan
+            if seen[r, c] != scan:
+                seen[r, c] = scan
                 log_odds[r, c] = max(log_odds[r, c] + MISS, -LIMIT)
             if next_x < next_y:
                 along = next_x
@@ -222,9 +222,9 @@ def _trace(
 
 @kernel("int64(int32[:, ::1], int64, int64, float64, float64, float64[:, ::1])")
 def _count_unseen(
-    told: NDArray[np.int32], row0: int, column0: int, sensor_x: float, sensor_y: float, ends: Array
+    seen: NDArray[np.int32], row0: int, column0: int, sensor_x: float, sensor_y: float, ends: Array
 ) -> int:
-    rows, columns = told.shape
+    rows, columns = seen.shape
     count = 0
     for i in range(ends.shape[0]):
         dx, dy = ends[i, 0] - sensor_x, ends[i, 1] - sensor_y
@@ -232,6 +232,6 @@ def _count_unseen(
         for j in range(1, steps):
             r = math.floor(sensor_y + dy * j / steps) - row0
             c = math.floor(sensor_x + dx * j / steps) - column0
-            if r < 0 or c < 0 or r >= rows or c >= columns or told[r, c] == 0:
+            if r < 0 or c < 0 or r >= rows or c >= columns or seen[r, c] == 0:
                 count += 1
     return count

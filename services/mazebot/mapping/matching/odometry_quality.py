@@ -10,13 +10,13 @@ from mazebot.mapping.graph.pose_graph import information_of
 from mazebot.mapping.matching.refine import Refined
 
 _MEMORY = 0.98
-"""Of what was learnt, so much is left after each scan in motion."""
+"""Of what was learned, so much is left after each scan in motion."""
 _LEAST, _MOST_SHIFT, _MOST_TURN = 0.02, 1.0, 16.0
 """Factors of the variance that the parameters give. What moves along with the robot passes for bad
-odometry of its ways, so that they never count for less than the parameters say.
+odometry of its ways, so that they never count for less than the parameters give.
 """
 _LEAST_MOTION_M2, _LEAST_MOTION_RAD2 = 1e-7, 1e-7
-"""Of a scan with less expected variance nothing is learnt: the robot stood."""
+"""Of a scan with less expected variance nothing is learned: the robot stood."""
 
 
 class OdometryQuality:
@@ -82,7 +82,7 @@ def _learnt(
     sums: tuple[float, float], excess: float, expected: float, most: float
 ) -> tuple[tuple[float, float], float]:
     found, by_parameters = sums
-    # One scan far off, as beside something that moves, says little.
+    # One scan far off, as beside something that moves, is weak evidence.
     found = _MEMORY * found + min(excess, 10.0 * most * expected)
     by_parameters = _MEMORY * by_parameters + expected
     return (found, by_parameters), min(max(found / by_parameters, _LEAST), most)

@@ -27,9 +27,9 @@ _WIDE_M, _NARROW_M = 0.2, 0.05
 _WIDE, _NARROW = 15, 10
 """Iterations at most of each."""
 _FACING = 0.35
-"""A line tells about a direction if the cosine to its normal is more than this: normals scatter."""
+"""A line constrains a direction if the cosine to its normal is more than this: normals scatter."""
 _FEW = 4.0
-"""So many returns must tell about a direction, else it is open..."""
+"""So many returns must constrain a direction, else it is open..."""
 FEW_SHARE = 1.0 / 30.0
 """...and this share of those that fit."""
 _POINT_WEIGHT = 0.1
@@ -70,7 +70,7 @@ def refine(
         return_std_m: scatter of a return about its line; more than the lidar's noise, since
             neighbours share errors.
         start: where to begin, if not at the prediction.
-        few_share: this share of the returns that fit must tell about a direction, else it is open.
+        few_share: this share of the returns that fit must constrain a direction, else it is open.
     """
     begin = predicted if start is None else start
     pose = np.array(begin, np.float64)
@@ -191,7 +191,7 @@ def _refine(
             if length < 1e-12 * (1.0 + half):
                 ex, ey, length = 1.0, 0.0, 1.0
             ex, ey = ex / length, ey / length
-            told = all_weight = 0.0
+            constrained = all_weight = 0.0
             for j in range(points.shape[0]):
                 x = pose[0] + c * points[j, 0] - s * points[j, 1]
                 y = pose[1] + s * points[j, 0] + c * points[j, 1]
@@ -212,11 +212,11 @@ def _refine(
                     squared = _POINT_WEIGHT
                 all_weight += squared
                 if surfels[k, 4] < 0.5 or abs(cosine) > _FACING:
-                    told += squared
-            if told < max(_FEW, few_share * fitting):
+                    constrained += squared
+            if constrained < max(_FEW, few_share * fitting):
                 weaker = 1.0
             elif all_weight > 0.0:
-                weaker = 1.0 - math.sqrt(told / all_weight)
+                weaker = 1.0 - math.sqrt(constrained / all_weight)
             weak_x, weak_y = ex, ey
         last = narrow and left <= 0
         if weaker == 1.0 or (last and weaker > 0.0):

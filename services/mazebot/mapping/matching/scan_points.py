@@ -1,4 +1,4 @@
-"""What a scan tells about the space around the robot: where beams ended, and how far others saw."""
+"""The space around the robot by one scan: where beams hit, and how far the others saw."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ def scan_points(
 ) -> ScanPoints:
     """The points of a scan (n,) whose beams go round counter-clockwise or clockwise.
 
-    Ranges in [range_min, range_max) are returns, up to `max_range_m`; farther ones tell only that
-    it is free up to there. So do ranges of `range_max` and more, infinite ones included, but at
-    least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min` and NaN, say nothing, as in
-    REP 117.
+    Ranges in [range_min, range_max) are returns, up to `max_range_m`; farther ones show only
+    that it is free up to there. The same holds for ranges of `range_max` and more, infinite ones
+    included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min` and
+    NaN, are ignored, as in REP 117.
     """
     distances_m = np.asarray(ranges_m, np.float64).reshape(-1)
     limit_m = min(range_max_m, _FAR_M)
     reach_m = min(limit_m, max_range_m)
     in_range = (distances_m >= range_min_m) & (distances_m < limit_m)
     returned = in_range & (distances_m < reach_m)
-    silent = distances_m >= limit_m
-    if silent.any():
+    misses = distances_m >= limit_m
+    if misses.any():
         least = max(1, round(_LEAST_OPEN_RAD / max(abs(angle_increment_rad), 1e-6)))
         closed = abs(len(distances_m) * angle_increment_rad) > 6.2
-        silent = _in_rows(silent, least, closed)
-    open_beams = silent | (in_range & ~returned)
+        misses = _in_rows(misses, least, closed)
+    open_beams = misses | (in_range & ~returned)
     directions = _directions(
         len(distances_m), float(angle_min_rad + base_from_scan.yaw_rad), float(angle_increment_rad)
     )
@@ -132,7 +132,7 @@ def _spaced(points: Array, spacing: float) -> NDArray[np.bool_]:
 
 def surface_cloud(returns: Array, sensor: SE2) -> Array:
     """(n, 6) of returns (n, 2) in the order of their beams, in the frame of `sensor`'s pose: x, y,
-    the unit normal of the surface towards the lidar and 1, or where the beams beside tell of no
+    the unit normal of the surface towards the lidar and 1, or where the beams beside show no
     surface, the direction to the lidar and 0; and 1, the number of returns.
     """
     cloud = np.ones((len(returns), 6))
@@ -151,7 +151,7 @@ def moved_cloud(cloud: Array, pose: SE2) -> Array:
 
 
 _BESIDE = 3
-"""Beams to each side that tell of the surface."""
+"""Beams to each side that show the surface."""
 _GAP_M, _GAP_SHARE = 0.1, 0.06
 """Neighbours farther apart than this and this share of the range are on different surfaces."""
 _REACH_M = 0.1

@@ -138,7 +138,7 @@ class BtNavigator:
 
         A new goal of NavigateToPose or NavigateThroughPoses with the same tree replaces the old one
         without a stop. Raises NavigationError where the goal is refused: an occupied or unreachable
-        goal, no waypoints, a tree that cannot be loaded. The task before then goes on.
+        goal, no waypoints, a tree that cannot be loaded. The task before then continues.
         """
         self._check(request)
         running = self._running
@@ -219,7 +219,7 @@ class BtNavigator:
             return None
         if running.lost_since_ns is None:
             running.lost_since_ns = now_ns
-            _LOG.warning("The robot is lost: the task is held until it has found itself")
+            _LOG.warning("The robot is lost: holding the task until it is localized again")
         lost_s = (now_ns - running.lost_since_ns) * 1e-9
         if lost_s <= self._params.localization_tolerance_s:
             return None

@@ -122,7 +122,7 @@ _UPRIGHT = 0.5
 
 
 class NavigationContext(Protocol):
-    """The robot as behaviours see it. Poses are in the map frame unless their name says another.
+    """The robot as behaviours see it. Poses are in the map frame unless their name gives another.
 
     The caller ticks a tree once each control period. In each period at most one of `control`,
     `drive` and `stop` decides the command; where none was called, the robot is to be stopped.

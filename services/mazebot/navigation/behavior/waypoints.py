@@ -78,7 +78,8 @@ class PhotoAtWaypoint:
             self.exchange.photo_wanted_at = None
             raise NavigationError(
                 ErrorCode.TASK_EXECUTOR_FAILED,
-                f"photo at waypoint {index}: no picture came in {self.timeout_s:.1f} s",
+                f"photo at waypoint {index}: no camera image received within "
+                f"{self.timeout_s:.1f} s",
             )
         return False
 
@@ -102,7 +103,7 @@ class InputAtWaypoint:
         if now_ns - since_ns > self.timeout_s * 1e9:
             raise NavigationError(
                 ErrorCode.TASK_EXECUTOR_FAILED,
-                f"input at waypoint {index}: none came in {self.timeout_s:.1f} s",
+                f"input at waypoint {index}: none received within {self.timeout_s:.1f} s",
             )
         return False
 

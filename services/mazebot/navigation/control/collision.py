@@ -101,7 +101,7 @@ def first_contact_s(around: Surroundings, velocity: Velocity, horizon_s: float) 
         return float(on_map_s)
     contacts_s = np.empty(len(around.echoes_m))
     first_contact_points_s(
-        # A copy: a kernel is compiled anew for an array that cannot be written.
+        # A copy: a kernel is compiled again for a read-only array.
         np.array(around.echoes_m, np.float64, order="C"),
         footprint.points_m,
         float(velocity.linear_m_s),

@@ -55,6 +55,6 @@ def make_controller(
     except ConfigError:
         raise
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ConfigError(f"controller: {spec}: its constructor raises {said:.200}") from error
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ConfigError(f"controller: {spec}: its constructor raised {text:.200}") from error
     return controller

@@ -36,8 +36,8 @@ def load_plugin(
     if not place or not name.isidentifier():
         names = ", ".join([*known, "my_package.my_module:MyClass", "FILE.py:MyClass"])
         raise ConfigError(f"{kind}: {spec!r:.80}: must be one of {names}")
-    told = f"{kind}: {spec:.120}"
-    module = _from_file(place, told) if place.endswith(".py") else _from_module(place, told)
+    source = f"{kind}: {spec:.120}"
+    module = _from_file(place, source) if place.endswith(".py") else _from_module(place, source)
     found = getattr(module, name, None)
     if not isinstance(found, type):
         classes = sorted(
@@ -45,46 +45,46 @@ def load_plugin(
             if isinstance(value, type) and value.__module__ == module.__name__
         )  # fmt: skip
         known_as = f"; it has {', '.join(classes)}" if classes else ""
-        raise ConfigError(f"{told}: {place} has no class {name}{known_as}")
+        raise ConfigError(f"{source}: {place} has no class {name}{known_as}")
     missing = [each for each in _members(protocol) if not hasattr(found, each)]
     if missing:
         raise ConfigError(
-            f"{told}: a {kind} must have {', '.join(missing)}, see docs/controllers.md"
+            f"{source}: a {kind} must have {', '.join(missing)}, see docs/controllers.md"
         )
     return found
 
 
-def _from_file(place: str, told: str) -> ModuleType:
+def _from_file(place: str, source: str) -> ModuleType:
     path = Path(place)
     if not path.is_file():
-        raise ConfigError(f"{told}: {place}: no such file")
+        raise ConfigError(f"{source}: {place}: no such file")
     # A name of its own, so that a file named like a module hides none.
     name = f"mazebot_plugin_{path.stem}"
     made = importlib.util.spec_from_file_location(name, path)
     if made is None or made.loader is None:
-        raise ConfigError(f"{told}: {place}: must be a Python file")
+        raise ConfigError(f"{source}: {place}: must be a Python file")
     module = importlib.util.module_from_spec(made)
     sys.modules[name] = module
     try:
         made.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise ConfigError(f"{told}: {_said(error)}") from error
+        raise ConfigError(f"{source}: {_import_error(error)}") from error
     return module
 
 
-def _from_module(place: str, told: str) -> ModuleType:
+def _from_module(place: str, source: str) -> ModuleType:
     try:
         return importlib.import_module(place)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{place}.".startswith(f"{error.name}."):
-            raise ConfigError(f"{told}: no module {error.name} can be imported") from error
-        raise ConfigError(f"{told}: {_said(error)}") from error
+            raise ConfigError(f"{source}: no module {error.name} can be imported") from error
+        raise ConfigError(f"{source}: {_import_error(error)}") from error
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"{told}: {_said(error)}") from error
+        raise ConfigError(f"{source}: {_import_error(error)}") from error
 
 
-def _said(error: BaseException) -> str:
+def _import_error(error: BaseException) -> str:
     """What an import raised, in one line, with the line of the file where it did."""
     line = ""
     if isinstance(error, SyntaxError):

@@ -16,7 +16,7 @@ from mazebot.navigation.control.path_follower import PathFollower
 from mazebot.navigation.planning.path import PlannedPath
 
 _ALIGNED_RAD = 0.2
-"""A turn on the spot that has begun goes on until the heading error is this small."""
+"""A turn on the spot that has started continues until the heading error is this small."""
 _SPEEDS = (1.0, 0.7, 0.4, 0.2)
 """Fractions of the wanted speed that are tried, fastest first."""
 _BENDS_PER_M = (0.0, 0.8, -0.8, 1.6, -1.6, 3.0, -3.0)
@@ -56,7 +56,7 @@ class RegulatedPurePursuitParams(ControllerParams):
         1.0, gt=0, le=1, description="factor of the speed at cost_scaling_dist"
     )
     approach_velocity_scaling_dist: float = Field(
-        0.6, gt=0, description="m; the robot brakes at most over this way before the goal"
+        0.6, gt=0, description="m; the robot brakes at most over this distance before the goal"
     )
     min_approach_linear_velocity: float = Field(
         0.05, gt=0, description="m/s; lowest speed on the approach to the goal"

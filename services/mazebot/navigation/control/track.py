@@ -1,4 +1,4 @@
-"""A tracked obstacle, as tracking tells of it."""
+"""A tracked obstacle."""
 
 from __future__ import annotations
 

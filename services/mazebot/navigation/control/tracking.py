@@ -25,7 +25,7 @@ _RESTART_S = 0.6
 _STOPPING = 0.7
 _BEFORE_WALL_M = 0.2
 _FAR_S = 1.0
-"""Scans farther apart than this begin anew: nothing can be associated."""
+"""Scans farther apart than this reset the tracks: nothing can be associated."""
 
 
 class TrackerParams(BaseModel):
@@ -51,18 +51,20 @@ class TrackerParams(BaseModel):
     )
     hits_to_confirm: int = Field(3, ge=1, description="scans until a track counts")
     misses_to_drop: int = Field(5, ge=1, description="scans without it until a track ends")
-    moving_speed: float = Field(0.1, gt=0, description="m/s; slower tracks stand")
+    moving_speed: float = Field(0.1, gt=0, description="m/s; slower tracks count as stationary")
     moving_displacement: float = Field(
-        0.2, ge=0, description="m; a track that has not come farther than this stands"
+        0.2,
+        ge=0,
+        description="m; a track that has not moved farther counts as stationary",
     )
     standing_time: float = Field(
         1.0,
         ge=0,
-        description="s; a track stands only after it was slow for this long, so that one "
-        "that turns back goes on moving",
+        description="s; a track counts as stationary only after it was slow for this long, so "
+        "that one that turns back still counts as moving",
     )
     restart_displacement: float = Field(
-        0.05, ge=0, description="m; one that has moved before moves again after this way"
+        0.05, ge=0, description="m; one that has moved before moves again after this distance"
     )
     turning_time: float = Field(
         5.0,

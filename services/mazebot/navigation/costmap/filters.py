@@ -1,7 +1,7 @@
 """Costmap filters: keepout zones and speed limits from masks, by the rules of Nav2.
 
-A mask is a map whose values, 0 to 100 and -1 for unknown, mean what `FilterInfo` says, as
-nav2_msgs/CostmapFilterInfo does.
+A mask is a map whose values, 0 to 100 and -1 for unknown, have the meaning that `FilterInfo`
+gives, as nav2_msgs/CostmapFilterInfo does.
 """
 
 from __future__ import annotations

@@ -247,7 +247,7 @@ class LayeredCostmap:
         self._compose(self.static, nothing, (0, self.frame.rows, 0, self.frame.columns))
 
     def _combine(self, changed: Window | None) -> None:
-        """Compute the master costmap anew within reach of what changed; None: all of it."""
+        """Recompute the master costmap within reach of what changed; None: all of it."""
         rows, columns = self.frame.rows, self.frame.columns
         row0, row1, column0, column1 = changed or (0, rows, 0, columns)
         reach = self._inflation.reach

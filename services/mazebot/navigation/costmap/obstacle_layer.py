@@ -1,6 +1,6 @@
 """The obstacle layer: a scan's echoes mark cells, its rays clear them.
 
-Against what people report of Nav2: rays without an echo clear by default, up to the range of the
+Against what users report of Nav2: rays without an echo clear by default, up to the range of the
 sensor; what is marked can always be cleared; marks that no ray meets again are forgotten after a
 while; and a cell far away, between whose rays a thin post fits, is not cleared by the first of
 them.
@@ -125,7 +125,7 @@ class ObstacleLayer:
             self.marked, self._score, self._seen, changed,
             no_map if static_distance_m is None else static_distance_m,
             float(params.static_margin_m if static_margin_m is None else static_margin_m),
-            # A copy: a kernel is compiled anew for an array that cannot be written.
+            # A copy: a kernel is compiled again for a read-only array.
             np.array(scan.ranges_m, np.float32),
             float(scan.angle_min_rad + sensor[2]), float(scan.angle_increment_rad),
             float(max(scan.range_min_m, params.obstacle_min_range_m)),

@@ -42,7 +42,7 @@ class NamedMask:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Zones:
-    """What filters say about each cell of a costmap's grid."""
+    """What filters require of each cell of a costmap's grid."""
 
     frame: GridFrame
     keepout: Cells

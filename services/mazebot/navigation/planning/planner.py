@@ -98,7 +98,9 @@ class Planner:
         task = self._task(grid, costmap, start, goal, tolerance_m)
         task = self._joined(task, tolerance_m, static)
         if not grid.is_free(task.goal_cell):
-            return self._narrow(task, f"does not fit through to ({goal.x_m:.2f}, {goal.y_m:.2f})")
+            return self._narrow(
+                task, f"does not fit through on the way to ({goal.x_m:.2f}, {goal.y_m:.2f})"
+            )
         path = self._searched(task)
         footprint = params.footprint
         if footprint is None:
@@ -139,7 +141,7 @@ class Planner:
         if self._fits(task):
             return task
         footprint = self._params.footprint
-        mark_region_anew(task, self._kept)
+        remark_region(task, self._kept)
         nearest = nearest_free_pose(
             grid, costmap, footprint, goal, np.inf, self._kept.marks, OF_START
         )
@@ -189,7 +191,7 @@ class Planner:
             if other is not None:
                 return replace(task, start_cell=other)
         if tolerance_m > 0.0:
-            mark_region_anew(task, kept)
+            remark_region(task, kept)
             near = nearest_free_pose(
                 grid, task.costmap, self._params.footprint, task.goal, tolerance_m,
                 kept.marks, OF_START,
@@ -237,14 +239,14 @@ class Planner:
         start, goal = task.start, task.goal
         raise NavigationError(
             ErrorCode.NO_VALID_PATH,
-            f"no way from ({start.x_m:.2f}, {start.y_m:.2f}) to ({goal.x_m:.2f}, {goal.y_m:.2f}): "
+            f"no path from ({start.x_m:.2f}, {start.y_m:.2f}) to ({goal.x_m:.2f}, {goal.y_m:.2f}): "
             f"the robot's footprint {reason}",
             place_m or (goal.x_m, goal.y_m),
         )
 
     def _after_way_out(self, task: _Task, found: Found) -> PlannedPath:
         """The path from a start that is left straight ahead or back; behind its last piece
-        backwards it is searched for anew, since a path in free space is smoother.
+        backwards it is searched for again, since a path in free space is smoother.
         """
         grid, footprint = task.grid, self._params.footprint
         assert footprint is not None
@@ -289,7 +291,7 @@ class Planner:
         return replace(planned, cost_m=float(cost) * resolution_m)
 
 
-def mark_region_anew(task: _Task, kept: Workspace) -> None:
+def remark_region(task: _Task, kept: Workspace) -> None:
     """Mark the region of the start alone."""
     kept.regions.find(task.grid.cells)
     kept.marks[:] = 0

@@ -1,4 +1,4 @@
-"""Smooths a path that somebody else has planned (Nav2's SmoothPath)."""
+"""Smooths a path that was planned elsewhere (Nav2's SmoothPath)."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class Canvas:
         """
         self.recording.log(f"events/{kind}", rr.TextLog(text, level=level))
 
-    def say(self, path: str, text: str, level: str = "INFO") -> None:
+    def log_text(self, path: str, text: str, level: str = "INFO") -> None:
         """Log a line of text that is not on /rosout."""
         self.recording.at(self.now_ns)
         self.recording.log(path, rr.TextLog(text, level=level))

@@ -23,7 +23,7 @@ SLAM_SERIES: dict[str, tuple[str, tuple[int, int, int]]] = {
     "mapping/coverage_percent": ("reachable floor mapped", palette.ESTIMATE),
     "mapping/walls_found_percent": ("walls found", palette.TRUTH),
     "mapping/walls_true_percent": ("occupied cells that are walls", palette.PLAN),
-    "explore/status/seen_percent": ("floor seen, as the explorer knows", palette.SECOND),
+    "explore/status/seen_percent": ("floor seen, by the explorer", palette.SECOND),
     "explore/status/frontiers": ("frontiers", palette.SECOND),
     "explore/status/reachable": ("reachable", palette.GOOD),
     "explore/status/set_aside": ("set aside", palette.BAD),
@@ -109,9 +109,9 @@ def draw_exploration_status(canvas: Canvas, status: slam.ExplorationStatus) -> N
     if canvas.changed("explore/status/state", status.state):
         canvas.recording.log("explore/status/state", rr.StateChange(state=status.state))
     if canvas.changed("explore/status", (status.state, status.reason)):
-        said = f"exploration: {status.state}" + (f": {status.reason}" if status.reason else "")
+        text = f"exploration: {status.state}" + (f": {status.reason}" if status.reason else "")
         level = "WARN" if status.state == "failed" else "INFO"
-        canvas.recording.log("explore/status", rr.TextLog(said, level=level))
+        canvas.recording.log("explore/status", rr.TextLog(text, level=level))
     canvas.recording.scalar("explore/status/seen_percent", 100.0 * status.seen_share)
     canvas.recording.scalar("explore/status/frontiers", status.frontiers)
     canvas.recording.scalar("explore/status/reachable", status.reachable)
@@ -119,8 +119,8 @@ def draw_exploration_status(canvas: Canvas, status: slam.ExplorationStatus) -> N
 
 
 def draw_explore_resume(canvas: Canvas, resume: msg.Bool) -> None:
-    """That the exploration is stopped or goes on, in the log."""
-    canvas.say("explore/resume", "exploration: go on" if resume.data else "exploration: stop")
+    """That the exploration is stopped or resumed, in the log."""
+    canvas.log_text("explore/resume", "exploration: resume" if resume.data else "exploration: stop")
 
 
 def draw_frontiers(canvas: Canvas, array: msg.MarkerArray) -> None:

@@ -21,7 +21,7 @@ _COLORS = {
 
 
 def note_detections(canvas: Canvas, detections: msg.Detection3DArray) -> None:
-    """Remember which markers are in view, and say it of each the first time. The time must be
+    """Remember which markers are in view, and log each the first time. The time must be
     set.
     """
     ids = {detection.id.rpartition(":")[2] for detection in detections.detections}

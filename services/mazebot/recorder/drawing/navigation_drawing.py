@@ -235,7 +235,7 @@ def draw_trajectories(canvas: Canvas, array: msg.MarkerArray) -> None:
 
 
 def draw_localization_status(canvas: Canvas, status: doc.LocalizationStatus) -> None:
-    """The state over time, and how well the scans match the map."""
+    """The state over time, and how outcome the scans match the map."""
     canvas.recording.at(canvas.now_ns)
     if canvas.changed("localization/status/state", status.state):
         is_bad = status.state == "lost"
@@ -277,7 +277,7 @@ def draw_action_result(canvas: Canvas, result: act.ActionResult) -> None:
     path = "navigation/feedback/action"
     if canvas.changed(path, result.status):
         canvas.recording.log(path, rr.StateChange(state=result.status))
-    _tell_end(canvas, result.action.replace("_", " "), result.status, result)
+    _log_end(canvas, result.action.replace("_", " "), result.status, result)
     if result.goal is not None:
         color = palette.BAD if result.error_code else palette.GOOD
         _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
@@ -291,7 +291,9 @@ def draw_photo_request(canvas: Canvas, request: act.PhotoRequest) -> None:
 
 def draw_global_localization_request(canvas: Canvas, _: act.Empty) -> None:
     """That a behaviour tree asks for it, in the log."""
-    canvas.say("navigation/global_localization", "a behaviour tree asks for global localization")
+    canvas.log_text(
+        "navigation/global_localization", "the behavior tree requested global localization"
+    )
 
 
 def draw_collision_monitor(canvas: Canvas, state: act.CollisionMonitorState) -> None:
@@ -309,22 +311,22 @@ def draw_navigation_result(canvas: Canvas, result: doc.NavigationResult) -> None
     canvas.recording.at(round(result.end_time_s * 1e9))
     color = palette.BAD if result.error_code else palette.GOOD
     _draw_arrow(canvas, "goal_pose", msg.pose_from_se2(result.goal.se2()), color)
-    _tell_end(canvas, "goal", "reached", result)
+    _log_end(canvas, "goal", "reached", result)
 
 
-def _tell_end(
-    canvas: Canvas, what: str, well: str, result: doc.NavigationResult | act.ActionResult
+def _log_end(
+    canvas: Canvas, what: str, outcome: str, result: doc.NavigationResult | act.ActionResult
 ) -> None:
     """How a goal ended, as an event. The time must be set."""
     took_s = result.end_time_s - result.start_time_s
     if result.error_code in _REPLACED:
-        canvas.event("goal", f"{what} given up after {took_s:.1f} s: {result.error_msg}")
+        canvas.event("goal", f"{what} canceled after {took_s:.1f} s: {result.error_msg}")
     elif result.error_code:
         why = f"{result.error_msg} ({result.error_code})" if result.error_msg else ""
         text = f"{what} failed after {took_s:.1f} s: {why or result.error_code}"
         canvas.event("goal", text, "WARN")
     else:
-        canvas.event("goal", f"{what} {well} after {took_s:.1f} s")
+        canvas.event("goal", f"{what} {outcome} after {took_s:.1f} s")
 
 
 def _draw_arrow(canvas: Canvas, path: str, pose: msg.Pose, color: tuple[int, int, int]) -> None:

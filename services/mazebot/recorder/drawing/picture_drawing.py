@@ -32,8 +32,8 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
         return
     if not is_drawable(image):
         if canvas.changed(f"{CAMERA_ENTITY}/encoding", image.encoding):
-            text = f"cannot draw pictures in {image.encoding}"
-            canvas.say(CAMERA_ENTITY, text, "WARN")
+            text = f"cannot draw images with encoding {image.encoding}"
+            canvas.log_text(CAMERA_ENTITY, text, "WARN")
         return
     canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
     jpeg = canvas.pictures.jpeg(image)
@@ -69,7 +69,9 @@ def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
     path = "camera/depth/image_rect_raw"
     if image.encoding != "32FC1" or image.is_bigendian or not 0 < 4 * image.width <= image.step:
         if canvas.changed(f"{path}/encoding", image.encoding):
-            canvas.say(path, f"cannot draw depths in {image.encoding}", "WARN")
+            canvas.log_text(
+                path, f"cannot draw depth images with encoding {image.encoding}", "WARN"
+            )
     elif canvas.due(path, stamp_ns, _DEPTH_NS):
         canvas.frame(path, DEPTH_FRAME)
         canvas.recording.log_later(path, lambda: _depth_png(image), image.data)

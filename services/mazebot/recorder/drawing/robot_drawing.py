@@ -148,7 +148,7 @@ def draw_contact(canvas: Canvas, contact: doc.Contact) -> None:
 
 
 def draw_cmd_vel_teleop(canvas: Canvas, command: msg.TwistStamped) -> None:
-    """The velocity that a person wants."""
+    """The velocity commanded by teleoperation."""
     stamp_ns = canvas.at(command.header.stamp)
     if canvas.due("cmd_vel_teleop", stamp_ns, _PLOT_NS):
         _draw_twist(canvas, "cmd_vel_teleop", command.twist)

@@ -26,24 +26,24 @@ def draw_diagnostics(canvas: Canvas, array: msg.DiagnosticArray) -> None:
     canvas.at(array.header.stamp)
     for status in array.status:
         path = f"diagnostics/{entity_part(status.name)}"
-        said = [
+        entries = [
             (v.key, v.value) for v in status.values
             if v.value and v.key not in FIGURE_KEYS and not v.key.startswith(RATE_KEY)
         ]  # fmt: skip
-        _draw_state(canvas, path, status, said)
+        _draw_state(canvas, path, status, entries)
         _draw_figures(canvas, status)
-        if canvas.changed(f"{path}/text", (status.message, tuple(said))):
-            details = "; ".join(f"{key}: {value}" for key, value in said if key != WAITING_KEY)
+        if canvas.changed(f"{path}/text", (status.message, tuple(entries))):
+            details = "; ".join(f"{key}: {value}" for key, value in entries if key != WAITING_KEY)
             text = f"[{status.name}]: {status.message}" + (f" ({details})" if details else "")
             level = status.level if isinstance(status.level, int) else status.level[0]
             canvas.recording.log(path, rr.TextLog(text, level="WARN" if level else "INFO"))
 
 
 def _draw_state(
-    canvas: Canvas, path: str, status: msg.DiagnosticStatus, said: list[tuple[str, str]]
+    canvas: Canvas, path: str, status: msg.DiagnosticStatus, entries: list[tuple[str, str]]
 ) -> None:
-    # The counts are of the whole run: only new ones say how it is now.
-    counts = [entry for entry in said if entry[0].startswith(REJECTED_KEY)]
+    # The counts are of the whole run: only new ones show its present state.
+    counts = [entry for entry in entries if entry[0].startswith(REJECTED_KEY)]
     rejected = canvas.changed(f"{path}#rejected", counts) and bool(counts)
     waiting = status.message.startswith("waiting")
     state = "waiting" if waiting else "rejecting" if rejected else "active"

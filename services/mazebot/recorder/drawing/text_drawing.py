@@ -66,20 +66,22 @@ def draw_simulation_stats(canvas: Canvas, stats: doc.SimulationStats) -> None:
     stops = canvas.last.get("simulation/stats/watchdog_stops")
     if canvas.changed("simulation/stats/watchdog_stops", stats.watchdog_stops):
         if isinstance(stops, int) and stats.watchdog_stops > stops:
-            canvas.event("fault", "no command came in time: the watchdog stopped the robot", "WARN")
+            canvas.event(
+                "fault", "no command received in time: the watchdog stopped the robot", "WARN"
+            )
     if stats.paused:
         # While paused, the real-time factor is not measured.
         canvas.real_time = None
     if canvas.changed("simulation/stats/renderer", stats.renderer):
-        canvas.say("simulation/stats", f"renderer: {stats.renderer}")
+        canvas.log_text("simulation/stats", f"renderer: {stats.renderer}")
 
 
 def draw_behavior_tree(canvas: Canvas, log: act.BehaviorTreeLog) -> None:
     """The tree, indented, with a mark for what each node answered."""
     lines = [f"# {_escaped(log.action.replace('_', ' ') or 'no action')}", "", "```"]
     for node in log.nodes:
-        said = node.kind if node.name == node.kind else f"{node.kind} {node.name!r}"
-        lines.append(f"{_MARKS[node.status]} {'  ' * node.depth}{said.replace('`', ' ')}")
+        label = node.kind if node.name == node.kind else f"{node.kind} {node.name!r}"
+        lines.append(f"{_MARKS[node.status]} {'  ' * node.depth}{label.replace('`', ' ')}")
     legend = "running, succeeded, failed, skipped, not ticked"
     marks = zip(_MARKS.values(), legend.split(", "), strict=True)
     lines += ["```", "", ", ".join(f"{mark} {word}" for mark, word in marks)]

@@ -110,15 +110,15 @@ def draw_world(canvas: Canvas, world: doc.World) -> None:
 
 
 def _draw_zones(canvas: Canvas, world: doc.World) -> None:
-    """Outlines of keepout zones and of speed limits, each with what it says."""
-    told = [(zone.polygon_m, f"keepout: {zone.name}", palette.BAD) for zone in world.keepout_zones]
+    """Outlines of keepout zones and of speed limits, each with its label."""
+    zones = [(zone.polygon_m, f"keepout: {zone.name}", palette.BAD) for zone in world.keepout_zones]
     for zone in world.speed_limits:
         limit = f"{zone.percent or 0.0:g} %"
         if zone.speed_limit_m_s is not None:
             limit = f"{zone.speed_limit_m_s:g} m/s"
-        told.append((zone.polygon_m, f"{limit}: {zone.name}", palette.ESTIMATE))
-    outlines = [np.array([*polygon, polygon[0]]) for polygon, _, _ in told]
-    colors = [color for _, _, color in told]
+        zones.append((zone.polygon_m, f"{limit}: {zone.name}", palette.ESTIMATE))
+    outlines = [np.array([*polygon, polygon[0]]) for polygon, _, _ in zones]
+    colors = [color for _, _, color in zones]
     canvas.recording.log(
         "world/zones",
         rr.CoordinateFrame(MAP_FRAME),
@@ -130,7 +130,7 @@ def _draw_zones(canvas: Canvas, world: doc.World) -> None:
         rr.CoordinateFrame(MAP_FRAME),
         rr.Points3D(
             _on_the_floor(name_places_m(outlines, np.empty((0, 2)))),
-            labels=[name for _, name, _ in told],
+            labels=[name for _, name, _ in zones],
             colors=colors,
             radii=0.01,
         ),

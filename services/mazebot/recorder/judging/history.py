@@ -203,7 +203,7 @@ class RunHistory:
         events = events[dropped:]
         stamps_ns = np.array([event[0] for event in events], np.int64)
         x_m, y_m = (self._true_at(stamps_ns, name) for name in ("x_m", "y_m"))
-        told = tuple(
+        listed = tuple(
             SeriesEvent.model_validate(
                 {
                     "time_s": round(stamp_ns * 1e-9, 3),
@@ -216,7 +216,7 @@ class RunHistory:
             )
             for row, (stamp_ns, kind, level, text) in enumerate(events)
         )
-        return told, dropped + self._dropped
+        return listed, dropped + self._dropped
 
     def _true_at(self, stamps_ns: NDArray[np.int64], name: str) -> list[float | None]:
         if not len(self._truth.stamps_ns):
@@ -235,7 +235,7 @@ def _goal_events(goal: GoalReport) -> list[_Event]:
     ended = f"{name}: reached" if goal.reached else f"{name}: not reached: {why}"
     level = "info" if goal.reached or _is_canceled(goal) else "error"
     return [
-        (start_ns, "goal", "info", f"{name}: begun"),
+        (start_ns, "goal", "info", f"{name}: started"),
         (end_ns, "goal", level, ended),
     ]
 
@@ -279,7 +279,7 @@ def _columns(rows: ThinnedRows) -> dict[str, Any]:
 
 
 def _number(text: str) -> float:
-    """0 where a service said no number."""
+    """0 where a service gave no number."""
     try:
         value = float(text)
     except ValueError:

@@ -79,10 +79,10 @@ def summary_text(summary: RunSummary) -> Iterator[bytes]:
 
 def _changed(parameters: Iterable[Parameters]) -> dict[str, ChangedSetting]:
     return {
-        f"{said.service}.{name}": ChangedSetting(value=said.values.get(name), default=default)
-        for said in sorted(parameters, key=lambda said: said.service)
-        if said.service != "recorder"
-        for name, default in sorted(said.defaults.items())
+        f"{entry.service}.{name}": ChangedSetting(value=entry.values.get(name), default=default)
+        for entry in sorted(parameters, key=lambda entry: entry.service)
+        if entry.service != "recorder"
+        for name, default in sorted(entry.defaults.items())
         if name != "seed"
     }
 

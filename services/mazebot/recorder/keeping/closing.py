@@ -15,20 +15,18 @@ _LOG = logging.getLogger("recorder")
 
 
 def leave_report(folder: Path) -> None:
-    """Write report.html and thumbnail.png of a run; a problem is told in the log."""
+    """Write report.html and thumbnail.png of a run; a problem is logged."""
     # Loaded here: no run waits for the templates at its start.
     from mazebot.common.recordings.report.report import write_report  # noqa: PLC0415
 
     try:
         write_report(folder)
     except ConfigError as error:
-        _LOG.error("no report: %s", error)
+        _LOG.error("failed to write the report: %s", error)
 
 
 def delete_old_runs(config: RecorderConfig, now: datetime) -> None:
-    """Delete the runs beyond `keep_days` and `keep_gib`; never the newest one. A problem is told in
-    the log.
-    """
+    """Delete the runs beyond `keep_days` and `keep_gib`, never the newest; a problem is logged."""
     kept = Kept(days=config.keep_days, gib=config.keep_gib)
     if kept.is_all or config.out_dir is not None:
         return

@@ -65,7 +65,7 @@ class LiveView:
         except (RuntimeError, OSError) as error:
             raise ConfigError(f"grpc_port: port {grpc_port} on {bind}: {error}") from error
         self._server.send_recording_name(_WAITING)
-        text = rr.TextDocument("Waiting for a run. It will show here.")
+        text = rr.TextDocument("Waiting for a run. It will appear here.")
         self._server.log("waiting", text, static=True)
         self._page = WebPage(bind, web_port, grpc_port=grpc_port)
         self.feed = LiveFeed(url)

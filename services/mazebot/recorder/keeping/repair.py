@@ -102,7 +102,7 @@ class Rewriting:
                 _, errors = process.communicate(timeout=timeout_s)
             except subprocess.TimeoutExpired:
                 process.kill()
-                return f"not done within {timeout_s:.1f} s"
+                return f"timed out after {timeout_s:.1f} s"
         if self._stopped:
             return "stopped"
         if process.returncode == 0 and self._whole.is_file() and self._whole.stat().st_size > 0:
@@ -192,14 +192,14 @@ class Repair(threading.Thread):
 
     def _repair(self, folder: Path) -> None:
         # First: the summary is attached to the messages.
-        _count_anew(folder)
+        _recount(folder)
         for part in parts_of(folder, MESSAGES):
             try:
                 if repair(part, attachments_of(folder)):
                     _LOG.info("repaired %s", part)
             except McapError as error:
                 self.unreadable.append(part)
-                _LOG.warning("%s cannot be repaired: %s", part, error)
+                _LOG.warning("failed to repair %s: %s", part, error)
         parts = parts_of(folder)
         if parts:
             needed_bytes = sum(part.stat().st_size for part in parts)
@@ -211,7 +211,7 @@ class Repair(threading.Thread):
                 return
             if problem:
                 self.unreadable.append(parts[0])
-                _LOG.warning("%s cannot be repaired: %s", parts[0], problem)
+                _LOG.warning("failed to repair %s: %s", parts[0], problem)
             else:
                 _LOG.info("repaired %s", parts[0])
         if self._may_compress is not None:
@@ -221,9 +221,9 @@ class Repair(threading.Thread):
         leave_report(folder)
 
 
-def _count_anew(folder: Path) -> None:
-    """Say in a run's summary how many messages its files hold: its recorder died, or had no room
-    for the summary, after it had written some more.
+def _recount(folder: Path) -> None:
+    """Write into a run's summary how many messages its files hold: its recorder died, or had no
+    room for the summary, after it had written some more.
     """
     try:
         summary = read_summary(folder)
@@ -237,7 +237,7 @@ def _count_anew(folder: Path) -> None:
             text = json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
             write_atomically(folder / SUMMARY, [text.encode()])
     except (ConfigError, McapError, OSError, AttributeError, KeyError, TypeError) as error:
-        _LOG.warning("%s: the messages of the run were not counted: %s", folder, error)
+        _LOG.warning("%s: failed to count the messages of the run: %s", folder, error)
 
 
 def _is_free(lock: Path) -> bool:

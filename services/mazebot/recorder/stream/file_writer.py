@@ -25,7 +25,7 @@ class RecordingError(Exception):
 class FileWriter:
     """Writes data from a pipe to a new file, until the pipe's other end is closed.
 
-    Once the disk refuses anything, all further data is dropped, so that nobody waits for it.
+    Once the disk refuses anything, all further data is dropped, so that nothing waits for it.
     """
 
     def __init__(self, path: Path) -> None:

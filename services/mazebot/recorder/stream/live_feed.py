@@ -161,8 +161,8 @@ class LiveFeed:
                 before_s, waited_s = waited_s, waited_s + _FLUSH_TIMEOUT_S
                 if before_s < _SLOW_S <= waited_s:
                     _LOG.warning(
-                        "live view: a browser does not keep up and will miss some of the run; "
-                        "the recording is not touched by it"
+                        "live view: a browser does not keep up and will miss some data; "
+                        "the recording is not affected"
                     )
                 if self._ended.is_set():
                     return

@@ -173,7 +173,7 @@ class MessageLog:
         if self._problem is not None:
             raise RecordingError(self._problem)
         if self._thread.is_alive():
-            raise RecordingError(f"the disk takes longer than {CLOSE_TIMEOUT_S:g} s")
+            raise RecordingError(f"writing to the disk timed out after {CLOSE_TIMEOUT_S:g} s")
 
     def _row(
         self, topic: Topic[Any], taken: Taken, time_ns: int, compressed: Compressed | None = None

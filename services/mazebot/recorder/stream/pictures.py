@@ -30,7 +30,7 @@ def is_drawable(image: msg.Image) -> bool:
 
 
 class Pictures:
-    """Makes JPEGs of camera images; the newest one is kept for whoever asks again."""
+    """Makes JPEGs of camera images; the newest one is kept for the next request."""
 
     def __init__(self, jpeg_quality: int) -> None:
         self._quality = jpeg_quality

@@ -206,7 +206,7 @@ class Recording:
         if writer.problem is not None:
             raise RecordingError(writer.problem)
         if not is_whole:
-            raise RecordingError(f"the disk takes longer than {_CLOSE_TIMEOUT_S:g} s")
+            raise RecordingError(f"writing to the disk timed out after {_CLOSE_TIMEOUT_S:g} s")
 
     def close(self) -> None:
         """End the file; nothing may be logged afterwards.

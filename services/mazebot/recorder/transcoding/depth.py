@@ -27,7 +27,9 @@ def compressed_depth(image_cdr: bytes) -> bytes:
     """
     image = wire.decode(DEPTH_IMAGE, image_cdr)
     if image.encoding != "32FC1" or image.is_bigendian or image.step < 4 * image.width:
-        raise VideoError(f"a depth image in {image.encoding} with rows of {image.step} bytes")
+        raise VideoError(
+            f"a depth image with encoding {image.encoding} and rows of {image.step} bytes"
+        )
     rows = image.data.reshape(image.height, image.step)[:, : 4 * image.width]
     depth_m = np.ascontiguousarray(rows).view(np.float32)
     finite_m = np.nan_to_num(depth_m, nan=0.0, posinf=0.0, neginf=0.0)
@@ -42,5 +44,5 @@ def depth_m_of(compressed: msg.CompressedImage) -> NDArray[np.float32]:
     png = compressed.data[len(_CONFIG) :]
     depth_mm = cv2.imdecode(png, cv2.IMREAD_UNCHANGED) if len(png) else None
     if compressed.format != DEPTH_FORMAT or depth_mm is None or depth_mm.dtype != np.uint16:
-        raise VideoError(f"no depth image: {compressed.format!r}")
+        raise VideoError(f"not a depth image: {compressed.format!r}")
     return np.asarray(depth_mm, np.float32) / np.float32(1000.0)

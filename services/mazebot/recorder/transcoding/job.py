@@ -45,7 +45,7 @@ def compress_run(folder: Path) -> Compression:
         try:
             fcntl.flock(marker, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise VideoError(f"{folder}: another process does it") from error
+            raise VideoError(f"{folder}: another process is compressing it") from error
         for pattern in _LEFT_BY_A_KILLED_ONE:
             for path in folder.glob(pattern):
                 path.unlink()

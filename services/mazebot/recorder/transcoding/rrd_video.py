@@ -171,4 +171,4 @@ def _rerun(command: str, *arguments: Path | str) -> None:
     )
     if ended.returncode != 0:
         lines = ended.stderr.decode(errors="replace").strip().splitlines()
-        raise VideoError(lines[-1] if lines else f"rerun rrd {command} fails")
+        raise VideoError(lines[-1] if lines else f"rerun rrd {command} failed")

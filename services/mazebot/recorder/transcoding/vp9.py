@@ -38,7 +38,7 @@ class VideoFrame:
 def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFrame]:
     """A frame per JPEG or PNG picture, in the same order; all of one even size.
 
-    OpenCV offers neither bit rate nor quality: the encoder is told a frame rate so high that the
+    OpenCV offers neither bit rate nor quality: the encoder is given a frame rate so high that the
     greatest bit rate leaves as many bits for a picture as wanted. The times of the frames are
     not part of the stream. Every twelfth frame is a key frame. Meanwhile the file `scratch`, whose
     name must end with `.mp4`, holds the video.
@@ -50,11 +50,11 @@ def encode(encoded_pictures: Iterable[bytes], scratch: Path) -> Iterator[VideoFr
         frames = 0
         for frame in _frames(scratch) if count else ():
             if not frames and not frame.is_key:
-                raise VideoError("the video does not begin with a key frame")
+                raise VideoError("the video does not start with a key frame")
             frames += 1
             yield frame
         if frames != count:
-            raise VideoError(f"{frames} frames were made of {count} pictures")
+            raise VideoError(f"got {frames} video frames of {count} pictures")
     finally:
         scratch.unlink(missing_ok=True)
 
@@ -108,11 +108,11 @@ def _write(path: Path, encoded_pictures: Iterable[bytes]) -> int:
 def _writer(path: Path, size_px: tuple[int, int]) -> cv2.VideoWriter:
     width, height = size_px
     if width % 2 or height % 2:
-        raise VideoError(f"pictures of {width} x {height}: a video has even sides")
-    told_hz = float(round(_MOST_BITS_PER_S / (BITS_PER_PIXEL * width * height)))
+        raise VideoError(f"pictures of {width} x {height}: a video needs an even width and height")
+    nominal_hz = float(round(_MOST_BITS_PER_S / (BITS_PER_PIXEL * width * height)))
     # The tag of MP4 files: for another one, OpenCV prints that it takes this one.
     codec = cv2.VideoWriter.fourcc(*"vp09")
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, codec, told_hz, size_px)
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, codec, nominal_hz, size_px)
     if not writer.isOpened():
         raise VideoError("this OpenCV has no VP9 encoder")
     return writer
@@ -122,7 +122,7 @@ def _frames(path: Path) -> Iterator[VideoFrame]:
     as_encoded = [cv2.CAP_PROP_FORMAT, -1]
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, as_encoded)
     if not video.isOpened():
-        raise VideoError("the video that was made cannot be read")
+        raise VideoError("the encoded video cannot be read")
     try:
         while True:
             is_read, packet = video.read()

@@ -85,7 +85,7 @@ class MeshFiles(Resolver):
         try:
             Image.open(io.BytesIO(data)).close()
         except Exception as error:
-            self.problem = self.problem or MeshError(f"{shown_value(name)}: must be a picture")
+            self.problem = self.problem or MeshError(f"{shown_value(name)}: must be an image")
             raise self.problem from error
 
     def png(self, image: Image.Image) -> bytes:

@@ -82,8 +82,8 @@ def load_mesh(
     except (Exception, RecursionError) as error:
         # Readers of damaged files may raise anything.
         kind = path.suffix[1:].upper()
-        said = words(str(error)[:200]) or type(error).__name__
-        raise ConfigError(words(f"{path}: is damaged, or no {kind}: {said:.120}")) from error
+        text = words(str(error)[:200]) or type(error).__name__
+        raise ConfigError(words(f"{path}: is damaged, or is not {kind}: {text:.120}")) from error
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _load(
     with warnings.catch_warnings(), _quiet():
         warnings.simplefilter("ignore")
         read = {".dae": _read_dae, ".stl": _read_stl, ".obj": _read_obj}.get(suffix, _read_gltf)
-        pieces = _told_apart(read(data, files))
+        pieces = _uniquely_named(read(data, files))
         if files.problem is not None:
             raise files.problem
         if submesh is not None:
@@ -134,7 +134,7 @@ def _load(
     return tuple(_centred(parts) if center else parts)
 
 
-def _told_apart(pieces: Iterable[_Piece]) -> list[_Piece]:
+def _uniquely_named(pieces: Iterable[_Piece]) -> list[_Piece]:
     """Renames the second piece of one name to `name-2`; its old name stays as an alias."""
     taken: dict[str, int] = {}
     apart = []
@@ -222,7 +222,7 @@ def _check_header(data: bytes, is_binary: bool) -> None:
         data, start = data[20 : 20 + size], 28 + size
     header = json.loads(data)
     if not isinstance(header, dict):
-        raise MeshError("is no glTF")
+        raise MeshError("is not glTF")
     nodes = header.get("nodes", [])
     children = [child for node in nodes for child in node.get("children", [])]
     if len(nodes) > MAX_NODES:
@@ -237,7 +237,7 @@ def _check_header(data: bytes, is_binary: bool) -> None:
         for _ in range(MAX_DEPTH):
             here = None if here is None else parent.get(here)
         if here is not None:
-            raise MeshError(f"must have nodes at most {MAX_DEPTH} deep, none above itself")
+            raise MeshError(f"must have nodes nested at most {MAX_DEPTH} deep, without cycles")
     for accessor in header.get("accessors", []):
         if not 0 <= accessor.get("count", 0) <= 3 * MAX_TRIANGLES:
             raise MeshError(f"must have at most {MAX_TRIANGLES} triangles")
@@ -257,7 +257,7 @@ def _check_header(data: bytes, is_binary: bool) -> None:
             try:
                 Image.open(io.BytesIO(picture)).close()
             except Exception as error:
-                raise MeshError("a texture is damaged, or no picture") from error
+                raise MeshError("a texture is damaged, or is not an image") from error
 
 
 def _of_trimesh(names: tuple[str, ...], geometry: Any, matrix: Array, files: MeshFiles) -> _Piece:
@@ -324,7 +324,7 @@ def _rgba(colour: Sequence[float]) -> Rgba:
 def _read_dae(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     data = without_comments(data)
     if re.search(rb"<!(DOCTYPE|ENTITY)", data):
-        raise MeshError("must have no document type of its own")
+        raise MeshError("must not have a DOCTYPE")
     document = collada.Collada(
         io.BytesIO(data),
         ignore=[collada.common.DaeError],
@@ -416,7 +416,7 @@ def _part(piece: _Piece, files: MeshFiles) -> MeshPart | None:
     if not len(triangles):
         return None
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise MeshError("has a triangle of a vertex that is not there")
+        raise MeshError("has a triangle with a vertex that does not exist")
     moves = not np.array_equal(matrix, _IDENTITY)
     if moves:
         vertices = portable.product(vertices, matrix[:3, :3].T) + matrix[:3, 3]

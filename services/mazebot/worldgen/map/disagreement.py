@@ -39,7 +39,7 @@ class MapDisagreement(Document):
     def __str__(self) -> str:
         """One line of text."""
         line = (
-            f"walls of map and world are {100 * self.mean_m:.1f} cm apart in the mean, "
+            f"walls of map and world are {100 * self.mean_m:.1f} cm apart on average, "
             f"{100 * self.p95_m:.0f} cm at the 95th percentile, {100 * self.max_m:.0f} cm at most; "
             f"{100 * self.share_within_5_cm:.0f} % within 5 cm; "
             f"{100 * self.share_contradicted:.1f} % of the cells contradict each other"

@@ -34,7 +34,7 @@ def must_of(problem: ErrorDetails, outer: Iterable[Any]) -> str:
         case "bool_type":
             return "must be true or false"
         case "string_type" | "invalid_key":
-            return "must be a text"
+            return "must be a string"
         case "string_pattern_mismatch":
             return "must be letters, digits, `_`, `.` and `-`, and begin with a letter or digit"
         case "string_too_short":
@@ -42,9 +42,9 @@ def must_of(problem: ErrorDetails, outer: Iterable[Any]) -> str:
         case "string_too_long":
             return f"must have at most {context['max_length']} characters"
         case "too_short":
-            return f"must hold at least {context['min_length']}"
+            return f"must have at least {context['min_length']} items"
         case "too_long":
-            return f"must hold at most {context['max_length']}"
+            return f"must have at most {context['max_length']} items"
         case "model_type" | "dict_type" | "model_attributes_type":
             return "must be a mapping of fields to values"
         case "tuple_type":
@@ -54,6 +54,6 @@ def must_of(problem: ErrorDetails, outer: Iterable[Any]) -> str:
         case "union_tag_not_found":
             return "must have a `kind`"
         case "union_tag_invalid":
-            return f"must be of a kind among {context['expected_tags']}"
+            return f"must have a `kind` that is one of {context['expected_tags']}"
         case _:
             return words(problem["msg"][:1].lower() + problem["msg"][1:])

@@ -89,15 +89,15 @@ def _names(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake]:
         yield Mistake(("bodies",), f"{shapes} shapes", f"must have at most {MAX_SHAPES}")
     length_m = sum(wall.length_m for wall in recipe.walls)
     if length_m > MAX_LENGTH_M:
-        must = f"must be at most {MAX_LENGTH_M:g} m long, all together"
+        must = f"must be at most {MAX_LENGTH_M:g} m long in total"
         yield Mistake(("walls",), f"{length_m:g} m", must)
     for location, thing in things:
         if thing.name in first:
-            must = "must be unique: {other} has it"
+            must = "must be unique: already used by {other}"
             yield Mistake((*location, "name"), thing.name, must, other=first[thing.name])
         first.setdefault(thing.name, location)
         if not isinstance(thing, WallRecipe) and thing.mass_kg > 0.0 and thing.name in _FRAMES:
-            must = "must not be the name of a frame of the robot's: it moves"
+            must = "must not be the name of a frame of the robot, because the body moves"
             yield Mistake((*location, "name"), thing.name, must)
 
 
@@ -172,7 +172,7 @@ def _body(location: Location, body: BodyRecipe) -> Iterator[Mistake]:
     for index, shape in enumerate(body.shapes):
         at = (*location, "shapes", index)
         if shape.name in names:
-            must = f"must be unique: shapes[{names[shape.name]}] has it"
+            must = f"must be unique: already used by shapes[{names[shape.name]}]"
             yield Mistake((*at, "name"), shape.name, must)
         names.setdefault(shape.name, index)
         yield from _printable((*at, "name"), shape.name)
@@ -182,7 +182,7 @@ def _body(location: Location, body: BodyRecipe) -> Iterator[Mistake]:
             must = "must not be solid: a plane cannot move, and mass_kg is not 0"
             yield Mistake((*at, "solid"), shape.solid, must)
     if body.mass_kg > 0.0 and not any(shape.solid for shape in body.shapes):
-        must = "must be 0, or a shape must be solid: what moves needs one"
+        must = "must be 0, or at least one shape must be solid"
         yield Mistake((*location, "mass_kg"), body.mass_kg, must)
 
 
@@ -280,7 +280,7 @@ def _zones(recipe: Recipe) -> Iterator[Mistake]:
     zones += [(("speed_limits", index), zone) for index, zone in enumerate(recipe.speed_limits)]
     for location, zone in zones:
         if zone.name in first:
-            must = "must be unique: {other} has it"
+            must = "must be unique: already used by {other}"
             yield Mistake((*location, "name"), zone.name, must, other=first[zone.name])
         first.setdefault(zone.name, location)
         at = (*location, "polygon_m")
@@ -307,7 +307,7 @@ def _lights(lights: Sequence[PointLightRecipe]) -> Iterator[Mistake]:
     names: dict[str, int] = {}
     for index, light in enumerate(lights):
         if light.name in names:
-            must, other = "must be unique: {other} has it", ("lights", names[light.name])
+            must, other = "must be unique: already used by {other}", ("lights", names[light.name])
             yield Mistake(("lights", index, "name"), light.name, must, other=other)
         names.setdefault(light.name, index)
         if light.constant == light.linear == light.quadratic == 0.0:

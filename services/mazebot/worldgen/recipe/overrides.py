@@ -57,7 +57,7 @@ def parse_override(override: str, content: Mapping[Any, Any]) -> tuple[Location,
         kinds = types_within(kinds, step)
         place.append(step)
         if not kinds:
-            raise _wrong(shown, "there is no such field", field_name((*place,)))
+            raise _wrong(shown, "no such field", field_name((*place,)))
         try:
             here = here[step]
         except (LookupError, TypeError):

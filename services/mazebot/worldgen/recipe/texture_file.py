@@ -15,7 +15,7 @@ def read_texture_file(path: Path) -> bytes:
     try:
         if path.exists() and not path.is_file():
             # Reading a pipe would block forever.
-            raise ValueError("is no file, must be a PNG")
+            raise ValueError("is not a file, must be a PNG")
         if path.stat().st_size > png.MAX_BYTES:
             raise ValueError(f"must have at most {png.MAX_BYTES} bytes")
         data = path.read_bytes()
@@ -26,5 +26,5 @@ def read_texture_file(path: Path) -> bytes:
         raise ValueError(problem)
     if path.suffix.lower() != ".png":
         # Other readers, including Gazebo, go by the suffix.
-        raise ValueError(f"is a PNG, must be called {path.with_suffix('.png').name}")
+        raise ValueError(f"is a PNG, must be named {path.with_suffix('.png').name}")
     return data

@@ -285,7 +285,7 @@ class _Conversion:
         if not isinstance(geometry, MeshGeometry):
             return geometry.model_dump(mode="json")
         if part.mesh_file is None:
-            self._error("URI_LOOKUP", part.where, f"{geometry.file}: is not there")
+            self._error("URI_LOOKUP", part.where, f"{geometry.file}: does not exist")
             return None
         key = (part.mesh_file, geometry.submesh, geometry.center)
         if key not in self._meshes:
@@ -400,7 +400,7 @@ class _Conversion:
             for gap_m, place in _places(model.world_from_model, wall)
         ]
         if not places:
-            self._ignore(f"marker {model.attributes['marker']}, which is on no wall", model.name)
+            self._ignore(f"marker {model.attributes['marker']}, which is not on a wall", model.name)
             return []
         *_, place = min(places, key=lambda one: one[:3])
         for key in ("offset_m", "height_m"):
@@ -408,7 +408,7 @@ class _Conversion:
         values = {key: model.attributes[key] for key in _MARKER_KEYS if key in model.attributes}
         marker = validated(_MARKER, {"id": model.attributes["marker"], **values, **place})
         if marker is None:
-            self._ignore(f"marker {model.attributes['marker']!r:.40}, which is none", model.name)
+            self._ignore(f"marker {model.attributes['marker']!r:.40}, which is invalid", model.name)
             return []
         return [marker.model_dump(mode="json")]
 
@@ -489,7 +489,7 @@ class _Conversion:
             beside = [one for one in sorted(file.parent.iterdir()) if one.stem == file.stem]
             for one in beside:
                 if one.is_symlink() or one.stat().st_size > MAX_PIXELS:
-                    raise OSError(0, f"{one.name} is too large, or a link")
+                    raise OSError(0, f"{one.name} is too large, or a symbolic link")
                 self._files[f"maps/{one.name}"] = one.read_bytes()
             return file.name
         except OSError as error:

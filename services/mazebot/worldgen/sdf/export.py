@@ -2,8 +2,8 @@
 
 SDF's own elements contain all poses, sizes and materials. Data that SDF cannot express is added in
 the namespace of model.MAZEBOT_NAMESPACE, which Gazebo ignores: see `_notes` and the calls of
-`say`. Where a pose is rounded by sines and cosines, the exact number is noted too: on import it is
-used only if the two agree to 1e-9, so that edits of the file's poses take effect.
+`annotate`. Where a pose is rounded by sines and cosines, the exact number is noted too: on import
+it is used only if the two agree to 1e-9, so that edits of the file's poses take effect.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from mazebot.worldgen.sdf.writing import (
     SHEET_THICKNESS_M,
     add,
     add_look,
+    annotate,
     numbers,
-    say,
     sdf_root,
     xml_bytes,
 )
@@ -142,7 +142,7 @@ class _Export:
         its model and of its wall, of others all fields.
         """
         world = self._world
-        told: dict[str, object] = {
+        content: dict[str, object] = {
             "recipe": world.recipe,
             "start": world.start.model_dump(),
             "locations": [location.model_dump() for location in world.locations],
@@ -150,12 +150,12 @@ class _Export:
         }
         for field in ("keepout_zones", "speed_limits"):
             if zones := getattr(world, field):
-                told[field] = [zone.model_dump(exclude_none=True) for zone in zones]
+                content[field] = [zone.model_dump(exclude_none=True) for zone in zones]
         if world.map_sha256:
-            told["map"] = self._map()
+            content["map"] = self._map()
         else:
-            told["map_resolution_m"] = world.map_resolution_m
-        for key, value in told.items():
+            content["map_resolution_m"] = world.map_resolution_m
+        for key, value in content.items():
             add(notes, notes.tag.replace("}world", f"}}{key}"), json.dumps(value))
 
     def _map(self) -> str:
@@ -220,9 +220,9 @@ class _Export:
         at = (wall.x_m, wall.y_m, wall.height_m / 2.0, 0.0, 0.0, wall.yaw_rad)
         add(model, "pose", numbers(at))
         model.append(link)
-        say(link, kind="wall", **_name_note(wall.name, name))
+        annotate(link, kind="wall", **_name_note(wall.name, name))
         if wall.yaw_rad:
-            say(link, yaw_rad=repr(wall.yaw_rad))
+            annotate(link, yaw_rad=repr(wall.yaw_rad))
         size_m = (wall.length_m, wall.thickness_m, wall.height_m)
         add_box(add(link, "collision", name="collision"), size_m)
         visual = add(link, "visual", name="visual")
@@ -230,7 +230,7 @@ class _Export:
         self._look(visual, wall.material)
         for index, covering in enumerate(wall.coverings):
             visual = add(link, "visual", name=f"covering_{index}")
-            say(
+            annotate(
                 visual,
                 covering=covering.side,
                 span_m=json.dumps([covering.from_m, covering.to_m]),
@@ -247,7 +247,9 @@ class _Export:
         model, link, name = self._model(inside, body.name, body.mass_kg == 0.0)
         _pose(model, body.position_m, body.orientation_xyzw)
         model.append(link)
-        say(link, kind="body", **_name_note(body.name, name), **_turn_note(body.orientation_xyzw))
+        annotate(
+            link, kind="body", **_name_note(body.name, name), **_turn_note(body.orientation_xyzw)
+        )
         if body.mass_kg > 0.0:
             self._inertial(link, body)
         names = _Names()
@@ -255,11 +257,11 @@ class _Export:
             noted = json.dumps(shape.name)
             if shape.solid:
                 collision = add(link, "collision", name=names.give(f"{shape.name}_collision"))
-                say(collision, shape=noted, **_turn_note(shape.orientation_xyzw))
+                annotate(collision, shape=noted, **_turn_note(shape.orientation_xyzw))
                 self._collision(collision, shape)
             if shape.material or not shape.solid:
                 visual = add(link, "visual", name=names.give(f"{shape.name}_visual"))
-                say(visual, shape=noted, **_turn_note(shape.orientation_xyzw))
+                annotate(visual, shape=noted, **_turn_note(shape.orientation_xyzw))
                 _pose(visual, shape.position_m, shape.orientation_xyzw)
                 self._geometry(visual, shape.geometry)
                 self._look(visual, shape.material)
@@ -272,7 +274,7 @@ class _Export:
             self._geometry(collision, shape.geometry)
             return
         # In Gazebo a solid plane is infinite.
-        say(collision, geometry="plane", position_m=json.dumps(shape.position_m))
+        annotate(collision, geometry="plane", position_m=json.dumps(shape.position_m))
         rotation = rotation_from_quaternion(*shape.orientation_xyzw)
         x, y, z = np.array(shape.position_m) - SHEET_THICKNESS_M / 2.0 * rotation[:, 2]
         _pose(collision, (float(x), float(y), float(z)), shape.orientation_xyzw)
@@ -306,7 +308,7 @@ class _Export:
             model, link, _ = self._model(inside, f"room_{room.name}")
             model.append(link)
             visual = add(link, "visual", name="visual")
-            say(visual, room=json.dumps(room.name))
+            annotate(visual, room=json.dumps(room.name))
             outline = doc.Polyline(polygons_m=(room.polygon_m,), height_m=SHEET_THICKNESS_M)
             self._geometry(visual, outline)
             self._look(visual, room.floor_material, _GREY, self._world.floor_material)
@@ -326,7 +328,7 @@ class _Export:
         add(model, "pose", f"{numbers(at)} 0 0 0")
         model.append(link)
         visual = add(link, "visual", name="visual")
-        say(visual, ceiling=repr(ceiling.height_m))
+        annotate(visual, ceiling=repr(ceiling.height_m))
         add(visual, "cast_shadows", "false")
         add_box(visual, (float(x1 - x0), float(y1 - y0), SHEET_THICKNESS_M))
         self._look(visual, ceiling.material)
@@ -366,12 +368,12 @@ class _Export:
         self, visual: etree._Element, name: str, none: doc.Rgba = _GREY, instead: str = ""
     ) -> None:
         """Add the look of a material; if there is none, of `instead`, or plain."""
-        say(visual, material=name)
+        annotate(visual, material=name)
         material = self._materials.get(name or instead)
         if material is None:
             add_look(visual, none, none)
             return
-        say(visual, texture_side_m=repr(material.texture_side_m))
+        annotate(visual, texture_side_m=repr(material.texture_side_m))
         texture = self._uri_of_texture.get(material.texture_sha256, "")
         add_look(visual, material.ambient, material.diffuse, texture)
 

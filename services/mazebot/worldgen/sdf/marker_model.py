@@ -20,7 +20,7 @@ from mazebot.common.world import marker_picture
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.marker_dictionary import read_dictionary
 from mazebot.common.world.marker_entities import PanelStyle
-from mazebot.worldgen.sdf.writing import add, add_look, numbers, say, sdf_root, xml_bytes
+from mazebot.worldgen.sdf.writing import add, add_look, annotate, numbers, sdf_root, xml_bytes
 
 Kind = Literal["panel", "cube"]
 
@@ -203,7 +203,7 @@ def _sdf(marker: Marker, kind: Kind, side_m: float, texture: str, own: bool) -> 
     root = sdf_root("1.9")
     model = add(root, "model", name=name)
     if kind == "panel" and not own:
-        say(
+        annotate(
             model,
             marker=str(marker.id),
             dictionary=marker.dictionary,

@@ -21,10 +21,10 @@ def noted(
     found: list[float], note: str | None, otherwise: list[float] | None = None
 ) -> list[float]:
     """The numbers noted by an export, if they equal those found up to rounding."""
-    said = from_json(note, VECTOR)
-    if said is not None and len(said) == len(found):
-        if all(abs(one - other) <= SAME for one, other in zip(said, found, strict=True)):
-            return said
+    values = from_json(note, VECTOR)
+    if values is not None and len(values) == len(found):
+        if all(abs(one - other) <= SAME for one, other in zip(values, found, strict=True)):
+            return values
     return found if otherwise is None else otherwise
 
 

@@ -40,7 +40,7 @@ def picture_as_png(picture: Path) -> bytes:
     except Exception as error:
         # Pillow's readers may raise anything.
         words = " ".join(str(error).split())
-        raise ConfigError(f"{picture}: is not a picture: {words:.80}") from error
+        raise ConfigError(f"{picture}: is not an image: {words:.80}") from error
     picture_rgb.thumbnail((png.MAX_SIDE_PX, png.MAX_SIDE_PX), Image.Resampling.LANCZOS)
     written = io.BytesIO()
     picture_rgb.save(written, "PNG")

@@ -47,7 +47,7 @@ def write_recipe(imported: ImportedWorld, file: Path) -> None:
     """
     try:
         if file.exists() and not file.read_text(encoding="utf-8").startswith(_HEADER):
-            raise ConfigError(f"{file}: is there already, and was not made by an import")
+            raise ConfigError(f"{file}: already exists and was not created by an import")
         renamed = {
             path: _free_path(file.parent, path, data) for path, data in imported.files.items()
         }
@@ -60,7 +60,7 @@ def write_recipe(imported: ImportedWorld, file: Path) -> None:
     except OSError as error:
         raise ConfigError(f"{file}: cannot be written: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: is there already, and was not made by an import") from error
+        raise ConfigError(f"{file}: already exists and was not created by an import") from error
 
 
 class _Dumper(yaml.SafeDumper):

@@ -28,7 +28,7 @@ def add(
     return child
 
 
-def say(element: etree._Element, **attributes: str) -> None:
+def annotate(element: etree._Element, **attributes: str) -> None:
     """Set `mazebot:` attributes."""
     for key, value in attributes.items():
         element.set(f"{{{MAZEBOT_NAMESPACE}}}{key}", value)

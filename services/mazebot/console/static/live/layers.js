@@ -279,7 +279,7 @@ function drawRobot(pen, scene) {
 
 function outline(pen, [x, y, yaw]) {
   const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
-  // Never smaller than a person can see.
+  // Never too small to see.
   const grow = Math.max(1, 14 / (0.3 * pen.scale));
   polygon(
     pen,

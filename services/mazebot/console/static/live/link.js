@@ -1,4 +1,4 @@
-// The websocket to the console: frames come in, what the person wants goes out.
+// The websocket to the console: frames come in, what the user wants goes out.
 
 const RETRY_MS = 1000;
 const ANSWER_MS = 15000;
@@ -33,7 +33,7 @@ export class Link {
     socket.addEventListener("close", () => {
       this.#onState(false);
       for (const settle of this.#waiting.values()) {
-        settle({ said: "", error: "the connection to the console was lost" });
+        settle({ said: "", error: "lost the connection to the console" });
       }
       this.#waiting.clear();
       setTimeout(() => this.#open(), RETRY_MS);
@@ -61,12 +61,12 @@ export class Link {
     if (settle) {
       settle(answer);
     } else if (answer.error) {
-      this.#onFrame("complaint", answer, null);
+      this.#onFrame("error", answer, null);
     }
   }
 
   /** Send without waiting for an answer; false where there is no connection. */
-  tell(action) {
+  send(action) {
     if (!this.isOpen) {
       return false;
     }
@@ -78,14 +78,14 @@ export class Link {
   /** Send, and wait for `{said, error}`. */
   ask(action) {
     return new Promise((resolve) => {
-      if (!this.tell(action)) {
-        resolve({ said: "", error: "there is no connection to the console" });
+      if (!this.send(action)) {
+        resolve({ said: "", error: "not connected to the console" });
         return;
       }
       const id = this.#number;
       const timer = setTimeout(() => {
         this.#waiting.delete(id);
-        resolve({ said: "", error: "the console did not answer" });
+        resolve({ said: "", error: "the console did not respond in time" });
       }, ANSWER_MS);
       this.#waiting.set(id, (answer) => {
         clearTimeout(timer);

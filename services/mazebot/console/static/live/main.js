@@ -29,7 +29,7 @@ const link = new Link(take, (isOpen) => {
   $("link").textContent = isOpen ? "connected" : "connection lost";
   $("link").className = `badge ${isOpen ? "good" : "bad"}`;
   if (isOpen) {
-    link.tell({ do: "show", camera: $("camera-panel").open });
+    link.send({ do: "show", camera: $("camera-panel").open });
   } else {
     teleop.stop();
   }
@@ -41,15 +41,15 @@ let tool = "move";
 function take(kind, content, data) {
   if (kind === "stack") {
     showStack(content);
-  } else if (kind === "complaint") {
-    say(content.error, true);
+  } else if (kind === "error") {
+    showMessage(content.error, true);
   }
   if (scene.take(kind, content, data)) {
     plan.redraw();
   }
   if (kind === "world" || kind === "map") {
     plan.worldChanged();
-  } else if (kind === "action_result" || kind === "began_anew") {
+  } else if (kind === "action_result" || kind === "restarted") {
     plan.route = [];
     plan.redraw();
   }
@@ -73,16 +73,16 @@ function showStack({ services, how_to_start: hint }) {
   }
 }
 
-function say(text, isBad = false) {
-  $("said").textContent = text;
-  $("said").className = `said ${isBad ? "bad" : ""}`;
+function showMessage(text, isBad = false) {
+  $("message").textContent = text;
+  $("message").className = `message ${isBad ? "bad" : ""}`;
 }
 
-/** Ask for something, and say what the services answer. */
+/** Ask for something, and show what the services answer. */
 async function ask(action) {
-  say("…");
-  const { said, error } = await link.ask(action);
-  say(error || said, Boolean(error));
+  showMessage("…");
+  const { said: message, error } = await link.ask(action);
+  showMessage(error || message, Boolean(error));
   return !error;
 }
 
@@ -135,7 +135,7 @@ function removeAt([x, y]) {
   const far = ({ at }) => Math.hypot(at[0] - x, at[1] - y);
   things.sort((one, other) => far(one) - far(other));
   if (things.length === 0 || far(things[0]) * plan.scale > REMOVE_PX) {
-    say("nothing that can be removed stands there", true);
+    showMessage("no box or marker to remove there", true);
     return;
   }
   ask({ do: "remove", name: things[0].name });
@@ -283,7 +283,7 @@ for (const list of ["results", "log"]) {
 plan.onAim = showAim;
 plan.onFollow = () => follow(plan.follows);
 $("speed").addEventListener("change", () => ask({ do: "simulation", speed: Number($("speed").value) }));
-$("camera-panel").addEventListener("toggle", () => link.tell({ do: "show", camera: $("camera-panel").open }));
+$("camera-panel").addEventListener("toggle", () => link.send({ do: "show", camera: $("camera-panel").open }));
 $("place").addEventListener("change", () => {
   if ($("place").value) {
     const [x, y, yaw] = JSON.parse($("place").value);

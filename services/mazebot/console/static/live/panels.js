@@ -53,10 +53,10 @@ export class Panels {
         this.#running = new Set(content.services);
         this.#showServices();
         break;
-      case "began_anew":
+      case "restarted":
         $("tree").replaceChildren();
         this.#forgetTimes();
-        $("task").textContent = "the simulation began anew";
+        $("task").textContent = "simulation restarted";
         break;
       case "stats":
         this.#showTime(content);
@@ -117,7 +117,7 @@ export class Panels {
   #forgetTimes() {
     for (const time of document.querySelectorAll("#results [data-time], #log [data-time]")) {
       time.disabled = true;
-      time.title = "before the simulation began anew";
+      time.title = "before the simulation restarted";
     }
   }
 
@@ -175,7 +175,7 @@ export class Panels {
     }
     if (pose.truth && pose.estimate) {
       const apart = Math.hypot(pose.truth[0] - pose.estimate[0], pose.truth[1] - pose.estimate[1]);
-      this.#figure("apart", `${(100 * apart).toFixed(1)} cm`);
+      this.#figure("pose error", `${(100 * apart).toFixed(1)} cm`);
     }
     if (pose.velocity) {
       this.#figure("speed", `${pose.velocity[0].toFixed(2)} m/s, ${pose.velocity[1].toFixed(2)} rad/s`);
@@ -187,7 +187,7 @@ export class Panels {
     $("task-state").textContent = active ? status.state : "not active";
     $("task-state").className = `badge ${active ? (status.state === "recovering" ? "warn" : "good") : "warn"}`;
     if (active && status.state === "idle" && !status.goal && $("task").textContent.includes(" left")) {
-      $("task").textContent = "nothing to do";
+      $("task").textContent = "no task";
     }
   }
 
@@ -232,11 +232,11 @@ export class Panels {
     const items = names.map((name) => {
       const known = this.#services.get(name);
       const runs = this.#running.has(name);
-      const said = runs ? (known?.message ?? "running") : "not running";
+      const message = runs ? (known?.message ?? "running") : "not running";
       const waits = runs && (known?.level ?? 0) > 0;
       const item = element("li", "", runs ? (waits ? "waits" : "") : "gone");
-      const told = runs ? [said, ...faultsOf(known)].join("; ") : said;
-      item.append(element("span", "", "dot"), element("strong", name), element("span", told, "muted"));
+      const text = runs ? [message, ...faultsOf(known)].join("; ") : message;
+      item.append(element("span", "", "dot"), element("strong", name), element("span", text, "muted"));
       const values = Object.entries(known?.values ?? {}).filter(([, value]) => value !== "");
       item.title = values.map(([key, value]) => `${key}: ${value}`).join("\n");
       return item;
@@ -251,7 +251,7 @@ export class Panels {
   }
 }
 
-/** What a service has rejected or lost, which its message does not say. */
+/** What a service has rejected or lost, which its message does not contain. */
 function faultsOf(status) {
   return Object.entries(status?.values ?? {})
     .filter(([key]) => FAULTS.some((kind) => key.startsWith(kind)))
@@ -260,7 +260,7 @@ function faultsOf(status) {
 
 function showTree(log) {
   if (log.nodes.length === 0) {
-    $("tree").replaceChildren(element("li", "no task runs", "IDLE"));
+    $("tree").replaceChildren(element("li", "no task running", "IDLE"));
     return;
   }
   const items = log.nodes.map((node) => {

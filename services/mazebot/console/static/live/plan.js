@@ -47,7 +47,7 @@ export class Plan {
     canvas.addEventListener("pointercancel", (event) => this.#forget(event));
     canvas.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
-    // A script of the person's own may ask where a place is on the screen.
+    // A user's own script may ask where a place is on the screen.
     canvas.pixelOf = (x, y) => {
       const box = canvas.getBoundingClientRect();
       const [px, py] = this.at(x, y);
@@ -95,7 +95,7 @@ export class Plan {
     this.redraw();
   }
 
-  /** The world has come or changed: show all of it, unless the person has looked elsewhere. */
+  /** The world has come or changed: show all of it, unless the user has looked elsewhere. */
   worldChanged() {
     if (!this.#looksElsewhere) {
       this.fit();
@@ -231,7 +231,7 @@ export class Plan {
     this.redraw();
   }
 
-  /** Aim without a pointer: from the robot's place on. `onAim(pose)` is told where to. */
+  /** Aim without a pointer: from the robot's place on. `onAim(pose)` gets the aim. */
   #key(event) {
     const step = AIM_KEYS[event.key];
     const turn = this.hasHeading ? TURN_KEYS[event.key] : 0;

@@ -4,17 +4,17 @@ import { Viewer } from "/static/viewer.js";
 
 const LOOK_MS = 3000;
 const FOLLOW_MS = 500;
-/** Of what the viewer has been told to show, within which it says that it does. */
+/** Of a time sent to the viewer, within which the viewer reports it. */
 const SAME_S = 0.002;
-const MOST_TOLD = 20;
-/** After a touch of the viewer, within which another time is the person's wish. */
+const MOST_SENT = 20;
+/** After a touch of the viewer, within which another time is the user's choice. */
 const TOUCH_MS = 3000;
 
 /** The pane; it loads the viewer when it is first shown, and opens the next run by itself. */
 export class RerunPane {
   #box;
   #viewer = null;
-  #says;
+  #status;
   #button;
   #run;
   #nowS;
@@ -23,13 +23,13 @@ export class RerunPane {
   #file = "";
   #isFollowing = true;
   #wantedS = null;
-  #told = [];
+  #sent = [];
   #touchedMs = -Infinity;
 
   /** `run()` gives the name of the newest run, or ""; `nowS()` the simulation time, in s. */
   constructor(box, run, nowS) {
     this.#box = box;
-    this.#says = box.querySelector("p");
+    this.#status = box.querySelector("p");
     this.#button = box.querySelector("button");
     this.#run = run;
     this.#nowS = nowS;
@@ -64,14 +64,14 @@ export class RerunPane {
       const live = await this.#liveAddress();
       const url = live || (await fileOf(run));
       if (!url) {
-        // It may come: a run's files are not all there with its first word.
-        this.#says.textContent = run
-          ? `${run}: no recording of this name is among the runs that this console shows`
-          : "no run is recorded yet";
+        // It may come: not all files of a run exist at its start.
+        this.#status.textContent = run
+          ? `${run}: no recording with this name in the folder of runs of this console`
+          : "no recorded run yet";
         return;
       }
       if (!this.#viewer) {
-        this.#says.textContent = "loading the viewer ...";
+        this.#status.textContent = "loading the viewer ...";
         this.#viewer = await Viewer.start(
           this.#box.querySelector(".rerun-box"),
           this.#box.dataset.version,
@@ -80,14 +80,14 @@ export class RerunPane {
         this.#viewer.onTime = (timeS) => this.#sees(timeS);
       }
       delete this.#box.dataset.recording;
-      this.#told = [];
+      this.#sent = [];
       await this.#viewer.open([url]);
       this.#shownRun = run;
       this.#file = live ? "" : url;
       this.#follow(this.#wantedS === null);
-      this.#says.textContent = "";
+      this.#status.textContent = "";
     } catch (error) {
-      this.#says.textContent = `the viewer cannot be shown: ${error.message}`;
+      this.#status.textContent = `failed to show the viewer: ${error.message}`;
     } finally {
       this.#isStarting = false;
     }
@@ -110,7 +110,7 @@ export class RerunPane {
   #opened(recording) {
     this.#box.dataset.recording = recording;
     if (this.#wantedS !== null) {
-      this.#tell(this.#wantedS);
+      this.#sendTime(this.#wantedS);
       this.#wantedS = null;
     }
   }
@@ -123,7 +123,7 @@ export class RerunPane {
       await this.toggle();
     }
     if (this.#box.dataset.recording) {
-      this.#tell(timeS);
+      this.#sendTime(timeS);
       this.#wantedS = null;
     }
   }
@@ -137,21 +137,21 @@ export class RerunPane {
 
   #showNow() {
     if (this.#isFollowing && this.#file && this.isShown && this.#box.dataset.recording && !document.hidden) {
-      this.#tell(this.#nowS());
+      this.#sendTime(this.#nowS());
     }
   }
 
-  #tell(timeS) {
-    if (timeS !== this.#told[this.#told.length - 1]) {
-      this.#told = [...this.#told.slice(-MOST_TOLD), timeS];
+  #sendTime(timeS) {
+    if (timeS !== this.#sent[this.#sent.length - 1]) {
+      this.#sent = [...this.#sent.slice(-MOST_SENT), timeS];
       this.#viewer.seek(timeS);
     }
   }
 
-  /** The person has gone to another time in the viewer itself: it stays there. */
+  /** The user has gone to another time in the viewer itself: it stays there. */
   #sees(timeS) {
     this.#box.dataset.time = timeS;
-    const isOurs = this.#told.some((told) => Math.abs(told - timeS) < SAME_S);
+    const isOurs = this.#sent.some((sent) => Math.abs(sent - timeS) < SAME_S);
     if (this.#isFollowing && !isOurs && performance.now() - this.#touchedMs < TOUCH_MS) {
       this.#follow(false);
     }

@@ -15,7 +15,7 @@ export class Scene {
     this.beginAnew();
   }
 
-  /** The simulation begins anew: only the world stays. */
+  /** The simulation restarted: only the world stays. */
   beginAnew() {
     this.pose = null;
     this.shown = { truth: null, estimate: null };
@@ -42,7 +42,7 @@ export class Scene {
         }
         this.world = content;
         return true;
-      case "began_anew":
+      case "restarted":
         this.beginAnew();
         return true;
       case "map":

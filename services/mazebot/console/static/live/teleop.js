@@ -12,7 +12,7 @@ const KEYS = {
   d: [0, -1], arrowright: [0, -1],
 };
 
-/** Sends what the person wants as long as it is wanted: `{do: "drive"}`, and `{do: "stop"}` once. */
+/** Sends what the user commands as long as it is commanded: `{do: "drive"}`, and `{do: "stop"}` once. */
 export class Teleop {
   #link;
   #pad;
@@ -116,7 +116,7 @@ export class Teleop {
 
   #send() {
     const [linear, angular] = this.#velocity();
-    this.#link.tell({ do: "drive", linear_m_s: linear, angular_rad_s: angular });
+    this.#link.send({ do: "drive", linear_m_s: linear, angular_rad_s: angular });
   }
 
   /** Let go of everything: the robot stops. */
@@ -128,7 +128,7 @@ export class Teleop {
     if (this.#timer) {
       clearInterval(this.#timer);
       this.#timer = 0;
-      this.#link.tell({ do: "stop" });
+      this.#link.send({ do: "stop" });
     }
   }
 }

@@ -28,7 +28,7 @@ class SightingParams:
     gate: float = 4.0
     """A sighting further off than this many standard deviations is left out."""
     most_left_out: int = 8
-    """After so many in a row the filter begins anew with the next."""
+    """After so many in a row the filter is reset to the next."""
 
 
 class DockEstimate:

@@ -203,8 +203,8 @@ class Docker:
         if running_s > p.initial_perception_timeout_s:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
-                f"the dock's marker was seen {estimate.count - self._seen_before} times in "
-                f"{running_s:.1f} s: must be {p.views} times",
+                f"the dock's marker was detected {estimate.count - self._seen_before} times in "
+                f"{running_s:.1f} s: must be at least {p.views} times",
             )
         if seen:
             bearing_rad = _bearing(base, estimate.odom_from_marker)
@@ -260,7 +260,7 @@ class Docker:
 
     def _is_hidden(self, base: SE2, at: SE2) -> bool:
         """Whether the marker is out of the picture because of where the robot looks, and odometry
-        is good enough to go on by: a curve to a dock far aside leads there.
+        is good enough to continue by: a curve to a dock far aside leads there.
         """
         marker = self._marker_from_dock.inverse()
         half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
@@ -276,8 +276,8 @@ class Docker:
         if self._running_s(now_ns) > p.dock_approach_timeout_s:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
-                f"the dock was not reached in {p.dock_approach_timeout_s:.0f} s: {-at.x_m:.3f} m "
-                f"before it, {at.y_m:.3f} m aside",
+                f"failed to reach the dock within {p.dock_approach_timeout_s:.0f} s: "
+                f"{-at.x_m:.3f} m before it, {at.y_m:.3f} m to the side",
             )
         lost_s = (now_ns - max(self._estimate.last_stamp_ns, self._hidden_ns)) * 1e-9
         # So near the end odometry is good enough, and so near the marker it has to be.
@@ -288,7 +288,7 @@ class Docker:
         if lost_s > p.external_detection_timeout_s and not by_odometry:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
-                f"the dock's marker has not been seen for {lost_s:.1f} s, {-at.x_m:.2f} m before "
+                f"the dock's marker was not detected for {lost_s:.1f} s, {-at.x_m:.2f} m before "
                 "the dock",
             )
         speed = self._limited.velocity
@@ -297,7 +297,7 @@ class Docker:
             if contact_s < speed.linear_m_s / p.acceleration_m_s2 + 0.5:
                 raise NavigationError(
                     ErrorCode.FAILED_TO_CONTROL,
-                    f"something is in the way {-at.x_m:.2f} m before the dock",
+                    f"obstacle in the way, {-at.x_m:.2f} m before the dock",
                 )
 
     def _align(self, now_ns: int, elapsed_s: float, at: SE2) -> DockingStep:
@@ -320,7 +320,7 @@ class Docker:
         if abs(at.y_m) > p.lateral_tolerance_m or at.x_m > p.longitudinal_tolerance_m:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
-                f"docked {at.y_m:.3f} m aside and {at.x_m:.3f} m too far: must be within "
+                f"docked {at.y_m:.3f} m to the side and {at.x_m:.3f} m too far: must be within "
                 f"{p.lateral_tolerance_m} m and {p.longitudinal_tolerance_m} m",
             )
         if at.x_m < -p.longitudinal_tolerance_m:
@@ -346,7 +346,7 @@ class Docker:
             if at.x_m > -p.final_straight_m:
                 raise NavigationError(
                     ErrorCode.FAILED_TO_CONTROL,
-                    f"something is behind the robot, {-at.x_m:.2f} m before the dock",
+                    f"obstacle behind the robot, {-at.x_m:.2f} m before the dock",
                 )
             return self._answer(STOP, elapsed_s)
         return self._answer(wanted, elapsed_s)
@@ -443,7 +443,7 @@ class Undocker:
         if (now_ns - self._start_ns) * 1e-9 > self._time_s:
             raise NavigationError(
                 ErrorCode.DOCKING_TIMEOUT,
-                f"undocking took more than {self._time_s:.0f} s: {left_m:.2f} m are left",
+                f"undocking timed out after {self._time_s:.0f} s: {left_m:.2f} m left",
             )
         speed_m_s = p.graceful.v_linear_max_m_s
         if left_m > 0.0 and time_to_collision(Velocity(-speed_m_s, 0.0)) < 1.0:
@@ -453,7 +453,7 @@ class Undocker:
                 velocity = self._limited.toward(STOP, elapsed_s)
                 return DockingStep(DockState.CONTROLLING, velocity, 0, False)
             raise NavigationError(
-                ErrorCode.FAILED_TO_CONTROL, "undocking: something is behind the robot"
+                ErrorCode.FAILED_TO_CONTROL, "undocking: obstacle behind the robot"
             )
         slow = math.sqrt(p.acceleration_m_s2 * max(left_m, 0.0))
         wanted = Velocity(-min(speed_m_s, slow), -0.5 * at.yaw_rad)

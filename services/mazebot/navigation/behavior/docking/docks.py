@@ -129,13 +129,13 @@ class Docks:
     def _dock(self, marker: MarkerEntity, camera: CameraView | None) -> Dock:
         map_from_marker = planar_marker(pose_matrix(marker))
         if camera is None:
-            raise ValueError("docking needs the camera, and nothing has come of it yet")
+            raise ValueError("docking needs the camera: nothing received from it yet")
         places, height_m = self.places, marker.position_m[2]
         seen_m = camera.whole_view_m(height_m, marker.panel_side_m, places.picture_margin)
         if seen_m > places.most_m:
             raise ValueError(
-                f"the camera sees all of it, {marker.panel_side_m:.2f} m wide at a height of "
-                f"{height_m:.2f} m, only from {seen_m:.2f} m away: must be at most "
+                f"the camera sees the whole marker, {marker.panel_side_m:.2f} m wide at a height "
+                f"of {height_m:.2f} m, only from {seen_m:.2f} m away: must be at most "
                 f"{places.most_m} m"
             )
         # In whole centimetres: the same for cameras that differ in the last bit.

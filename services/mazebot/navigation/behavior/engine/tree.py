@@ -111,7 +111,7 @@ class TreeRun:
 
 @dataclass(frozen=True)
 class NodePlace:
-    """What a node is told at its construction."""
+    """What a node is given at its construction."""
 
     uid: int
     kind: str
@@ -136,7 +136,7 @@ class NodeSnapshot(NamedTuple):
 
 
 class Node(ABC):
-    """A node; its class says which ports it has and how many children it takes."""
+    """A node; its class defines which ports it has and how many children it takes."""
 
     ports: ClassVar[tuple[Port, ...]] = ()
     fewest_children: ClassVar[int] = 0
@@ -162,7 +162,7 @@ class Node(ABC):
     def tick(self, now_ns: int) -> NodeStatus:
         """Let the node work for one tick; returns its status, never IDLE."""
         status = self._tick(now_ns)
-        assert status is not NodeStatus.IDLE, f"{self} answered IDLE"
+        assert status is not NodeStatus.IDLE, f"{self} returned IDLE"
         self.status = self._answered = status
         self._answered_in_tick = self.place.run.tick_number
         return status

@@ -42,7 +42,7 @@ class AssistedTeleop(Motion):
         if at.running_s > self._time_allowance_s:
             raise NavigationError(
                 ErrorCode.ASSISTED_TELEOP_TIMEOUT,
-                f"AssistedTeleop: the time allowance of {self._time_allowance_s:.1f} s has passed",
+                f"AssistedTeleop: exceeded the time allowance of {self._time_allowance_s:.1f} s",
             )
         asked = self._wanted or STOP
         v_most, w_most = p.teleop_linear_limit_m_s, p.teleop_angular_limit_rad_s

@@ -72,8 +72,8 @@ class DriveOnHeading(Motion):
         if at.running_s > goal.time_allowance_s:
             raise NavigationError(
                 self.timeout,
-                f"{self.name} drove {abs(self.feedback):.2f} of {abs(goal.target_x_m):.2f} m in "
-                f"{goal.time_allowance_s:.1f} s",
+                f"{self.name}: exceeded the time allowance of {goal.time_allowance_s:.1f} s: drove "
+                f"{abs(self.feedback):.2f} of {abs(goal.target_x_m):.2f} m",
             )
         fastest_m_s = abs(goal.speed_m_s)
         ahead_m = max(left_m - self._speed_m_s * at.elapsed_s, 0.0)
@@ -88,7 +88,7 @@ class DriveOnHeading(Motion):
             if contact_s <= min(p.simulate_ahead_time_s, left_m / fastest_m_s):
                 raise NavigationError(
                     self.collision_ahead,
-                    f"{self.name}: something is {contact_s * fastest_m_s:.2f} m "
+                    f"{self.name}: obstacle {contact_s * fastest_m_s:.2f} m "
                     f"{'ahead' if sign > 0.0 else 'behind'}",
                 )
         faster = wanted_m_s > self._speed_m_s

@@ -72,7 +72,7 @@ class Motion(ABC):
     ) -> MotionStep:
         """Advance by one control period.
 
-        Raises NavigationError with a code of the 700s where it cannot go on.
+        Raises NavigationError with a code of the 700s where it cannot continue.
         """
         elapsed_s = control_period_s
         if self._start_ns is None:

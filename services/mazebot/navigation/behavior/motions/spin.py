@@ -54,8 +54,8 @@ class Spin(Motion):
         if at.running_s > goal.time_allowance_s:
             raise NavigationError(
                 ErrorCode.SPIN_TIMEOUT,
-                f"Spin turned {abs(self.feedback):.2f} of {abs(goal.target_yaw_rad):.2f} rad in "
-                f"{goal.time_allowance_s:.1f} s",
+                f"Spin: exceeded the time allowance of {goal.time_allowance_s:.1f} s: turned "
+                f"{abs(self.feedback):.2f} of {abs(goal.target_yaw_rad):.2f} rad",
             )
         # The command acts for a whole period before the next one can brake.
         ahead_rad = max(left_rad - abs(self._rate_rad_s) * at.elapsed_s, 0.0)
@@ -82,7 +82,7 @@ class Spin(Motion):
             side = "left" if sign > 0.0 else "right"
             raise NavigationError(
                 ErrorCode.SPIN_COLLISION_AHEAD,
-                f"Spin: turning {side} by {contact_s * rate_rad_s:.2f} rad touches something",
+                f"Spin: collision after turning {side} by {contact_s * rate_rad_s:.2f} rad",
             )
 
 

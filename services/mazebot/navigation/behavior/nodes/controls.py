@@ -24,13 +24,13 @@ class Control(Node):
 
 
 class InOrder(Control):
-    """Ticks its children in order until one answers `ends`; while one runs, goes on from there."""
+    """Ticks its children in order until one returns `ends`; while one runs, continues there."""
 
     ends: ClassVar[NodeStatus]
     completes: ClassVar[NodeStatus]
     """Its answer when no child has ended it."""
     keeps_place = False
-    """Whether it goes on at the child that has ended it, and also after a halt."""
+    """Whether it continues at the child that has ended it, and also after a halt."""
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
         super().__init__(place, children)
@@ -69,7 +69,7 @@ class InSequence(InOrder):
 
 
 class SequenceWithMemory(InOrder):
-    """A Sequence that goes on at the child that failed."""
+    """A Sequence that continues at the child that failed."""
 
     ends, completes = FAILURE, SUCCESS
     keeps_place = True
@@ -113,7 +113,7 @@ class ReactiveSequence(Reactive):
 
 
 class ReactiveFallback(Reactive):
-    """Succeeds with the first child that does, asked anew in every tick."""
+    """Succeeds with the first child that does, all ticked again in every tick."""
 
     ends, completes = SUCCESS, FAILURE
 
@@ -121,7 +121,7 @@ class ReactiveFallback(Reactive):
 class PipelineSequence(Control):
     """Ticks all children up to the furthest one reached, in every tick.
 
-    An earlier child that runs again is passed over, so that a path is planned anew while the one
+    An earlier child that runs again is passed over, so that a path is replanned while the one
     before is followed.
     """
 
@@ -209,8 +209,8 @@ class RoundRobin(Control):
     """Ticks one child until it ends, at the next call the next one.
 
     A child's success is its answer, whichever child it is, and the one after it is next; after the
-    last child the first one is. A failure goes on to the next child in the same tick; at the last
-    child it is the answer, unless it wraps round: then only after all have failed.
+    last child the first one is. A failure continues with the next child in the same tick; at the
+    last child it is the answer, unless it wraps round: then only after all have failed.
     """
 
     ports = (Port("wrap_around", "flag", "false"),)

@@ -10,13 +10,13 @@ from mazebot.navigation.behavior.engine.tree import Node, NodeStatus
 from mazebot.navigation.errors import NavigationError
 
 SERVER_PORTS = (Port("server_name"), Port("server_timeout", "number"))
-"""Ports of Nav2's action nodes that say nothing within one process."""
+"""Ports of Nav2's action nodes that have no meaning within one process."""
 ERROR_PORTS = (out("error_code_id", "integer"), out("error_msg", "text"))
 ACTION_PORTS = (*SERVER_PORTS, *ERROR_PORTS)
 
 
 class ActionNode(Node):
-    """An action: it is begun, goes on in each tick, and reports why it failed."""
+    """An action: it starts, runs in each tick, and reports why it failed."""
 
     action: ClassVar[str]
     """Nav2's name of the action, to which its codes belong."""
@@ -25,7 +25,7 @@ class ActionNode(Node):
         try:
             if self.status is not NodeStatus.RUNNING:
                 self._begin(now_ns)
-            status = self._go_on(now_ns)
+            status = self._on_running(now_ns)
         except NavigationError as error:
             self._fail(int(error.code), error.message)
             return NodeStatus.FAILURE
@@ -49,11 +49,11 @@ class ActionNode(Node):
         """Begin the action. May raise NavigationError."""
 
     @abstractmethod
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         """Work for one tick: RUNNING or SUCCESS. May raise NavigationError."""
 
     def _cancel(self) -> None:
-        """End what the action has begun: it has failed, or is halted."""
+        """End what the action has started: it has failed, or is halted."""
 
     def where(self) -> str:
         """Where the robot is, as the end of a message; empty while that is not known."""

@@ -44,7 +44,7 @@ class MotionNode(ActionNode):
         self._motion = self._make()
         self.place.run.running_motion = self._motion
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         assert self._motion is not None
         run = self.place.run
         step = self._motion.step(
@@ -157,10 +157,10 @@ class AssistedTeleopNode(MotionNode):
     def _make(self) -> Motion:
         return AssistedTeleop(self.place.run.behaviors, self.number("time_allowance"))
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         assert isinstance(self._motion, AssistedTeleop)
         self._motion.ask(self.context.teleop())
-        return super()._go_on(now_ns)
+        return super()._on_running(now_ns)
 
 
 class DockRobotNode(ActionNode):
@@ -199,7 +199,7 @@ class DockRobotNode(ActionNode):
             return self.context.dock(self.text("dock_id"))
         pose = self.pose("dock_pose")
         if pose is None:
-            raise TreeError(f"{self}, port 'dock_pose': there is no pose on the blackboard")
+            raise TreeError(f"{self}, port 'dock_pose': no pose on the blackboard")
         return self.context.dock_at(pose)
 
     def _with_room(self, map_from_dock: SE2) -> DockingParams:
@@ -228,10 +228,10 @@ class DockRobotNode(ActionNode):
                 return nearer
         raise NavigationError(
             ErrorCode.FAILED_TO_STAGE,
-            f"there is no room before the dock of marker {self._dock.marker_id}: {reason}",
+            f"no room before the dock of marker {self._dock.marker_id}: {reason}",
         )
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         run, context = self.place.run, self.context
         if self._docker is None and not self._is_staged(now_ns):
             run.docking_step = DockingStep(
@@ -272,12 +272,12 @@ class DockRobotNode(ActionNode):
         if (now_ns - self._began_ns) * 1e-9 > self.number("max_staging_time"):
             raise NavigationError(
                 ErrorCode.FAILED_TO_STAGE,
-                f"the staging pose was not reached in {self.number('max_staging_time'):.0f} s",
+                f"failed to reach the staging pose within {self.number('max_staging_time'):.0f} s",
             )
         if self._way is None:
             navigate = self.place.run.navigate
             if navigate is None:
-                raise TreeError(f"{self}: nothing here can drive to the staging pose")
+                raise TreeError(f"{self}: no navigator to drive to the staging pose")
             self._way = navigate(staging)
         ending = self._way.step(now_ns)
         if ending is None:
@@ -285,7 +285,7 @@ class DockRobotNode(ActionNode):
         self._leave_way()
         if ending.code != ErrorCode.NONE:
             raise NavigationError(
-                ErrorCode.FAILED_TO_STAGE, f"the staging pose was not reached: {ending.message}"
+                ErrorCode.FAILED_TO_STAGE, f"failed to reach the staging pose: {ending.message}"
             )
         return True
 
@@ -317,7 +317,7 @@ class UndockRobotNode(ActionNode):
         self.put("success", False)
         self._undocker = Undocker(self.place.run.docking, self.number("max_undocking_time"))
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         assert self._undocker is not None
         step = self._undocker.step(
             now_ns,

@@ -38,11 +38,11 @@ class FollowPath(ActionNode):
     def _begin(self, now_ns: int) -> None:
         self._request = None
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         path = self.path("path")
         if path is None:
             if self.status is not RUNNING:
-                raise NavigationError(ErrorCode.INVALID_PATH, "there is no path to follow")
+                raise NavigationError(ErrorCode.INVALID_PATH, "no path to follow")
             # The planner has found none this time: stand until it gives up or finds one.
             if self._request is not None:
                 self._request = None
@@ -92,7 +92,7 @@ class ClearEntireCostmap(ActionNode):
         Port("plugins"),
     )
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         plugins = self.text("plugins").replace(",", ";").split(";")
         self.context.clear_costmap(
             ClearRequest(

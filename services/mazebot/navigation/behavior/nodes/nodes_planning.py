@@ -37,10 +37,10 @@ class ComputePathToPose(ActionNode):
         *ACTION_PORTS,
     )
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         goal = self.pose("goal")
         if goal is None:
-            raise TreeError(f"{self}, port 'goal': there is no goal on the blackboard")
+            raise TreeError(f"{self}, port 'goal': no goal on the blackboard")
         start = self.pose("start") if self.flag("use_start") else None
         goals = (*self.poses("viapoints"), goal)
         self.put("path", self.context.compute_path(start, goals, self.text("planner_id")))
@@ -66,7 +66,7 @@ class ComputePathThroughPoses(ActionNode):
         *ACTION_PORTS,
     )
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         goals = self.poses("goals")
         if not goals:
             raise NavigationError(ErrorCode.NO_VIAPOINTS_GIVEN, "no poses to plan through")
@@ -98,10 +98,10 @@ class SmoothPath(ActionNode):
         *ACTION_PORTS,
     )
 
-    def _go_on(self, now_ns: int) -> NodeStatus:
+    def _on_running(self, now_ns: int) -> NodeStatus:
         path = self.path("unsmoothed_path")
         if path is None:
-            raise NavigationError(ErrorCode.SMOOTHER_INVALID_PATH, "there is no path to smooth")
+            raise NavigationError(ErrorCode.SMOOTHER_INVALID_PATH, "no path to smooth")
         if self.flag("check_for_collisions"):
             hit = self.context.collisions(path, PathCheck())
             if hit:

@@ -98,7 +98,7 @@ def read_tree(text: str | bytes, source: str) -> TreeFile:
         if not name:
             raise ConfigError(f"{source}:{element.line}: <BehaviorTree> has no ID")
         if name in trees:
-            raise ConfigError(f"{source}:{element.line}: there are two trees with ID {name!r:.60}")
+            raise ConfigError(f"{source}:{element.line}: duplicate tree ID {name!r:.60}")
         if len(element.children) != 1:
             raise ConfigError(
                 f"{source}:{element.line}: tree {name!r:.60} has {len(element.children)} root "
@@ -115,7 +115,7 @@ def read_tree(text: str | bytes, source: str) -> TreeFile:
 
 def _main_id(root: Element, trees: dict[str, Element], source: str) -> str:
     if not trees:
-        raise ConfigError(f"{source}:{root.line}: there is no <BehaviorTree>")
+        raise ConfigError(f"{source}:{root.line}: no <BehaviorTree> found")
     main = root.attributes.get("main_tree_to_execute")
     if main is None:
         if len(trees) > 1:
@@ -178,7 +178,7 @@ class _Checker:
                 _check_text(at, ports[name], text)
             elif name not in _RESERVED:
                 self.warnings.append(
-                    f"{at}, port {name!r:.60}: ignored, there is no such port{_meant(name, ports)}"
+                    f"{at}, port {name!r:.60}: ignored: no such port{_meant(name, ports)}"
                 )
         for port in ports.values():
             if port.required and port.name not in given:
@@ -188,9 +188,7 @@ class _Checker:
         at = f"{self.source}:{element.line}: SubTree"
         name = element.attributes.get("ID", "")
         if name not in self._trees:
-            raise ConfigError(
-                f"{at}: there is no tree with ID {name!r:.60}{_meant(name, self._trees)}"
-            )
+            raise ConfigError(f"{at}: no tree with ID {name!r:.60}{_meant(name, self._trees)}")
         if element.children:
             raise ConfigError(f"{at} {name!r:.60} has children: must have none")
 

@@ -36,7 +36,7 @@ class BatchPace:
         self._last_ns: int | None = None
         self._controller: object = None
         self._batched: Batched | None = None
-        """That controller, if it is one. To ask anew takes longer than the rest of a step."""
+        """That controller, if it is one. A lookup takes longer than the rest of a step."""
         self._full: dict[int, int] = {}
         """Configured batch, by the controller's identity."""
         self._in_time = 0
@@ -68,12 +68,14 @@ class BatchPace:
             if self._in_time >= _IN_TIME:
                 self._in_time = 0
                 batched.batch_size = min(int(before * _GROW) + 1, full)
-        self._tell(before, batched.batch_size, full)
+        self._log_change(before, batched.batch_size, full)
 
-    def _tell(self, before: int, now: int, full: int) -> None:
+    def _log_change(self, before: int, now: int, full: int) -> None:
         if before == full and now < full:
             _LOG.warning(
-                "control steps come late: %d trajectories are tried instead of %d", now, full
+                "Control loop missed its desired rate: sampling %d trajectories instead of %d",
+                now,
+                full,
             )
         elif before < full and now == full:
-            _LOG.info("control steps are in time again: %d trajectories are tried", full)
+            _LOG.info("Control loop is back at its desired rate: sampling %d trajectories", full)

@@ -129,7 +129,7 @@ class PathAngleCriticParams(CriticParams):
 class PreferForwardCriticParams(CriticParams):
     """Driving backwards."""
 
-    cost_weight: float = Field(5.0, ge=0, description="weight of the way driven backwards, m")
+    cost_weight: float = Field(5.0, ge=0, description="weight of the distance driven backwards, m")
     threshold_to_consider: float = Field(
         0.5, gt=0, description="m; used where more of the path than this is left"
     )
@@ -167,7 +167,9 @@ class MovingObstaclesCriticParams(CriticParams):
         0.05, ge=0, description="m/s; how fast the place of an obstacle becomes uncertain"
     )
     prediction_time: float = Field(
-        2.0, ge=0, description="s; an obstacle is predicted to move on for this long, then to stand"
+        2.0,
+        ge=0,
+        description="s; an obstacle is predicted to keep moving for this long, then to stop",
     )
     trajectory_point_step: int = Field(2, ge=1, description="every how many-th point is examined")
 
@@ -206,10 +208,12 @@ class MPPIParams(ControllerParams):
         "that accelerates slowly follows nothing",
     )
     retry_attempt_limit: int = Field(
-        1, ge=0, description="how often a colliding result is optimised anew from a standstill"
+        1,
+        ge=0,
+        description="retries of the optimisation from a standstill where its result collides",
     )
     regenerate_noises: bool = Field(
-        False, description="draw the noise anew in every period, which takes 20 ms"
+        False, description="regenerate the noise in every period, which takes 20 ms"
     )
     open_loop: bool = Field(
         True, description="start from the last command, not from the measured velocity"

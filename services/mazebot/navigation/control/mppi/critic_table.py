@@ -11,7 +11,7 @@ from mazebot.navigation.control.mppi.critics import Critic
 
 
 def critics_in_order() -> tuple[tuple[str, type[Critic]], ...]:
-    """The critics by the name of their parameters, obstacles first: they say which trajectories
+    """The critics by the name of their parameters, obstacles first: they decide which trajectories
     collide.
     """
     return (

@@ -50,7 +50,7 @@ _PATH_SPACING_M = 0.05
 _BANK = 4
 """The bank of noise is this many times as wide as a batch; each step takes another part of it."""
 _ALIGNED_RAD = 0.2
-"""A turn on the spot that has begun goes on until the heading error is this small."""
+"""A turn on the spot that has started continues until the heading error is this small."""
 _CANDIDATES: tuple[tuple[float, float], ...] = tuple(
     (v, w) for v in (1.0, 0.6, 0.3, 0.0, -0.5) for w in (0.0, 0.2, -0.2, 0.5, -0.5, 0.9, -0.9)
 )

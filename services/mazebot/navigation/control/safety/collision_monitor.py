@@ -42,7 +42,7 @@ _BESIDE_M: Final = 0.08
 """Points this near to the disc of a thing that moves belong to it."""
 NOTHING_MOVES: Final[Array] = np.empty((0, 5))
 _GOES_ON_S: Final = (0.5, 1.0)
-"""A robot that goes on for so long before it brakes may get out of the way of what moves."""
+"""A robot that continues for so long before it brakes may get out of the way of what moves."""
 _CREEP_M_S: Final = 0.01
 """An approach allows the outline no slower motion: in the end that would touch too."""
 _APART_M: Final = 0.005
@@ -220,13 +220,13 @@ class CollisionMonitor:
 
         Args:
             now_ns: the time.
-            command: what the controller or a person wants.
+            command: that of the controller or of teleoperation.
             velocity: the present one, by odometry.
             sources: the newest points of each sensor.
             moving: (n, 5) float64, things known to move now, as `moving_in_base` gives them.
         """
         if not (math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s)):
-            state = MonitorState(Action.STOP, reason="the command is not a number")
+            state = MonitorState(Action.STOP, reason="the command is not a finite number")
             return self._publish(now_ns, STOP, state)
         if not self.enabled:
             return self._publish(now_ns, command, MonitorState())
@@ -249,11 +249,16 @@ class CollisionMonitor:
         for name, timeout_s in self._params.source_timeout_s.items():
             if name not in sources:
                 return MonitorState(
-                    Action.STOP, "invalid source", name, reason=f"invalid source: no {name} yet"
+                    Action.STOP,
+                    "invalid source",
+                    name,
+                    reason=f"invalid source: no {name} received yet",
                 )
             age_s = (now_ns - sources[name].stamp_ns) * 1e-9
             if timeout_s > 0.0 and age_s > timeout_s:
-                reason = f"invalid source: {name} is {age_s:.2f} s old, at most {timeout_s:g} s"
+                reason = (
+                    f"invalid source: {name} is {age_s:.2f} s old, must be at most {timeout_s:g} s"
+                )
                 return MonitorState(Action.STOP, "invalid source", name, reason=reason)
         return None
 
@@ -331,14 +336,14 @@ class _Zone:
         """Stop, slow down or limit."""
         params = self.params
         if params.action_type == "slowdown":
-            return _scaled(command, params.slowdown_ratio), Action.SLOWDOWN, "slower near them"
+            return _scaled(command, params.slowdown_ratio), Action.SLOWDOWN, "slowing down"
         if params.action_type == "limit":
             scale = _limiting(command, params.linear_limit_m_s, params.angular_limit_rad_s)
-            return _scaled(command, scale), Action.LIMIT, "no faster near them"
+            return _scaled(command, scale), Action.LIMIT, "limiting the speed"
         if command != STOP and len(within_m) and self._moves_away(command, within_m):
             scale = _limiting(command, *ESCAPE)
-            return _scaled(command, scale), Action.LIMIT, "may only move away from them"
-        return STOP, Action.STOP, "may come no nearer to them"
+            return _scaled(command, scale), Action.LIMIT, "only motion away from them is allowed"
+        return STOP, Action.STOP, "stopping"
 
     def _moves_away(self, command: Velocity, within_m: Array, nearer_m: float = _APART_M) -> bool:
         """Whether a command brings the footprint no nearer to the nearest of the points."""
@@ -369,7 +374,7 @@ class _Zone:
                 params.time_before_collision_s, params.min_points, met,
             )  # fmt: skip
             scale = min(contact_s / params.time_before_collision_s, 1.0)
-            what = f"contact in {contact_s:.2f} s"
+            what = f"collision in {contact_s:.2f} s"
         else:
             scale = self._braking_scale(
                 polygon, command, velocity, points_m, velocities_m_s, braking.delay_s, met
@@ -395,7 +400,7 @@ class _Zone:
         met: NDArray[np.bool_],
     ) -> float:
         """The factor of a command after which the robot can still brake. What moves counts if it
-        can be avoided by that: not where the robot gets out of its way by going on, nor where it
+        can be avoided by that: not where the robot gets out of its way by continuing, nor where it
         comes into a robot that stands as well and the command brings the robot no nearer.
         """
 
@@ -444,7 +449,7 @@ class _Cloud:
         self._points_m: dict[str, Array] = {}
         self._velocities_m_s: dict[str, Array] = {}
         for name, source in sources.items():
-            # A copy: a kernel is compiled anew for an array that cannot be written.
+            # A copy: a kernel is compiled again for a read-only array.
             points_m = np.array(source.points_m, np.float64, order="C").reshape(-1, 2)
             velocities_m_s = np.zeros_like(points_m)
             for x, y, radius_m, vx, vy in moving.tolist():

@@ -1,4 +1,4 @@
-"""Whether the robot is stuck: it is told to move, and does not."""
+"""Whether the robot is stuck: it is commanded to move, and does not."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class StuckDetectorParams(BaseModel):
         2.0, gt=0, description="s; motion is compared over the last so many seconds"
     )
     required_distance: float = Field(
-        0.1, gt=0, description="m; less commanded motion than this says nothing"
+        0.1, gt=0, description="m; with less commanded motion the robot is not judged"
     )
     required_angle: float = Field(
-        0.4, gt=0, description="rad; less commanded turning than this says nothing"
+        0.4, gt=0, description="rad; with less commanded turning the robot is not judged"
     )
     least_share: float = Field(
         0.2, gt=0, lt=1, description="share of the motion that must take place"
@@ -55,14 +55,14 @@ class StuckDetector:
         self._samples: deque[_Sample] = deque()
 
     def reset(self) -> None:
-        """Begin anew, e.g. with another goal or after a jump of the pose."""
+        """Start again, e.g. with another goal or after a jump of the pose."""
         self._samples.clear()
 
     def update(
         self, now_ns: int, command: Velocity, odom_from_base: SE2, map_from_base: SE2
     ) -> Stuck | None:
         """Take what was commanded since the last call and where the robot is; why it is stuck, or
-        None. A stop begins anew: a robot that stands has not to move.
+        None. A stop starts again: a robot that stands has not to move.
         """
         p, samples = self._params, self._samples
         if max(map(abs, command)) < 1e-3:
@@ -90,23 +90,25 @@ class StuckDetector:
 
     def _judge(self) -> Stuck | None:
         p, samples = self._params, list(self._samples)
-        told_m = sum([each.commanded_m for each in samples[1:]])
-        told_rad = sum([each.commanded_rad for each in samples[1:]])
+        commanded_m = sum([each.commanded_m for each in samples[1:]])
+        commanded_rad = sum([each.commanded_rad for each in samples[1:]])
         odom_m, odom_rad = _moved([each.odom_from_base for each in samples])
         # Most often the newest pose alone shows that the robot moves.
         ends = _moved([samples[0].map_from_base, samples[-1].map_from_base])
-        if not self._lacks(told_m, told_rad, odom_m, odom_rad) and not self._lacks(
+        if not self._lacks(commanded_m, commanded_rad, odom_m, odom_rad) and not self._lacks(
             odom_m, odom_rad, *ends
         ):
             return None
         true_m, true_rad = _moved([each.map_from_base for each in samples])
         seconds = p.time_allowance
-        if self._lacks(told_m, told_rad, odom_m, odom_rad):
-            text = f"commanded {told_m:.2f} m and {told_rad:.2f} rad in {seconds:.1f} s, "
-            return Stuck(False, f"{text}odometry has {odom_m:.2f} m and {odom_rad:.2f} rad")
+        if self._lacks(commanded_m, commanded_rad, odom_m, odom_rad):
+            text = f"commanded {commanded_m:.2f} m and {commanded_rad:.2f} rad in {seconds:.1f} s, "
+            return Stuck(False, f"{text}odometry measured {odom_m:.2f} m and {odom_rad:.2f} rad")
         if self._lacks(odom_m, odom_rad, true_m, true_rad):
             text = f"the wheels turned for {odom_m:.2f} m and {odom_rad:.2f} rad in {seconds:.1f} s"
-            return Stuck(True, f"{text}, localisation has {true_m:.2f} m and {true_rad:.2f} rad")
+            return Stuck(
+                True, f"{text}, localisation measured {true_m:.2f} m and {true_rad:.2f} rad"
+            )
         return None
 
     def _lacks(self, wanted_m: float, wanted_rad: float, m: float, rad: float) -> bool:

@@ -30,7 +30,7 @@ class VelocitySmootherParams:
     """Names as in Nav2, for x and theta; the limits are a waffle's."""
 
     feedback: Feedback = "OPEN_LOOP"
-    """Whether it goes on from its last command, or from the measured velocity."""
+    """Whether it continues from its last command, or from the measured velocity."""
     scale_velocities: bool = False
     """Whether both axes are limited by one factor, which keeps the curvature of a motion."""
     max_velocity: Velocity = _MAX_VELOCITY
@@ -64,7 +64,7 @@ class VelocitySmootherConfig(ControllerParams):
 
     feedback: Feedback = Field(
         "OPEN_LOOP",
-        description="OPEN_LOOP: goes on from its last command; CLOSED_LOOP: from odometry",
+        description="OPEN_LOOP: continues from its last command; CLOSED_LOOP: from odometry",
     )
     scale_velocities: bool = Field(
         False, description="limit both axes by one factor, which keeps the curvature"

@@ -189,7 +189,7 @@ def _without_turns(poses: Array, goal_yaw_rad: float) -> tuple[Array, Array, NDA
     moved = np.concatenate([np.abs(np.diff(poses[:, :2], axis=0)).sum(1) > 0.0, [True]])
     left = poses[moved]
     backwards = np.zeros(len(left), np.bool_)
-    # A pose says how it was reached; the point before it is the one left that way.
+    # A pose holds how it was reached; the point before it is the one left that way.
     reached = np.concatenate([poses[1:, 3], [0.0]])[moved] > 0.0
     backwards[:-1] = reached[:-1]
     yaws_rad = left[:, 2].copy()

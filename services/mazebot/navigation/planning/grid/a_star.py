@@ -26,7 +26,7 @@ Directions = NDArray[np.uint8]
 
 
 class Workspace:
-    """Arrays of one value a cell, kept from plan to plan: allocating them anew would fragment the
+    """Arrays of one value a cell, kept from plan to plan: allocating them again would fragment the
     heap.
     """
 
@@ -97,7 +97,7 @@ def a_star(
     Steps cost whole multiples of 1 / 1024, at most 0.1 % off: so sums are exact, and ways that
     cost the same do not differ by rounding, for which open space would be expanded over and over.
 
-    With `pull` 0 it has no heuristic (Dijkstra), else `pull` is 1. It goes on beyond the goal's
+    With `pull` 0 it has no heuristic (Dijkstra), else `pull` is 1. It continues beyond the goal's
     cost by `slack`. `cost_to_come` and `came_from`, one value a cell, are overwritten. Returns
     (status, cells expanded).
     """

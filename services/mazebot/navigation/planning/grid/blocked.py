@@ -38,7 +38,7 @@ def no_way(
     counts, not its walls.
     """
     text = (
-        f"no way from ({asked.start.x_m:.2f}, {asked.start.y_m:.2f}) "
+        f"no path from ({asked.start.x_m:.2f}, {asked.start.y_m:.2f}) "
         f"to ({asked.goal.x_m:.2f}, {asked.goal.y_m:.2f}) for a robot of {asked.needs}"
     )
     stride = grid.cells.shape[1]

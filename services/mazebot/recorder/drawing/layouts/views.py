@@ -201,7 +201,7 @@ def states_view(name: str = "States") -> rrb.StateTimelineView:
 
 
 def tree_states_view() -> rrb.StateTimelineView:
-    """What the behaviour tree does over time, beside what navigation says of it."""
+    """What the behaviour tree does over time, beside navigation's own state."""
     return rrb.StateTimelineView(
         name="Behavior",
         contents=[

@@ -55,8 +55,8 @@ class MapFolder:
         self._written_ns.clear()
 
     def write(self, folder: Path, now_ns: int, all_of_it: bool = False) -> None:
-        """Write what is new to a run's folder, unless it was written just before. What cannot be
-        written is told once in the log, and tried again.
+        """Write what is new to a run's folder, unless it was written just before. A failure is
+        logged once, and retried.
         """
         for name, write in ((MAP_NAME, self._write_map), (POSE_GRAPH_FILE, self._write_graph)):
             before_ns = self._written_ns.get(name)
@@ -72,13 +72,13 @@ class MapFolder:
         except (OSError, ConfigError) as error:
             if name not in self._in_trouble:
                 reason = error.strerror if isinstance(error, OSError) else error
-                _LOG.error("%s: the map cannot be written: %s", folder / name, reason)
+                _LOG.error("failed to write the map %s: %s", folder / name, reason)
             self._in_trouble.add(name)
             return
         self._unwritten.discard(name)
         if name in self._in_trouble:
             self._in_trouble.discard(name)
-            _LOG.info("%s: written again", folder / name)
+            _LOG.info("%s: recovered; written again", folder / name)
 
     def _write_map(self, folder: Path) -> None:
         grid = self._grid

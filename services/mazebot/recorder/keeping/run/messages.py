@@ -33,7 +33,7 @@ class RunMessages:
         self._pictures = pictures
         self._missed = Latched()
         self._log: MessageLog | None = None
-        self._is_told = False
+        self._is_logged = False
         """Whether it is known already why the file cannot be written."""
         self._recorded: Mapping[str, int] = {}
 
@@ -91,7 +91,7 @@ class RunMessages:
         try:
             log.flush(self._head, now_ns)
         except RecordingError as error:
-            self._is_told = True
+            self._is_logged = True
             raise RecordingError(f"{log.path}: {error}") from error
 
     def wait(self) -> None:
@@ -101,15 +101,15 @@ class RunMessages:
             self._log.wait(CLOSE_TIMEOUT_S)
 
     def end(self) -> bool:
-        """End the file; it can be gone on with. Returns whether it is whole."""
+        """End the file; it can be resumed. Returns whether it is whole."""
         log, self._log = self._log, None
         if log is None:
             return True
-        was_told, self._is_told = self._is_told, False
+        was_logged, self._is_logged = self._is_logged, False
         try:
             log.close()
         except RecordingError as error:
-            if not was_told:
+            if not was_logged:
                 _LOG.error("%s: %s", log.path, error)
             return False
         finally:

@@ -60,7 +60,9 @@ def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[
         answer = json.loads(done.stdout)
         text, error = answer["text"], answer["error"]
     except (ValueError, KeyError, TypeError):
-        raise StoppedError("cannot be expanded: xacro took too long or too much") from None
+        raise StoppedError(
+            "cannot be expanded: xacro exceeded its limit of time or memory"
+        ) from None
     if error:
         raise UnreadableError(f"cannot be expanded: {error}")
     return str(text).encode()

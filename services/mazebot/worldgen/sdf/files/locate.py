@@ -101,7 +101,7 @@ class Locator:
             raise LocateError(
                 "URI_INVALID", f"`{shown}` lies outside the file's folder and the path: {_HINT}"
             )
-        raise LocateError("URI_LOOKUP", f"`{shown}` is not there: {_HINT}")
+        raise LocateError("URI_LOOKUP", f"`{shown}` does not exist: {_HINT}")
 
     def _candidates(self, uri: str, folder: Path) -> Iterator[Path]:
         scheme = _SCHEME.match(uri)
@@ -115,7 +115,7 @@ class Locator:
             if not fetched:
                 raise LocateError(
                     "URI_INVALID",
-                    f"`{uri[:100]}` is remote and nothing is fetched: get it, and {_HINT}",
+                    f"`{uri[:100]}` is remote, and nothing is downloaded: download it, and {_HINT}",
                 )
             yield from fetched
             return

@@ -45,9 +45,9 @@ def main() -> None:
         if len(text) > MAX_FILE_BYTES:
             text, error = "", f"makes {len(text)} characters, must be at most {MAX_FILE_BYTES}"
     except MemoryError:
-        error = "xacro took too much memory"
+        error = "xacro exceeded its memory limit"
     except RecursionError:
-        error = "macros or includes go too deep"
+        error = "macros or includes are nested too deep"
     except Exception as problem:
         error = " ".join(str(problem).split())[:300] or type(problem).__name__
         if error.startswith("Undefined substitution argument "):
@@ -80,7 +80,7 @@ def _restrict(locator: Locator) -> None:
             # Otherwise it is YAML.
             data = without_comments(data)
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-            raise xacro.XacroException(f"{path.name} has a document type, which is refused")
+            raise xacro.XacroException(f"{path.name} has a DOCTYPE, which is not allowed")
         return io.BytesIO(data)
 
     def find(package: str) -> str:

@@ -45,7 +45,7 @@ def tree_of(data: bytes) -> etree._Element:
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
     if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
-        raise UnreadableError("has a document type or entities of its own, which are refused")
+        raise UnreadableError("has a DOCTYPE or its own entities, which are not allowed")
     # Space is moved behind the declaration, so that line numbers are kept.
     data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
     root, problem = _parsed(data, recover=False)

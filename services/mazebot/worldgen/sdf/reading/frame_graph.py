@@ -171,7 +171,7 @@ class FrameGraph:
             self._findings.error(
                 "FRAME_ATTACHED_TO_CYCLE",
                 at.place,
-                f"{at.kind} `{at.name}` is attached to itself, over other frames or at once",
+                f"{at.kind} `{at.name}` is attached to itself, directly or through other frames",
             )
             at = None
         end = self._attached[at] if at is not None and at in self._attached else at
@@ -283,7 +283,7 @@ class FrameGraph:
             self._findings.error(
                 "POSE_RELATIVE_TO_CYCLE",
                 named.pose.place,
-                f"the pose of {named.kind} `{named.name}` is relative to itself, over "
+                f"the pose of {named.kind} `{named.name}` is relative to itself, through "
                 f"`{named.pose.relative_to}`",
             )
         broken = named or item

@@ -51,8 +51,7 @@ def joined(
         _check_axes(joint, findings)
         if joint.joint_type != "fixed":
             findings.ignore(
-                f"joint {joint.full_name()} ({joint.joint_type or 'no type'}): its model stands "
-                "still",
+                f"joint {joint.full_name()} ({joint.joint_type or 'no type'}): its model is static",
                 joint.place,
             )
             for one in (joint, *(ends or ())):

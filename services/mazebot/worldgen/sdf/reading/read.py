@@ -187,7 +187,7 @@ class _Resolver:
             self._findings.error(
                 "DUPLICATE_NAME",
                 at,
-                f"{role} `{name[:100]}` must have a name of its own in link `{link.name}`",
+                f"{role} `{name[:100]}` must have a unique name in link `{link.name}`",
             )
         else:
             allowed_name(name, role, at, self._findings)
@@ -229,7 +229,7 @@ class _Resolver:
                     return mass_kg
                 if not static:
                     raise ValueError("must be > 0")
-                self._findings.ignore("mass of zero of what stands still", at)
+                self._findings.ignore("zero mass of a static model", at)
                 return DEFAULT_MASS_KG
             except ValueError as error:
                 self._findings.error("LINK_INERTIA_INVALID", at, f"<mass> {error}")
@@ -242,7 +242,7 @@ class _Resolver:
             volume = volume_m3(shape.geometry)
             if volume is None:
                 self._findings.ignore(
-                    f"automatic mass of a {shape.geometry.kind}: {DEFAULT_MASS_KG:g} kg is taken",
+                    f"automatic mass of a {shape.geometry.kind}: {DEFAULT_MASS_KG:g} kg is used",
                     at,
                 )
                 mass += DEFAULT_MASS_KG

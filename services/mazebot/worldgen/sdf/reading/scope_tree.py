@@ -58,7 +58,7 @@ class ScopeTree:
                     self._findings.error(
                         "DUPLICATE_NAME",
                         root.at(other),
-                        f"world `{other.get('name')}` must have a name of its own in the file",
+                        f"world `{other.get('name')}` must have a unique name in the file",
                     )
                 names[other.get("name")] = None
         place = root.at(first)
@@ -148,7 +148,7 @@ class ScopeTree:
         self._findings.models += 1
         if depth > MAX_DEPTH:
             self._findings.error(
-                "ELEMENT_INVALID", place, f"models must be at most {MAX_DEPTH} deep in models"
+                "ELEMENT_INVALID", place, f"models must be nested at most {MAX_DEPTH} deep"
             )
             return
         name = None if include is None else (include.element.findtext("name") or "").strip() or None
@@ -206,7 +206,7 @@ class ScopeTree:
             return
         if len(self._stack) > MAX_DEPTH:
             self._findings.error(
-                "URI_INVALID", place, f"files must be included at most {MAX_DEPTH} deep"
+                "URI_INVALID", place, f"includes must be nested at most {MAX_DEPTH} deep"
             )
             return
         tops = [one for one in source.root if str(one.tag) in ("model", "light", "actor")]
@@ -325,8 +325,8 @@ class ScopeTree:
         self._findings.error(
             "DUPLICATE_NAME",
             place,
-            f"{kind} `{name}` must have a name of its own in {scope.kind} `{scope.name}`: "
-            f"a {local_name(taken.element.tag)} has it, at {taken}",
+            f"{kind} `{name}` must have a unique name in {scope.kind} `{scope.name}`: "
+            f"already used by a {local_name(taken.element.tag)} at {taken}",
         )
 
     def _name(self, place: Place, kind: str) -> str:
@@ -370,7 +370,7 @@ def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool
     """Whether a name is allowed; if not, the error is added to the findings."""
     if len(name) > MAX_NAME:
         findings.error(
-            "ATTRIBUTE_INVALID", place, f"name of <{kind}> must have at most {MAX_NAME} letters"
+            "ATTRIBUTE_INVALID", place, f"name of <{kind}> must have at most {MAX_NAME} characters"
         )
         return False
     reserved = name == "world" or (len(name) >= 4 and name.startswith("__") and name.endswith("__"))
@@ -380,7 +380,7 @@ def allowed_name(name: str, kind: str, place: Place, findings: Findings) -> bool
         findings.error(
             "RESERVED_NAME",
             place,
-            f"name `{name}` of <{kind}> must not be `world`, contain `::`, or begin and end with "
+            f"name `{name}` of <{kind}> must not be `world`, contain `::`, or start and end with "
             "`__`",
         )
         return False

@@ -216,7 +216,7 @@ class ShapeReader:
                 ambient, diffuse = ambient or found.ambient, diffuse or found.diffuse
                 albedo = albedo or picture
         read = SdfMaterial(ambient=ambient, diffuse=diffuse, script=script, albedo_map=albedo)
-        self._findings.material(_told(read))
+        self._findings.material(_described(read))
         return read
 
     def _script(self, at: Place) -> str:
@@ -246,7 +246,9 @@ class ShapeReader:
         found, picture = self._script_cache[key]
         if found is not None and found.picture and picture is None:
             self._findings.error(
-                "URI_LOOKUP", at, f"picture `{found.picture[:100]}` of {name} is not on the path"
+                "URI_LOOKUP",
+                at,
+                f"image `{found.picture[:100]}` of {name} was not found on the path",
             )
         return found, picture
 
@@ -384,7 +386,7 @@ def _rotation_to(normal: Array) -> Array:
     return rotation
 
 
-def _told(material: SdfMaterial) -> str:
+def _described(material: SdfMaterial) -> str:
     """A material in short text form."""
     if material.albedo_map is not None:
         return f"albedo {material.albedo_map.name}"

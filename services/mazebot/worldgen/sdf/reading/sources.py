@@ -132,9 +132,7 @@ class Sources:
     def _expanded(self, path: Path) -> bytes:
         self._expansions += 1
         if self._expansions > MAX_EXPANSIONS:
-            raise UnreadableError(
-                "is not expanded: too many xacro files, or one that took too long"
-            )
+            raise UnreadableError("is not expanded: too many xacro files, or one of them timed out")
         try:
             return expanded(path, self._roots, self._file, self._arguments)
         except StoppedError:
@@ -148,7 +146,7 @@ class Sources:
         if not config.is_file():
             raise SourceError("URI_LOOKUP", f"{shown} must have a model.config")
         if not self.locator.may_read(config):
-            raise SourceError("URI_INVALID", f"{shown}/model.config lies outside of the path")
+            raise SourceError("URI_INVALID", f"{shown}/model.config is outside the path")
         try:
             root = tree_of(bytes_of(config))
         except UnreadableError as error:
@@ -169,10 +167,11 @@ class Sources:
             raise SourceError("ELEMENT_MISSING", f"{shown}/model.config must name an <sdf> file")
         if not best[1].is_file():
             raise SourceError(
-                "URI_LOOKUP", f"{shown}/model.config names {best[1].name[:100]}, which is not there"
+                "URI_LOOKUP",
+                f"{shown}/model.config names {best[1].name[:100]}, which does not exist",
             )
         if not self.locator.may_read(best[1]):
-            raise SourceError("URI_INVALID", f"{shown}: the model's file lies outside of the path")
+            raise SourceError("URI_INVALID", f"{shown}: the model's file is outside the path")
         return best[1].resolve()
 
 
