@@ -377,7 +377,7 @@ def test_it_says_what_it_waits_for_in_the_order_it_comes() -> None:
     driver.blind = False
     driver.run(0.2)
     said.append(driver.node.waiting_for())
-    assert said == ["the world", "the map", "the robot's fixed frames", "a scan", None]
+    assert said == ["the world", "the map", "static transforms on /tf_static", "a scan", None]
 
 
 def test_what_is_no_map_is_refused_and_counted() -> None:

@@ -172,7 +172,7 @@ class NavigationNode(Node):
         if self._drive is None:
             return "the map"
         if self._base_from_scan is None:
-            return "the robot's fixed frames"
+            return "static transforms on /tf_static"
         if self._measured.odom is None:
             return "odometry"
         if self._measured.echoes is None:
