@@ -41,11 +41,11 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
-from mazebot.recorder.judging import driven_way, error_summary
-from mazebot.recorder.judging import evaluation as evaluation_module
-from mazebot.recorder.judging.driven_way import DrivenWay
+from mazebot.recorder.judging import error_summary
 from mazebot.recorder.judging.error_summary import ErrorSummary
 from mazebot.recorder.judging.evaluation import RunEvaluation
+from mazebot.recorder.judging.poses import driven_way, pose_errors, true_poses
+from mazebot.recorder.judging.poses.driven_way import DrivenWay
 
 PERIOD_NS = 33_333_333
 SPEED_M_S = 0.3
@@ -643,8 +643,8 @@ def test_judging_a_long_run_takes_little_more_memory_than_a_short_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for module, name in (
-        (evaluation_module, "_TRUTH_DEPTH"),
-        (evaluation_module, "_RECENT_ESTIMATES"),
+        (true_poses, "_DEPTH"),
+        (pose_errors, "_RECENT"),
         (driven_way, "_RECENT"),
         (error_summary, "_MOST_KEPT"),
     ):

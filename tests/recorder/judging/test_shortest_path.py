@@ -23,8 +23,8 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
+from mazebot.recorder.judging.goals.shortest_path import ROBOT_RADIUS_M, ShortestPath
 from mazebot.recorder.judging.obstacles import obstacles
-from mazebot.recorder.judging.shortest_path import ROBOT_RADIUS_M, ShortestPath
 from mazebot.worldgen.recipe.loader import load_world
 
 

@@ -11,7 +11,7 @@ from mazebot.bench.navigation.scenario import Row
 from mazebot.bench.navigation.surroundings import Surroundings
 from mazebot.bench.navigation.witness import Witness
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
-from mazebot.recorder.judging.evaluation import GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD
+from mazebot.recorder.judging.goals.goal_evaluation import GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD
 
 ALARM_ERROR_M, ALARM_ERROR_RAD = 0.3, 0.3
 """Poses nearer to the truth than this"""

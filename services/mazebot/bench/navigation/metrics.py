@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mazebot.common.maths.frames import Array, wrap_angle
-from mazebot.recorder.judging.consistency import inside_95_percent
+from mazebot.recorder.judging.poses.consistency import inside_95_percent
 
 BARN_SPEED_M_S = 2.0
 """Speed of BARN's Jackal, by which the published score takes its optimal time."""

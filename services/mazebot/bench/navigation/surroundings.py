@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mazebot.bench.navigation.robot_outline import outlines
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.recorder.judging.goals.shortest_path import ShortestPath
 from mazebot.recorder.judging.obstacles import obstacles
-from mazebot.recorder.judging.shortest_path import ShortestPath
 from mazebot.worldgen.recipe.loader import LoadedWorld
 
 FAR_M = 100.0

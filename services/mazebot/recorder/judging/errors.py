@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-import numpy as np
-
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, SE2, Array, wrap_angle
+from mazebot.common.maths.frames import SE2, se2_from_matrix, wrap_angle
 from mazebot.common.maths.pose_history import PoseHistory
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import MarkerEntity
-from mazebot.common.messages.messages import (
-    chain_transforms,
-    matrix_from_pose,
-    ns_from_time,
-    se2_from_pose,
-)
+from mazebot.common.messages.messages import matrix_from_pose, ns_from_time, se2_from_pose
+from mazebot.recorder.judging.marker_errors import marker_errors_m
 
 _HOLD_NS = 50_000_000
 """How far the truth may be from an estimate's stamp: it may arrive a little later."""
@@ -58,34 +51,14 @@ class TruthComparison:
         self, detections: msg.Detection3DArray, entities: tuple[MarkerEntity, ...]
     ) -> list[tuple[str, float]]:
         """Name of each marker detected in the camera's frame, and distance (m) to its true pose."""
-        base_from_camera = chain_transforms(
-            list(self._static.values()), BASE_FOOTPRINT_FRAME, detections.header.frame_id
-        )
         map_from_base = self._truth.at(ns_from_time(detections.header.stamp), _HOLD_NS)
-        if base_from_camera is None or map_from_base is None:
+        if map_from_base is None:
             return []
-        map_from_camera: Array = map_from_base @ base_from_camera
-        errors = []
-        for detection in detections.detections:
-            true_m = [
-                np.array(entity.position_m)
-                for entity in entities
-                if f"{entity.dictionary}:{entity.marker_id}" == detection.id
-            ]
-            if detection.results and true_m:
-                p = detection.results[0].pose.pose.position
-                seen_m = (map_from_camera @ np.array([p.x, p.y, p.z, 1.0]))[:3]
-                distance_m = min(float(np.linalg.norm(seen_m - at_m)) for at_m in true_m)
-                errors.append((detection.id, distance_m))
-        return errors
+        return marker_errors_m(detections, map_from_base, self._static.values(), entities)
 
     def _error(self, stamp_ns: int, pose: SE2) -> PoseError | None:
         matrix = self._truth.at(stamp_ns, _HOLD_NS)
         if matrix is None:
             return None
-        truth = SE2(
-            float(matrix[0, 3]),
-            float(matrix[1, 3]),
-            math.atan2(float(matrix[1, 0]), float(matrix[0, 0])),
-        )
+        truth = se2_from_matrix(matrix)
         return PoseError(pose.distance_m(truth), abs(wrap_angle(pose.yaw_rad - truth.yaw_rad)))

@@ -18,7 +18,7 @@ from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.topics import GLOBAL_COSTMAP, PLAN
 from mazebot.common.node.node import random_generator
-from mazebot.recorder.judging.shortest_path import ShortestPath
+from mazebot.recorder.judging.goals.shortest_path import ShortestPath
 
 AHEAD_M = 1.2
 ROOM_M = 0.28
