@@ -21,12 +21,12 @@ from mazebot.common.bus.bus import (
     ask,
     open_session,
     publish,
-    wait_until_alive,
 )
 from mazebot.common.messages.documents import Entities, SimulationControl
 from mazebot.common.messages.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
 from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
+from tests.common.bus.from_outside import wait_until_alive
 from tests.physics.driver import world
 
 DEADLINE_S = 30.0

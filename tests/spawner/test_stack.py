@@ -21,7 +21,7 @@ import pytest
 import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
-from mazebot.common.bus.bus import BusConfig, ask, open_session, publish, wait_until_alive
+from mazebot.common.bus.bus import BusConfig, ask, open_session, publish
 from mazebot.common.bus.bus import pack_attachment as packed
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages.topics import (
@@ -37,6 +37,7 @@ from mazebot.common.messages.wire import encode
 from mazebot.common.node.node import Envelope
 from mazebot.common.world.marker_picture import draw
 from tests.cli.test_app import mazebot
+from tests.common.bus.from_outside import wait_until_alive
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import box
 

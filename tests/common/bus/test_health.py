@@ -11,9 +11,9 @@ from mazebot.common.bus.bus import (
     BusConfig,
     alive_key,
     open_session,
-    wait_until_alive,
 )
 from mazebot.common.bus.health import ALIVE_KEY, is_alive
+from tests.common.bus.from_outside import wait_until_alive
 
 
 def probe(endpoint: str, *services: str) -> int:

@@ -21,9 +21,7 @@ from mazebot.common.bus.bus import (
     open_session,
     pack_attachment,
     publish,
-    put_once,
     subscribe,
-    wait_until_alive,
     watch_seats,
     watch_sources,
 )
@@ -39,10 +37,11 @@ from mazebot.common.messages.topics import (
     WORLD_REQUEST,
     WORLD_STATUS,
 )
-from mazebot.common.messages.wire import decode
+from mazebot.common.messages.wire import decode, encode
 from mazebot.common.node.log import RosoutHandler
 from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 from mazebot.common.settings.load import load
+from tests.common.bus.from_outside import wait_until_alive
 
 DEADLINE_S = 30.0
 
@@ -106,7 +105,8 @@ def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str)
     with service("worldgen", endpoint) as process:
         assert wait_until_alive(session, "worldgen", DEADLINE_S)
         request = doc.WorldRequest(world_name="atlantis")
-        put_once(session, WORLD_REQUEST, request)
+        publisher = publish(session, WORLD_REQUEST)
+        publisher.put(encode(WORLD_REQUEST, request))
         status = decode(WORLD_STATUS, answers.get(timeout=DEADLINE_S))
         assert status.request == request
         assert "atlantis" in status.error

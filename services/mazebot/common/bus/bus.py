@@ -629,19 +629,6 @@ def subscribed(
         subscription.undeclare()
 
 
-def put_once(
-    session: zenoh.Session, topic: Topic[M], message: M, stamp_ns: int = 0, prefix: str = ""
-) -> None:
-    """Send one message of an EVERY topic from outside the services.
-
-    Raises WireError where a service would reject it.
-    """
-    wire.validate(topic, message)
-    publisher = publish(session, topic, prefix)
-    envelope = Envelope(uuid.uuid4().hex, 0, stamp_ns, "")
-    publisher.put(wire.encode(topic, message), attachment=pack_attachment(topic, envelope))
-
-
 class NoAnswerError(ConnectionError):
     """A query without a reply, or refused; the text is one line."""
 
@@ -698,18 +685,6 @@ def watch_sources(
         alive_key("*", "*", prefix),
         lambda _, source, is_there: on_change(source, is_there),
     )
-
-
-def wait_until_alive(
-    session: zenoh.Session, service: str, deadline_s: float, prefix: str = ""
-) -> bool:
-    """Wait until a service is alive; False at the deadline, in seconds from now."""
-    end = time.monotonic() + deadline_s
-    while time.monotonic() < end:
-        if service in alive(session, prefix):
-            return True
-        time.sleep(0.05)
-    return False
 
 
 def topic_named(name: str) -> Topic[object] | None:

@@ -29,7 +29,7 @@ M = TypeVar("M")
 Q = TypeVar("Q")
 A = TypeVar("A")
 
-_CONNECT_S = 1.0
+_ALIVE_TIMEOUT_S = 1.0
 
 
 class ZenohRobot(Robot):
@@ -46,7 +46,7 @@ class ZenohRobot(Robot):
         """
         config = bus.BusConfig(connect=router) if isinstance(router, str) else router
         try:
-            self._session = bus.open_session(config, _CONNECT_S)
+            self._session = bus.open_session(config)
         except bus.BusUnavailableError as error:
             raise RobotError(f"{error}; is a stack running? ({HOW_TO_START})") from error
         self._prefix, self._start_s = config.prefix, start_s
@@ -116,7 +116,7 @@ class ZenohRobot(Robot):
         """See Robot."""
         found: dict[str, set[str]] = defaultdict(set)
         key = bus.alive_key("*", "*", self._prefix)
-        for reply in self._session.liveliness().get(key, timeout=_CONNECT_S):
+        for reply in self._session.liveliness().get(key, timeout=_ALIVE_TIMEOUT_S):
             if reply.ok is not None:
                 service, source = bus.service_and_source(reply.ok.key_expr)
                 found[service].add(source)
