@@ -452,7 +452,7 @@ def test_every_tool_aims_by_keys(live: Opened) -> None:
     for key in (*(8 * ["ArrowUp"]), *(5 * ["Shift+ArrowLeft"]), "Enter"):
         page.keyboard.press(key)
     said = answer()
-    match = re.fullmatch(r"(box\S*) stands at \((\S+), (\S+)\)", said)
+    match = re.fullmatch(r"(box\S*) spawned at \((\S+), (\S+)\)", said)
     assert match, said
     assert math.dist((float(match[2]), float(match[3])), (x - 0.1, y + 0.8)) < 0.03
     # Arrows have not driven the robot.

@@ -15,7 +15,7 @@ import zenoh
 
 from mazebot.bench.parts.loopback_router import running_router
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import alive_key, wait_until_alive
+from mazebot.common.bus.liveliness import alive_key
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import QueryError, ask
 from mazebot.common.bus.session import open_session
@@ -23,6 +23,7 @@ from mazebot.common.messages.documents import Entities, SimulationControl
 from mazebot.common.messages.topics import DESIRED_ENTITIES, SIMULATION_CONTROL, WORLD
 from mazebot.common.messages.wire import encode
 from tests.cli.test_app import assert_one_line, mazebot
+from tests.common.bus.from_outside import wait_until_alive
 from tests.physics.driver import world
 
 DEADLINE_S = 30.0

@@ -164,7 +164,7 @@ def terminal(endpoint: str) -> Iterator[Terminal]:
 
 @pytest.mark.parametrize("leave", ["q", "TERM"])
 def test_keys_drive_and_the_terminal_is_as_before(terminal: Terminal, leave: str) -> None:
-    terminal.read_until("leave: q")
+    terminal.read_until("quit: q")
     terminal.read_until("linear +0.00")
     assert not termios.tcgetattr(terminal.slave)[3] & termios.ECHO
     terminal.press("\x1b[A")

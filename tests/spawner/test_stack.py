@@ -23,7 +23,6 @@ import zenoh
 from mazebot.bench.parts.loopback_router import running_router
 from mazebot.common.bus.attachment import pack_attachment as packed
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import wait_until_alive
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import ask
 from mazebot.common.bus.session import open_session
@@ -41,6 +40,7 @@ from mazebot.common.messages.wire import encode
 from mazebot.common.node.node import Envelope
 from mazebot.common.world.marker_picture import draw
 from tests.cli.test_app import mazebot
+from tests.common.bus.from_outside import wait_until_alive
 from tests.common.house import marker, wall, world
 from tests.spawner.stage import box
 

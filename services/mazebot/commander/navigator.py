@@ -20,14 +20,13 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from enum import Enum
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
 from pydantic import ValidationError
 
 from mazebot.common.client.actions import ActionClient, cancel_goal
 from mazebot.common.client.robot import Robot
+from mazebot.common.client.user_messages import initial_pose as pose_message
 from mazebot.common.config import ConfigError, one_line
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import action_documents as act
@@ -89,27 +88,14 @@ _RESULTS = {
 
 
 class Navigator:
-    """A robot that can be sent. Calls that wait end with an error that names the cause.
+    """Sends the robot on tasks. Calls that wait end with an error that names the cause.
 
-    Tasks return True where they were accepted; else `getTaskError` tells why. Distances are in
+    Tasks return True where they were accepted; else `getTaskError` has the reason. Distances are in
     metres, angles in radians, durations in seconds of the robot's clock.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        timeout_s: float = 10.0,
-        name: str = "",
-        close: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Of a robot.
-
-        Args:
-            robot: the robot.
-            timeout_s: the longest wait for a reply.
-            name: for the ids of its goals; "": a random one.
-            close: called by `destroyNode`.
-        """
+    def __init__(self, robot: Robot, timeout_s: float = 10.0, name: str = "") -> None:
+        """For a robot, with the longest wait for a reply and a name for its goals."""
         self._robot = robot
         self._timeout_s = timeout_s
         self._name = name or uuid.uuid4().hex[:12]
@@ -117,7 +103,6 @@ class Navigator:
         self._error = (0, "")
         self._initial_pose: Planar | None = None
         self._closing = ExitStack()
-        self._closing.callback(close)
         self._closing.callback(robot.watch(_WATCH))
         self._action = self._closing.enter_context(ActionClient(robot, ACTION_RESULT))
 
@@ -126,8 +111,9 @@ class Navigator:
         """To a running stack. Raises ConfigError where no router responds."""
         from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
 
-        robot = ZenohRobot(endpoint)
-        return cls(robot, timeout_s, close=robot.close)
+        navigator = cls(ZenohRobot(endpoint), timeout_s)
+        navigator._closing.callback(navigator._robot.close)
+        return navigator
 
     @classmethod
     def in_process(cls, session: Session) -> Self:
@@ -138,34 +124,20 @@ class Navigator:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.destroyNode()
 
     def setInitialPose(
         self, initial_pose: PoseLike, std_m: float = 0.05, std_rad: float = 0.05
     ) -> None:
-        """Tell localisation where the robot is, with the standard deviations of that."""
+        """Set the initial pose for localization, with its standard deviations."""
         pose = _planar(initial_pose)
         self._initial_pose = pose
-        covariance = np.diag([std_m * std_m, std_m * std_m, std_rad * std_rad])
-        self._robot.publish(
-            INITIAL_POSE,
-            msg.PoseWithCovarianceStamped(
-                header=msg.header(self._robot.now_ns(), MAP_FRAME),
-                pose=msg.PoseWithCovariance(
-                    pose=msg.pose_from_se2(pose.se2()),
-                    covariance=msg.planar_covariance(covariance),
-                ),
-            ),
-        )
+        message = pose_message(self._robot, pose.se2(), std_m, std_rad)
+        self._robot.publish(INITIAL_POSE, message)
 
     def reinitializeGlobalLocalization(self) -> None:
-        """Let localisation search the robot on the whole map."""
+        """Start global localization."""
         self._ask(REINITIALIZE_GLOBAL_LOCALIZATION, act.Empty())
 
     def goToPose(self, pose: PoseLike, behavior_tree: str = "") -> bool:
@@ -288,7 +260,7 @@ class Navigator:
             cancel_goal(self._robot, self._action.goal or CancelGoal(), self._timeout_s)
 
     def inputAtWaypoint(self) -> None:
-        """Give the input for which the robot waits at a waypoint.
+        """Send the input for which the robot waits at a waypoint.
 
         Raises ConfigError where it follows none.
         """
@@ -316,13 +288,13 @@ class Navigator:
         return self._action.feedback
 
     def getResult(self) -> TaskResult:
-        """How the task ended; UNKNOWN while it goes on, FAILED where it was not accepted."""
+        """How the task ended; UNKNOWN while it is active, FAILED where it was not accepted."""
         if self._action.result is not None:
             return _RESULTS[self._action.result.status]
         return TaskResult.FAILED if self._error[0] else TaskResult.UNKNOWN
 
     def getActionResult(self) -> act.ActionResult | None:
-        """The whole result, with waypoints and recoveries; None while the task goes on."""
+        """The whole result, with waypoints and recoveries; None while the task is active."""
         return self._action.result
 
     def getTaskError(self) -> tuple[int, str]:
@@ -355,8 +327,10 @@ class Navigator:
             if status is not None and status.navigation_active:
                 return
             if self._robot.now_ns() >= end_ns:
-                what = "no navigation service" if status is None else "no pose that can be trusted"
-                raise TimeoutError(f"waitUntilNav2Active: {what} after {timeout_s:g} s")
+                what = "the navigation service" if status is None else "localization"
+                raise TimeoutError(
+                    f"waitUntilNav2Active: timed out after {timeout_s:g} s waiting for {what}"
+                )
             self._robot.wait(_TICK_S)
 
     def getPath(
@@ -407,9 +381,9 @@ class Navigator:
         return None if reply.error_code else list(reply.path)
 
     def changeMap(self, map_filepath: str | Path) -> bool:
-        """Let a map of map_server's form take the place of the world's, by its YAML file here.
+        """Replace the world's map by one of map_server's form, by its YAML file here.
 
-        A task ends, and localisation begins anew. Where it cannot be used, `getTaskError` gives
+        A task ends, and localization restarts. Where it cannot be used, `getTaskError` gives
         the number of nav2_msgs/srv/LoadMap, and the cause.
         """
         from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
@@ -439,7 +413,7 @@ class Navigator:
         return True
 
     def clearAllCostmaps(self) -> None:
-        """Forget all obstacles that are not in the map and not seen now."""
+        """Clear all obstacles that are not in the map and not seen now."""
         self._clear("all")
 
     def clearLocalCostmap(self) -> None:
@@ -451,20 +425,20 @@ class Navigator:
         self._clear("global")
 
     def clearCostmapExceptRegion(self, reset_distance: float) -> None:
-        """Forget obstacles outside a square of this side around the robot."""
+        """Clear obstacles outside a square of this side around the robot."""
         self._clear("all", area="except_region", reset_distance_m=reset_distance)
 
     def clearCostmapAroundRobot(self, reset_distance: float) -> None:
-        """Forget obstacles in a square of this side around the robot."""
+        """Clear obstacles in a square of this side around the robot."""
         self._clear("all", area="around_robot", reset_distance_m=reset_distance)
 
     def clearLocalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
-        """Forget obstacles of the local costmap in a square of this side around a pose."""
+        """Clear obstacles of the local costmap in a square of this side around a pose."""
         where = _planar(pose)
         self._clear("local", area="around_pose", reset_distance_m=reset_distance, pose=where)
 
     def clearGlobalCostmapAroundPose(self, pose: PoseLike, reset_distance: float) -> None:
-        """Forget obstacles of the global costmap in a square of this side around a pose."""
+        """Clear obstacles of the global costmap in a square of this side around a pose."""
         where = _planar(pose)
         self._clear("global", area="around_pose", reset_distance_m=reset_distance, pose=where)
 
@@ -491,7 +465,7 @@ class Navigator:
         return {} if world is None else {place.name: place for place in world.locations}
 
     def destroyNode(self) -> None:
-        """Give up the connection; a task goes on."""
+        """End the connection; a task continues."""
         self._closing.close()
 
     destroy_node = destroyNode

@@ -82,7 +82,7 @@ class MemoryRobot(Robot):
                 f"{query.name}: no answer from {query.owner} within {timeout_s:g} s"
             ) from None
         if answer is None:
-            raise RobotError(f"{query.name}: {query.owner} is not there to answer")
+            raise RobotError(f"{query.name}: {query.owner} is not running")
         return answer
 
     def serve(self, timeout_s: float = 0.0) -> None:
@@ -105,4 +105,4 @@ class MemoryRobot(Robot):
         try:
             self._waiting.put_nowait(task)
         except queue.Full:
-            raise RobotError("the run does not take anything: too many requests wait") from None
+            raise RobotError("the run is busy: too many requests are waiting") from None

@@ -13,8 +13,9 @@ from pydantic import ValidationError
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
 from mazebot.common.client.robot import Receive, Robot, RobotError, ignore
+from mazebot.common.client.user_messages import velocity
 from mazebot.common.config import ConfigError, one_line
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, SE2
+from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import (
     CancelGoal,
@@ -295,16 +296,7 @@ class Session(Robot):
         """
         steps_left = math.ceil(round((for_s or 0.0) * STEPS_PER_SECOND, 6))
         while True:
-            self.publish(
-                CMD_VEL,
-                msg.TwistStamped(
-                    header=msg.header(self._executive.now_ns, BASE_FOOTPRINT_FRAME),
-                    twist=msg.Twist(
-                        linear=msg.Vector3(linear_m_s, 0.0, 0.0),
-                        angular=msg.Vector3(0.0, 0.0, angular_rad_s),
-                    ),
-                ),
-            )
+            self.publish(CMD_VEL, velocity(self, linear_m_s, angular_rad_s))
             if steps_left <= 0:
                 return
             self.step(min(_STEPS_PER_COMMAND, steps_left))

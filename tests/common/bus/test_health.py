@@ -8,8 +8,9 @@ import time
 from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.health import ALIVE_KEY, is_alive
-from mazebot.common.bus.liveliness import ALIVE_PREFIX, alive_key, wait_until_alive
+from mazebot.common.bus.liveliness import ALIVE_PREFIX, alive_key
 from mazebot.common.bus.session import open_session
+from tests.common.bus.from_outside import wait_until_alive
 
 
 def probe(endpoint: str, *services: str) -> int:

@@ -16,9 +16,9 @@ from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.bus import serve
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import alive, wait_until_alive, watch_sources
+from mazebot.common.bus.liveliness import alive, watch_sources
 from mazebot.common.bus.lockstep import HeldInbox, Turn
-from mazebot.common.bus.publisher import publish, put_once
+from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.seats import give_turn, watch_seats
 from mazebot.common.bus.serve import _Service
 from mazebot.common.bus.session import open_session
@@ -33,10 +33,11 @@ from mazebot.common.messages.topics import (
     WORLD_REQUEST,
     WORLD_STATUS,
 )
-from mazebot.common.messages.wire import decode
+from mazebot.common.messages.wire import decode, encode
 from mazebot.common.node.log import RosoutHandler
 from mazebot.common.node.node import ClockNode, Envelope, Inbox, Node, Outbox
 from mazebot.common.settings.load import load
+from tests.common.bus.from_outside import wait_until_alive
 
 DEADLINE_S = 30.0
 
@@ -100,7 +101,8 @@ def test_a_service_announces_itself_answers_and_leaves_on_sigterm(endpoint: str)
     with service("worldgen", endpoint) as process:
         assert wait_until_alive(session, "worldgen", DEADLINE_S)
         request = doc.WorldRequest(world_name="atlantis")
-        put_once(session, WORLD_REQUEST, request)
+        publisher = publish(session, WORLD_REQUEST)
+        publisher.put(encode(WORLD_REQUEST, request))
         status = decode(WORLD_STATUS, answers.get(timeout=DEADLINE_S))
         assert status.request == request
         assert "atlantis" in status.error

@@ -104,20 +104,20 @@ def test_other_tasks_are_begun_paused_and_canceled(page: Page) -> None:
     assert page.done(do="spin", angle_rad=0.5) == "turning by 29 degrees"
     page.wait_for(lambda: abs(math.remainder(truth(page)[2] - yaw - 0.5, 2 * math.pi)) < 0.1)
     x, y, _ = truth(page)
-    assert page.done(do="back_up", distance_m=0.1) == "driving back by 0.1 m"
+    assert page.done(do="back_up", distance_m=0.1) == "backing up by 0.1 m"
     page.wait_for(lambda: math.dist(truth(page)[:2], (x, y)) > 0.08)
     page.done(do="simulation", speed=1.0)
     page.done(do="goal", pose={"x_m": 1.35, "y_m": -0.6, "yaw_rad": 0.0})
     assert page.done(do="pause_task", pause=True) == "paused: the robot stops"
     page.wait_for(lambda: page.newest["feedback"]["paused"])
-    assert page.done(do="pause_task", pause=False) == "the robot goes on"
+    assert page.done(do="pause_task", pause=False) == "resumed: the robot continues"
     assert page.done(do="clear_costmaps") == "costmaps cleared"
     assert page.done(do="cancel") == "canceled: the robot stops"
 
 
 def test_the_robot_is_found_on_the_whole_map(page: Page) -> None:
     page.wait_kind("localization")
-    assert page.done(do="global_localization").startswith("searching the robot")
+    assert page.done(do="global_localization").startswith("global localization started")
     page.wait_for(lambda: page.newest["localization"]["state"] == "searching")
     page.done(do="simulation", speed=0.0)
     page.wait_for(lambda: page.newest["localization"]["state"] == "localized")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Timeout = Annotated[
     float | None,
-    typer.Option("--timeout", min=0.1, help="seconds until it is cancelled"),
+    typer.Option("--timeout", min=0.1, help="seconds until it is canceled"),
 ]
 TimeAllowance = Annotated[
     float,
@@ -51,7 +51,7 @@ def backup(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Drive the robot of a running stack straight back. Ctrl-C cancels it."""
+    """Back up the robot of a running stack. Ctrl-C cancels it."""
     from mazebot.common.messages import action_documents as act  # noqa: PLC0415
 
     for name, value in (("DISTANCE", distance), ("--speed", speed)):
@@ -61,7 +61,7 @@ def backup(
         "backup", act.BackUp,
         distance_m=distance, speed_m_s=speed, time_allowance_s=time_allowance_s,
     )  # fmt: skip
-    _run(connect, "backup", goal, f"driving back by {distance:g} m", timeout_s, as_json)
+    _run(connect, "backup", goal, f"backing up by {distance:g} m", timeout_s, as_json)
 
 
 def dock(
@@ -94,14 +94,14 @@ def dock(
 
 
 def undock(timeout_s: Timeout = None, as_json: Json = False, connect: Connect = ROUTER) -> None:
-    """Leave the dock. Ctrl-C cancels it."""
+    """Undock the robot of a running stack. Ctrl-C cancels it."""
     from mazebot.common.messages import action_documents as act  # noqa: PLC0415
 
-    _run(connect, "undock", act.UndockRobot(), "leaving the dock", timeout_s, as_json)
+    _run(connect, "undock", act.UndockRobot(), "undocking", timeout_s, as_json)
 
 
 def _checked(who: str, kind: Any, **fields: Any) -> ActionGoal:
-    """Raises ConfigError where a value makes no sense."""
+    """Raises ConfigError where a value is invalid."""
     try:
         goal: ActionGoal = kind(**fields)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""`mazebot localize --global` on a running stack: the robot finds itself on the whole map."""
+"""`mazebot localize --global` on a running stack: global localization."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _TICK_S = 0.2
 
 def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
     """Ask for global localisation and follow it; returns 0 once the pose is trusted, 1 at the end
-    of `timeout_s` of wall time. The search goes on if the command is left before.
+    of `timeout_s` of wall time. The search continues if the command ends earlier.
 
     Raises ConfigError where localisation is not running.
     """
@@ -43,7 +43,7 @@ def find_robot(endpoint: str, timeout_s: float | None, as_json: bool) -> int:
         watch = ServiceWatch(robot, "localization")
         with Subscription(robot, LOCALIZATION_STATUS, AMCL_POSE) as messages:
             _ask_for_search(robot)
-            line.say("searching the robot on the whole map; it moves if it has to")
+            line.say("global localization started: the robot may move")
             end_s = math.inf if timeout_s is None else begin_s + timeout_s
             found = _followed(messages, watch, begin_s, end_s, line)
     if isinstance(found, str):
@@ -73,12 +73,12 @@ def _followed(
 ) -> tuple[LocalizationStatus, SE2] | str:
     """The status and the pose once the pose is trusted; why it is not, at the end."""
     searched, trusted = False, None
-    reason = "the search has not begun"
+    reason = "the search has not started"
     while (left_s := end_s - time.monotonic()) > 0.0:
         _, message = messages.next(min(left_s, _TICK_S)) or (None, None)
         watch.check(message is not None)
         if isinstance(message, LocalizationStatus):
-            # The first one may be of before the search.
+            # The first one may be older than the search.
             searched = searched or message.state != "localized"
             trusted = message if searched and message.state == "localized" else None
             reason = f"{message.state}: {message.reason}" if message.reason else message.state

@@ -57,7 +57,7 @@ def send_goal(
             result = followed(client, line, timeout_s)
         if result is None:
             actions.cancel_goal(robot, goal_request, PATIENCE_S)
-            raise ConfigError(f"goal: --timeout: {timeout_s:g} s: not reached by then: canceled")
+            raise ConfigError(f"goal: --timeout: {timeout_s:g} s: timed out: canceled")
     if as_json:
         print_json(result.model_dump(mode="json"))
         return EXIT_FAILED if result.error_code else 0
@@ -71,7 +71,7 @@ def send_goal(
 
 
 def cancel_goal(endpoint: str, as_json: bool) -> None:
-    """Cancel the current goal, whoever sent it.
+    """Cancel the active goal, whichever client sent it.
 
     Raises ConfigError where there is none, or navigation is not running.
     """

@@ -1,4 +1,4 @@
-"""A line of progress that is written over, where standard output is a terminal."""
+"""A progress line that is overwritten, where standard output is a terminal."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _ERASE_LINE = "\r\x1b[K"
 
 
 class ProgressLine:
-    """Lines of its own stay; the line of progress under them is written over."""
+    """Prints lines, and below them a progress line that is overwritten."""
 
     def __init__(self, wanted: bool = True) -> None:
-        """`wanted`: False prints nothing at all."""
+        """`wanted`: False prints nothing."""
         self._wanted = wanted
         self._updates = wanted and sys.stdout.isatty()
         self._shown = ""
@@ -31,7 +31,7 @@ class ProgressLine:
         self.show("")
 
     def say(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         shown = self._shown
         self.show("")
         if self._wanted:
@@ -40,7 +40,7 @@ class ProgressLine:
         self.show(shown)
 
     def show(self, text: str) -> None:
-        """Show a text in place of the one before; "": none. It is cut to the terminal's width."""
+        """Replace the progress line; "": none. It is cut to the terminal's width."""
         if not self._updates or text == self._shown:
             return
         self._shown = text

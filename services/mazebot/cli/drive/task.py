@@ -55,7 +55,7 @@ def run_task(
     timeout_s: float | None,
     as_json: bool,
     watch: tuple[Topic[Any], ...] = (),
-    took: Callable[[Topic[Any], Any], str] = lambda _, __: "",
+    on_message: Callable[[Topic[Any], Any], str] = lambda _, __: "",
     meanwhile: Callable[[Robot], None] = lambda _: None,
 ) -> int:
     """Run an action to its end; returns 0 where it succeeded, else 1.
@@ -65,15 +65,15 @@ def run_task(
     Args:
         endpoint: of the stack's router.
         who: the command's name, for errors.
-        goal_of: the action, or what makes it of the robot.
-        begin: a line to print once it is accepted.
+        goal_of: the action, or a function that makes it for the robot.
+        begin: a line to print when it is accepted.
         timeout_s: wall time; None: no limit.
         as_json: print the result as JSON and nothing else.
         watch: further topics to subscribe to while it runs.
-        took: called with their messages; returns a line to print, or "".
-        meanwhile: called every now and then while it runs.
+        on_message: called with their messages; returns a line to print, or "".
+        meanwhile: called in each interval while it runs.
 
-    Raises ConfigError where navigation is not running, or the time is over.
+    Raises ConfigError where navigation is not running, or on timeout.
     """
     goal_id = f"cli-{uuid.uuid4().hex[:12]}"
     goal_request = CancelGoal(goal_id=goal_id)
@@ -88,10 +88,10 @@ def run_task(
             if not reply.accepted:
                 return _rejected(who, reply, as_json)
             line.say(begin)
-            result = followed(client, line, timeout_s, took, lambda: meanwhile(robot))
+            result = followed(client, line, timeout_s, on_message, lambda: meanwhile(robot))
         if result is None:
             cancel_goal(robot, goal_request, PATIENCE_S)
-            raise ConfigError(f"{who}: --timeout: {timeout_s:g} s: not done by then: canceled")
+            raise ConfigError(f"{who}: --timeout: {timeout_s:g} s: timed out: canceled")
     return _ended(who, result, as_json)
 
 
@@ -117,7 +117,7 @@ def followed(
     client: ActionClient[R],
     line: ProgressLine,
     timeout_s: float | None,
-    took: Callable[[Topic[Any], Any], str] = lambda _, __: "",
+    on_message: Callable[[Topic[Any], Any], str] = lambda _, __: "",
     meanwhile: Callable[[], None] = lambda: None,
 ) -> R | None:
     """The result of a goal, with its progress on a line; None after `timeout_s` of wall time.
@@ -127,7 +127,7 @@ def followed(
     end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
     while client.result is None and (left_s := end_s - time.monotonic()) > 0.0:
         for topic, message in client.update(min(left_s, _TICK_S)):
-            text = took(topic, message)
+            text = on_message(topic, message)
             if text:
                 line.say(text)
         feedback = client.feedback
@@ -164,7 +164,7 @@ def progress(feedback: act.ActionFeedback) -> str:
 
 
 def failure(who: str, action: str, code: int, text: str) -> int:
-    """Print the line of an action that failed; returns the exit code."""
+    """Print the error of an action that failed; returns the exit code."""
     name = code_name("".join(part.title() for part in action.split("_")), code)
     sys.stderr.write(f"error: {who}: {' '.join(text.split())} (error code {code}, {name})\n")
     return EXIT_FAILED

@@ -27,11 +27,10 @@ from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
     from mazebot.common.client.robot import Robot
-    from mazebot.common.messages.messages import TwistStamped
 
 PERIOD_S = 0.05
 _STOPS_SENT = 3
-"""A stop may be lost; without commands the robot stops by itself, but later."""
+"""A stop may be lost; without commands the watchdog stops the robot, but later."""
 
 
 def teleop(
@@ -46,14 +45,15 @@ def teleop(
     """Drive the robot of a running stack from the keyboard.
 
     Arrows, or the keys of teleop_twist_keyboard, drive while they are held; w, x, a and d change
-    speeds that stay, as in turtlebot3_teleop. The collision monitor slows down and stops before
-    obstacles. While a task runs, the keys count in its assisted teleop only.
+    a constant velocity, as in turtlebot3_teleop. The collision monitor slows down and stops before
+    obstacles. While a task is running, only its assisted teleop uses the keys.
     """
     if not sys.stdin.isatty():
         raise ConfigError("teleop: standard input: must be a terminal, for the keys")
     from mazebot.cli.drive.progress import ProgressLine  # noqa: PLC0415
     from mazebot.cli.drive.task import await_navigation  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
+    from mazebot.common.client.user_messages import velocity  # noqa: PLC0415
     from mazebot.common.messages.topics import (  # noqa: PLC0415
         CMD_VEL_TELEOP,
         COLLISION_MONITOR_STATE,
@@ -69,11 +69,12 @@ def teleop(
                 _drive(robot, Teleop(speed, turn), fd, line.show)
             finally:
                 for _ in range(_STOPS_SENT):
-                    robot.publish(CMD_VEL_TELEOP, _twist(robot, 0.0, 0.0))
+                    robot.publish(CMD_VEL_TELEOP, velocity(robot, 0.0, 0.0))
 
 
 def _drive(robot: Robot, state: Teleop, fd: int, show: Callable[[str], None]) -> None:
-    """Publish what the keys ask for until the person leaves."""
+    """Publish the velocities of the keys until the user quits."""
+    from mazebot.common.client.user_messages import velocity  # noqa: PLC0415
     from mazebot.common.messages.topics import (  # noqa: PLC0415
         CMD_VEL_TELEOP,
         COLLISION_MONITOR_STATE,
@@ -96,36 +97,24 @@ def _drive(robot: Robot, state: Teleop, fd: int, show: Callable[[str], None]) ->
         next_s += PERIOD_S
         linear_m_s, angular_rad_s = state.command(time.monotonic())
         stops = stops + 1 if linear_m_s == angular_rad_s == 0.0 else 0
-        # Whoever only looks on does not hold up a task.
+        # A user who only watches must not hold up a task.
         if stops <= _STOPS_SENT:
-            robot.publish(CMD_VEL_TELEOP, _twist(robot, linear_m_s, angular_rad_s))
+            robot.publish(CMD_VEL_TELEOP, velocity(robot, linear_m_s, angular_rad_s))
         text = f"linear {linear_m_s:+.2f} m/s, angular {angular_rad_s:+.2f} rad/s"
         monitor = robot.latest(COLLISION_MONITOR_STATE)
         if monitor is not None and monitor.action != "do_nothing":
             text += f"; collision monitor: {monitor.action}"
         status = robot.latest(NAVIGATION_STATUS)
         if status is not None and status.state != "idle":
-            text += "; a task runs: `mazebot cancel` ends it"
+            text += "; a task is running: `mazebot cancel` cancels it"
         show(text)
-
-
-def _twist(robot: Robot, linear_m_s: float, angular_rad_s: float) -> TwistStamped:
-    from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME  # noqa: PLC0415
-    from mazebot.common.messages import messages as msg  # noqa: PLC0415
-
-    return msg.TwistStamped(
-        header=msg.header(robot.now_ns(), BASE_FOOTPRINT_FRAME),
-        twist=msg.Twist(
-            linear=msg.Vector3(linear_m_s, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, angular_rad_s)
-        ),
-    )
 
 
 @contextmanager
 def keyboard() -> Iterator[int]:
-    """The terminal's file descriptor, which gives each key at once and shows none.
+    """The terminal's file descriptor, which returns each key at once and echoes none.
 
-    However the context is left, also by SIGTERM or SIGHUP, the terminal is as it was before.
+    The terminal is restored when the context ends, also by SIGTERM or SIGHUP.
     """
     # There is no termios on Windows: the command's help works there all the same.
     import termios  # noqa: PLC0415

@@ -20,22 +20,22 @@ HELD: dict[str, tuple[int, int]] = {
 }  # fmt: skip
 """Keys that drive while they are held: signs of linear and angular speed."""
 STEPPED: dict[str, tuple[int, int]] = {"w": (1, 0), "x": (-1, 0), "a": (0, 1), "d": (0, -1)}
-"""Keys that raise or lower a speed that stays."""
+"""Keys that raise or lower a constant velocity."""
 STOP_KEYS = ("s", " ", "k")
 LEAVE_KEYS = ("q", "\x03", "\x04")
 SCALED = {"+": 1.1, "-": 1 / 1.1}
 TABLE = """\
 while held:    u  i  o       up         w           faster by 0.01 m/s (x: slower)
                j  k  l   left  right    a     d     turn left, right by 0.1 rad/s more
-               m  ,  .      down        x           these speeds stay
-stop: k, s or space    + and -: held keys 10 % faster, slower    leave: q or Ctrl-C
+               m  ,  .      down        x           constant velocity
+stop: k, s or space    + and -: held keys 10 % faster, slower    quit: q or Ctrl-C
 """
 
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 
 
 def split_keys(text: str) -> tuple[list[str], str]:
-    """The keys in what a terminal sent, and the begin of one that has not come whole."""
+    """The keys in the text of a terminal, and the start of one that is incomplete."""
     keys = []
     while text:
         if not text.startswith("\x1b"):
@@ -59,21 +59,21 @@ def split_keys(text: str) -> tuple[list[str], str]:
 
 @dataclass
 class Teleop:
-    """The speeds that the keys ask for."""
+    """The velocity that the keys command."""
 
     speed_m_s: float = 0.2
     """Of the held keys."""
     turn_rad_s: float = 1.0
     linear_m_s: float = 0.0
-    """The speed that stays."""
+    """The constant velocity."""
     angular_rad_s: float = 0.0
     leaves: bool = False
-    """Whether the person wants to leave."""
+    """Whether the user quits."""
     _held: str = ""
     _until_s: float = 0.0
 
     def press(self, key: str, now_s: float) -> None:
-        """A key has come; one that is held comes again and again."""
+        """A key was received; one that is held is received repeatedly."""
         if key in LEAVE_KEYS:
             self.leaves = True
         if key in HELD:

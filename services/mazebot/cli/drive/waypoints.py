@@ -28,7 +28,7 @@ def waypoints(
         ),
     ],
     loops: Annotated[
-        int | None, typer.Option(min=0, help="further rounds after the first [default: the file's]")
+        int | None, typer.Option(min=0, help="further loops after the first [default: the file's]")
     ] = None,
     photo: Annotated[bool, typer.Option("--photo", help="take a picture at each waypoint")] = False,
     photos: Annotated[
@@ -37,15 +37,15 @@ def waypoints(
     ] = None,
     timeout_s: Annotated[
         float | None,
-        typer.Option("--timeout", min=0.1, help="seconds until they are cancelled"),
+        typer.Option("--timeout", min=0.1, help="seconds until they are canceled"),
     ] = None,
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
     """Send the robot of a running stack to waypoints, one after the other. Ctrl-C cancels them.
 
-    A waypoint that cannot be reached is skipped, and told at the end. Enter is the input for which
-    a waypoint with `input_timeout_s` waits.
+    A waypoint that cannot be reached is skipped, and reported at the end. Enter is the input for
+    which a waypoint with `input_timeout_s` waits.
     """
     from mazebot.cli.drive.task import run_task  # noqa: PLC0415 - loads Zenoh
     from mazebot.cli.drive.waypoints_file import read_mission  # noqa: PLC0415
@@ -70,7 +70,7 @@ def waypoints(
 
     album = _Album(photos)
 
-    def took(topic: Topic[Any], message: Any) -> str:
+    def on_message(topic: Topic[Any], message: Any) -> str:
         if topic is PHOTO_REQUEST:
             album.waypoint = message.waypoint
         return album.keep(message) if topic is PHOTO else ""
@@ -78,7 +78,7 @@ def waypoints(
     many = f"{count} waypoint{'s' * (count != 1)}"
     code = run_task(
         connect, "waypoints", goal, f"driving to {many}", timeout_s, as_json,
-        (PHOTO_REQUEST, PHOTO), took, _give_input,
+        (PHOTO_REQUEST, PHOTO), on_message, _give_input,
     )  # fmt: skip
     raise typer.Exit(code)
 
@@ -96,7 +96,7 @@ class _Album:
         """`folder`: None keeps none."""
         self._folder = folder
         self.waypoint = 0
-        """At which the next picture is taken."""
+        """The waypoint at which the next picture is taken."""
 
     def keep(self, photo: CompressedImage) -> str:
         """Write a picture; returns a line about it. Raises ConfigError."""
@@ -109,7 +109,7 @@ class _Album:
             self._folder.mkdir(parents=True, exist_ok=True)
             file.write_bytes(photo.data.tobytes())
         except OSError as error:
-            raise ConfigError(f"--photos: {file}: cannot be written: {error.strerror}") from error
+            raise ConfigError(f"--photos: {file}: failed to write: {error.strerror}") from error
         return f"photo at waypoint {self.waypoint}: {file}"
 
 

@@ -5,7 +5,7 @@ waypoints:
   - [0.5, -0.9, 0.0]                              # x, y (m) and yaw (rad) in the map
   - {x_m: 0.3, y_m: -0.6, yaw_rad: 1.57, wait_s: 2.0}
   - {location: location2, photo: true}
-loops: 1                                          # further rounds after the first
+loops: 1                                          # further loops after the first
 
 A mapping under `waypoints`, with `pose: [x, y, z]` and `orientation: [w, x, y, z]` in each, is the
 file that the Nav2 panel of RViz saves.
@@ -78,7 +78,7 @@ class Mission:
 def read_mission(words: Sequence[str]) -> Mission:
     """The waypoints of a command: names of locations, or the path of one file.
 
-    Raises ConfigError, in one line, where a file is none of waypoints.
+    Raises ConfigError, in one line, where a file is not one of waypoints.
     """
     if len(words) == 1 and (words[0].endswith(_ENDINGS) or "/" in words[0]):
         return _read_file(Path(words[0]))
@@ -98,7 +98,7 @@ def _read_file(path: Path) -> Mission:
     listed = source.content.get("waypoints")
     loops = source.content.get("loops", 0)
     if not isinstance(loops, int) or isinstance(loops, bool) or not 0 <= loops < 2**31:
-        raise reader.wrong(("loops",), loops, "must be a whole number, 0 or more")
+        raise reader.wrong(("loops",), loops, "must be an integer >= 0")
     if isinstance(listed, dict) and listed:
         of_rviz = [reader.of_rviz(("waypoints", name), item) for name, item in listed.items()]
         return Mission(tuple(of_rviz), loops)
@@ -169,7 +169,7 @@ class _Reader:
         if "location" in item:
             for name in _POSE:
                 if name in item:
-                    must = "must be left out beside `location`"
+                    must = "must not be given with `location`"
                     raise self.wrong((*at, name), item[name], must)
             name_of = item["location"]
             if not isinstance(name_of, str) or not name_of:
@@ -177,7 +177,7 @@ class _Reader:
             return name_of
         for name in ("x_m", "y_m"):
             if name not in item:
-                raise self.wrong((*at, name), None, "is missing, or `location` in its place")
+                raise self.wrong((*at, name), None, "is missing: must be given, or `location`")
         x_m, y_m, yaw_rad = (self._number((*at, name), item.get(name, 0.0)) for name in _POSE)
         return Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -57,15 +56,3 @@ def watch_sources(
         alive_key("*", "*", prefix),
         lambda _, source, is_there: on_change(source, is_there),
     )
-
-
-def wait_until_alive(
-    session: zenoh.Session, service: str, deadline_s: float, prefix: str = ""
-) -> bool:
-    """Wait until a service is alive; False at the deadline, in seconds from now."""
-    end = time.monotonic() + deadline_s
-    while time.monotonic() < end:
-        if service in alive(session, prefix):
-            return True
-        time.sleep(0.05)
-    return False

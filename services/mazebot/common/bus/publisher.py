@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import uuid
 from typing import Any, TypeVar
 
 import zenoh
 
-from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
 from mazebot.common.messages.topics import CLOCK, CMD_VEL, Delivery, Topic
-from mazebot.common.node.node import Envelope
 
 M = TypeVar("M")
 
@@ -77,16 +74,3 @@ def _priority(topic: Topic[M]) -> zenoh.Priority:
     if topic.name == CMD_VEL.name:
         return zenoh.Priority.REAL_TIME
     return zenoh.Priority.DATA_LOW if topic.type is msg.Image else zenoh.Priority.DATA
-
-
-def put_once(
-    session: zenoh.Session, topic: Topic[M], message: M, stamp_ns: int = 0, prefix: str = ""
-) -> None:
-    """Send one message of an EVERY topic from outside the services.
-
-    Raises WireError where a service would reject it.
-    """
-    wire.validate(topic, message)
-    publisher = publish(session, topic, prefix)
-    envelope = Envelope(uuid.uuid4().hex, 0, stamp_ns, "")
-    publisher.put(wire.encode(topic, message), attachment=pack_attachment(topic, envelope))

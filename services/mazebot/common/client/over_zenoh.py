@@ -35,7 +35,7 @@ M = TypeVar("M")
 Q = TypeVar("Q")
 A = TypeVar("A")
 
-_CONNECT_S = 1.0
+_ALIVE_TIMEOUT_S = 1.0
 
 
 class ZenohRobot(Robot):
@@ -52,7 +52,7 @@ class ZenohRobot(Robot):
         """
         config = BusConfig(connect=router) if isinstance(router, str) else router
         try:
-            self._session = open_session(config, _CONNECT_S)
+            self._session = open_session(config)
         except BusUnavailableError as error:
             raise RobotError(f"{error}; is a stack running? ({HOW_TO_START})") from error
         self._prefix, self._start_s = config.prefix, start_s
@@ -120,7 +120,7 @@ class ZenohRobot(Robot):
         """See Robot."""
         found: dict[str, set[str]] = defaultdict(set)
         key = alive_key("*", "*", self._prefix)
-        for reply in self._session.liveliness().get(key, timeout=_CONNECT_S):
+        for reply in self._session.liveliness().get(key, timeout=_ALIVE_TIMEOUT_S):
             if reply.ok is not None:
                 service, source = service_and_source(reply.ok.key_expr)
                 found[service].add(source)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from mazebot.common.client.robot import NO_STACK, Receive, Robot, RobotError, ignore
@@ -18,15 +19,11 @@ _PERIOD_S = 0.5
 """How often it is checked whether the stack has started or ended, while a topic is watched."""
 
 
-def _nothing() -> None:
-    pass
-
-
 @dataclass(eq=False)
 class _Watch:
     topics: tuple[Topic[Any], ...]
     receive: Receive
-    end: Callable[[], None] = _nothing
+    ends: ExitStack = field(default_factory=ExitStack)
 
 
 class ReconnectingRobot(Robot):
@@ -58,14 +55,14 @@ class ReconnectingRobot(Robot):
         with self._lock:
             self._watches.append(watch)
             if self._robot is not None:
-                watch.end = self._robot.watch(watch.topics, receive)
+                watch.ends.callback(self._robot.watch(watch.topics, receive))
         self._changed.set()
 
         def end() -> None:
             with self._lock:
                 if watch in self._watches:
                     self._watches.remove(watch)
-                watch.end()
+                watch.ends.close()
             self._changed.set()
 
         return end
@@ -120,7 +117,7 @@ class ReconnectingRobot(Robot):
             with self._lock:
                 self._robot = robot
                 for watch in self._watches:
-                    watch.end = robot.watch(watch.topics, watch.receive)
+                    watch.ends.callback(robot.watch(watch.topics, watch.receive))
         alive = robot.alive()
         has_ended = bool(self._alive) and not alive
         self._alive = alive
@@ -133,7 +130,7 @@ class ReconnectingRobot(Robot):
             robot, self._robot = self._robot, None
             self._alive = {}
             for watch in self._watches:
-                watch.end()
+                watch.ends.close()
         if robot is not None:
             # Closing may hang where the router is lost.
             threading.Thread(target=robot.close, name="closing", daemon=True).start()

@@ -7,7 +7,6 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from mazebot.common.config import ConfigError
@@ -94,19 +93,14 @@ class Robot(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def check_message(topic: Topic[M], message: M) -> None:
     """Raises RobotError where the user's tools may not publish the topic, or it is invalid."""
     if EDGE not in topic.owners:
-        raise RobotError(f"{topic.name}: only {' and '.join(topic.owners)} may write it")
+        raise RobotError(f"{topic.name}: only {' and '.join(topic.owners)} may publish it")
     try:
         wire.validate(topic, message)
     except wire.WireError as error:

@@ -7,11 +7,10 @@ import uuid
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from mazebot.common.client.actions import cancel_goal, rejection_text, send_goal
 from mazebot.common.client.robot import Robot, RobotError
-from mazebot.common.maths.frames import BASE_FOOTPRINT_FRAME, MAP_FRAME, quaternion_from_yaw
+from mazebot.common.client.user_messages import initial_pose
+from mazebot.common.maths.frames import quaternion_from_yaw
 from mazebot.common.messages import action_documents as act
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
@@ -25,24 +24,14 @@ INITIAL_STD_M, INITIAL_STD_RAD = 0.5, 0.26
 
 
 def carry_out(robot: Robot, action: Any) -> str:
-    """Pass on what the page asks for; returns what to tell the person. It waits for the reply.
+    """Pass on what the page asks for; returns the text for the user. It waits for the reply.
 
-    Raises RefusedError where it is refused or there is no robot.
+    Raises RefusedError where it is rejected or no stack is running.
     """
     try:
         return _HANDLERS[type(action)](robot, action)
     except RobotError as error:
         raise RefusedError(str(error)) from error
-
-
-def velocity_message(robot: Robot, linear_m_s: float, angular_rad_s: float) -> msg.TwistStamped:
-    """A wanted velocity, for CMD_VEL_TELEOP."""
-    return msg.TwistStamped(
-        header=msg.header(robot.now_ns(), BASE_FOOTPRINT_FRAME),
-        twist=msg.Twist(
-            linear=msg.Vector3(linear_m_s, 0.0, 0.0), angular=msg.Vector3(0.0, 0.0, angular_rad_s)
-        ),
-    )
 
 
 def _ask(robot: Robot, query: tp.Query[Any, Any], message: Any) -> Any:
@@ -57,17 +46,17 @@ def _checked(reply: Any) -> Any:
     return reply
 
 
-def _start(robot: Robot, goal: act.ActionGoal, begun: str) -> str:
+def _start(robot: Robot, goal: act.ActionGoal, text: str) -> str:
     goal_id = f"console-{uuid.uuid4().hex[:12]}"
     reply = send_goal(robot, goal_id, goal, ANSWER_TIMEOUT_S)
     if not reply.accepted:
         raise RefusedError(f"{rejection_text(reply)} (error code {reply.error_code})")
-    return begun
+    return text
 
 
 def _goal(robot: Robot, action: pm.Goal) -> str:
     goal = act.NavigateToPose(pose=action.pose.planar())
-    return _start(robot, goal, f"driving to {_told(action.pose)}")
+    return _start(robot, goal, f"driving to {_text(action.pose)}")
 
 
 def _waypoints(robot: Robot, action: pm.Waypoints) -> str:
@@ -80,16 +69,9 @@ def _waypoints(robot: Robot, action: pm.Waypoints) -> str:
 
 
 def _initial_pose(robot: Robot, action: pm.InitialPose) -> str:
-    covariance = np.diag([INITIAL_STD_M**2, INITIAL_STD_M**2, INITIAL_STD_RAD**2])
-    pose = msg.PoseWithCovarianceStamped(
-        header=msg.header(robot.now_ns(), MAP_FRAME),
-        pose=msg.PoseWithCovariance(
-            pose=msg.pose_from_se2(action.pose.planar().se2()),
-            covariance=msg.planar_covariance(covariance),
-        ),
-    )
-    robot.publish(tp.INITIAL_POSE, pose)
-    return f"initial pose {_told(action.pose)} sent"
+    pose = action.pose.planar().se2()
+    robot.publish(tp.INITIAL_POSE, initial_pose(robot, pose, INITIAL_STD_M, INITIAL_STD_RAD))
+    return f"initial pose {_text(action.pose)} sent"
 
 
 def _drop_box(robot: Robot, action: pm.DropBox) -> str:
@@ -104,7 +86,7 @@ def _drop_box(robot: Robot, action: pm.DropBox) -> str:
         materials=(doc.Material(name="plain", ambient=grey, diffuse=grey),),
     )
     reply = _ask(robot, tp.SPAWN_ENTITY, doc.SpawnEntity(entity=entity, allow_renaming=True))
-    return f"{reply.name} stands at {_told(action.pose)}"
+    return f"{reply.name} spawned at {_text(action.pose)}"
 
 
 def _remove(robot: Robot, action: pm.Remove) -> str:
@@ -119,7 +101,7 @@ def _cancel(robot: Robot, _: pm.Cancel) -> str:
 
 def _pause_task(robot: Robot, action: pm.PauseTask) -> str:
     _ask(robot, tp.PAUSE_GOAL, act.PauseGoal(pause=action.pause))
-    return "paused: the robot stops" if action.pause else "the robot goes on"
+    return "paused: the robot stops" if action.pause else "resumed: the robot continues"
 
 
 def _dock(robot: Robot, action: pm.Dock) -> str:
@@ -127,7 +109,7 @@ def _dock(robot: Robot, action: pm.Dock) -> str:
 
 
 def _undock(robot: Robot, _: pm.Undock) -> str:
-    return _start(robot, act.UndockRobot(), "leaving the dock")
+    return _start(robot, act.UndockRobot(), "undocking")
 
 
 def _spin(robot: Robot, action: pm.Spin) -> str:
@@ -137,7 +119,7 @@ def _spin(robot: Robot, action: pm.Spin) -> str:
 
 def _back_up(robot: Robot, action: pm.BackUp) -> str:
     goal = act.BackUp(distance_m=action.distance_m)
-    return _start(robot, goal, f"driving back by {action.distance_m:g} m")
+    return _start(robot, goal, f"backing up by {action.distance_m:g} m")
 
 
 def _clear_costmaps(robot: Robot, _: pm.ClearCostmaps) -> str:
@@ -147,26 +129,26 @@ def _clear_costmaps(robot: Robot, _: pm.ClearCostmaps) -> str:
 
 def _find_robot(robot: Robot, _: pm.FindRobot) -> str:
     _ask(robot, tp.REINITIALIZE_GLOBAL_LOCALIZATION, act.Empty())
-    return "searching the robot on the whole map; it moves if it has to"
+    return "global localization started: the robot may move"
 
 
 def _explore(robot: Robot, action: pm.Explore) -> str:
     if "explorer" not in robot.alive():
         raise RefusedError("explore: no explorer service is running")
     robot.publish(tp.EXPLORE_RESUME, msg.Bool(data=action.resume))
-    return "the exploration goes on" if action.resume else "the exploration stops here"
+    return "exploration resumed" if action.resume else "exploration paused"
 
 
 def _simulation(robot: Robot, action: pm.Simulation) -> str:
     control = doc.SimulationControl(**action.model_dump(exclude={"do"}, exclude_none=True))
     stats = _ask(robot, tp.SIMULATION_CONTROL, control).stats
     if stats is None:
-        return "there is no world yet"
+        return "no world is loaded yet"
     pace = f"at {stats.speed:g}x real time" if stats.speed else "as fast as possible"
     return f"{'paused' if stats.paused else f'running {pace}'} at {stats.sim_time_s:.2f} s"
 
 
-def _told(place: pm.Place) -> str:
+def _text(place: pm.Place) -> str:
     return f"({place.x_m:.2f}, {place.y_m:.2f})"
 
 

@@ -7,8 +7,8 @@ import contextlib
 import time
 
 from mazebot.common.client.robot import Robot, RobotError
+from mazebot.common.client.user_messages import velocity
 from mazebot.common.messages.topics import CMD_VEL_TELEOP
-from mazebot.console.live.commands import velocity_message
 
 PERIOD_S = 0.05
 TIMEOUT_S = 0.4
@@ -53,6 +53,4 @@ class Teleoperation:
         self.stop()
 
     def _send(self, linear_m_s: float, angular_rad_s: float) -> None:
-        self._robot.publish(
-            CMD_VEL_TELEOP, velocity_message(self._robot, linear_m_s, angular_rad_s)
-        )
+        self._robot.publish(CMD_VEL_TELEOP, velocity(self._robot, linear_m_s, angular_rad_s))
