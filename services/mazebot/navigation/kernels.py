@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 
@@ -34,24 +35,35 @@ def compile_kernels(config: NavigationConfig) -> None:
 
     Raises ConfigError where a controller or a tree that is named cannot be used.
     """
-    cells = np.zeros((60, 60), np.int8)
-    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
-    cells[30, 20:40] = 100
-    compile_collision_kernels()
-    run_planning_kernels()
-    drive = made_drive(
-        config, frame_of(0.05, _NOWHERE, cells), cells, random_generator(0, "navigation/warm")
-    )
+    _compile_whatever_the_configuration()
+    drive = _in_a_room(config)
     level = _LOG.level
     _LOG.setLevel(logging.CRITICAL)
     try:
-        compile_mppi_kernels(drive.robot.costmap.static, SE2(1.0, 1.0, 0.0), config.robot())
         _drive(drive)
     except NavigationError:
         # The robot is too large for the room; everything else is compiled.
         pass
     finally:
         _LOG.setLevel(level)
+
+
+@functools.cache
+def _compile_whatever_the_configuration() -> None:
+    """What is compiled once stays so: a second navigation in the same process starts at once."""
+    compile_collision_kernels()
+    run_planning_kernels()
+    config = NavigationConfig()
+    costmap = _in_a_room(config).robot.costmap.static
+    compile_mppi_kernels(costmap, SE2(1.0, 1.0, 0.0), config.robot())
+
+
+def _in_a_room(config: NavigationConfig) -> Drive:
+    cells = np.zeros((60, 60), np.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    cells[30, 20:40] = 100
+    frame = frame_of(0.05, _NOWHERE, cells)
+    return made_drive(config, frame, cells, random_generator(0, "navigation/warm"))
 
 
 def _drive(drive: Drive) -> None:
