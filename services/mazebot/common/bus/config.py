@@ -5,12 +5,10 @@ from __future__ import annotations
 from pydantic import Field, field_validator
 
 from mazebot.common.config import ServiceConfig
-from mazebot.common.messages.documents import MIN_SPEED
+from mazebot.common.speeds import MAX_SPEED, MIN_SPEED
 
 PACES = {"real_time": 1.0, "fast": 0.0, "lockstep": 0.0}
 """Simulated seconds a second; 0: as fast as possible."""
-
-MAX_SPEED = 1000.0
 
 
 class BusConfig(ServiceConfig):

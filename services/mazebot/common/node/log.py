@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import sys
 from pathlib import PurePath
+from typing import TYPE_CHECKING
 
-from mazebot.common.messages import messages as msg
-from mazebot.common.messages.topics import ROSOUT
-from mazebot.common.node.node import Outbox
+if TYPE_CHECKING:
+    from mazebot.common.node.node import Outbox
 
 _ROS_NAMES = {"WARNING": "WARN", "CRITICAL": "FATAL"}
 
@@ -36,6 +36,10 @@ class RosoutHandler(logging.Handler):
         """Publish the record on /rosout."""
         if self.outbox is None:
             return
+        # The router has logs, too, but no outbox: it need not load every message.
+        from mazebot.common.messages import messages as msg  # noqa: PLC0415
+        from mazebot.common.messages.topics import ROSOUT  # noqa: PLC0415
+
         self.outbox.put(
             ROSOUT,
             msg.Log(

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 
 from mazebot.common.messages.documents.document import Document, Finite, Positive
 from mazebot.common.messages.documents.places import Planar
+from mazebot.common.speeds import MIN_SPEED
 
 
 class Contact(Document):
@@ -18,10 +19,6 @@ class Contact(Document):
     body: str = Field(description="name of the wall, body or entity it collided with")
     position_m: tuple[Finite, Finite, Finite] = Field(description="x, y, z in `map`, m")
     impulse_n_s: Finite = Field(description="impulse of the first step, N s")
-
-
-MIN_SPEED = 0.01
-"""The smallest factor of real time at which simulation time can pass."""
 
 
 def _as_fast_as_possible_or_a_factor(speed: float) -> float:
