@@ -87,7 +87,7 @@ test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
 
 test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
-	@.venv/bin/pytest -n 2 --dist worksteal -m slow
+	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
 
 test-compose: $(STAMP) image ## run the tests of the containers (Docker) and of the viewer (Chromium)
 	@.venv/bin/pytest -m "compose or browser" --timeout 900 tests/compose tests/browser

@@ -199,10 +199,23 @@ def filled(example: Example) -> str:
     return text
 
 
+@pytest.fixture(scope="module")
+def worked() -> set[str]:
+    """The commands that have been run: one that stands on two pages need not be run again."""
+    return set()
+
+
+# In one folder, one after the other: some need what another one has made.
 @pytest.mark.slow
+@pytest.mark.xdist_group("commands")
 @pytest.mark.parametrize("example", some("alone"), ids=str)
-def test_a_command_that_needs_nothing_else_works(example: Example, folder: Path) -> None:
-    run(filled(example), folder)
+def test_a_command_that_needs_nothing_else_works(
+    example: Example, folder: Path, worked: set[str]
+) -> None:
+    command = filled(example)
+    if command not in worked:
+        run(command, folder)
+        worked.add(command)
 
 
 @pytest.fixture(scope="module")
@@ -234,6 +247,7 @@ def test_a_running_stack_does_what_each_command_says(
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("commands")
 @pytest.mark.timeout(120)
 def test_a_run_is_replayed_on_a_router_as_each_command_says(
     folder: Path, subtests: pytest.Subtests

@@ -9,20 +9,17 @@ A change that moves the robot otherwise changes the hashes, and is to say so.
 import json
 import os
 import platform
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from mazebot.common.files.root import ROOT
 from mazebot.embedded.session import Session
+from tests.embedded.golden_tours import GOLDEN_TOURS, SEED, drive_tour, run
 
 pytestmark = pytest.mark.skipif(
     platform.machine() != "x86_64", reason="PyBullet is compiled otherwise for other machines"
 )
 
-SEED = 7
 SHORT = {"sim_house_enhanced": (-1.678, -1.178, -2.25), "maze": (0.0, -0.5, 0.5)}
 """World and goal of a short drive."""
 GOLDEN_SHORT = {
@@ -30,18 +27,6 @@ GOLDEN_SHORT = {
     "maze": ("acf55da7affdc5f8", "5a66dfd5ea5b29dc"),
 }
 """State hash and image hash when the goal is reached."""
-GOLDEN_TOURS = {
-    "maze": "2cea1c52cd4000c0",
-    "maze_rooms": "19fb8b8f2a2e9280",
-    "sim_house": "5d399b7f95d015ab",
-    "sim_house_enhanced": "90c14e2624b087f2",
-    "sim_house_floor": "90c14e2624b087f2",
-    "sim_house_markers": "495e541083a08b64",
-    "sim_house_rooms": "a9de8e04e0a9de5e",
-    "sim_house_slam": "a68026edf7d6fe79",
-}
-"""State hash of the whole tour."""
-
 C_LIBRARY = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
 BLAS = {"OPENBLAS_CORETYPE": "Nehalem"}
 NUMBA = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
@@ -71,15 +56,17 @@ def short_drive(world: str) -> tuple[str, str]:
     return stats.state_hash, stats.image_hash
 
 
-def run(command: list[str], setting: dict[str, str]) -> str:
-    """What a process prints on another processor, so to speak."""
-    environment = {**os.environ, "PYTHONHASHSEED": "0", **setting}
-    done = subprocess.run(
-        [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout
+@pytest.fixture(scope="module")
+def any_processor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where what is compiled for any processor is kept, which takes more than a minute: by all
+    tests, also of another worker.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    kept = folder / "kernels_of_any_processor"
+    kept.mkdir(exist_ok=True)
+    return kept
 
 
 @pytest.mark.parametrize("world", SHORT)
@@ -96,28 +83,24 @@ def test_a_short_drive_has_them_with_another_c_library_blas_and_vectors() -> Non
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("processor", PROCESSORS)
-def test_short_drives_have_them_on_every_processor(processor: str, tmp_path: Path) -> None:
+def test_short_drives_have_them_on_every_processor(processor: str, any_processor: Path) -> None:
     setting = {**PROCESSORS[processor]}
     if processor == "Numba":
-        setting["NUMBA_CACHE_DIR"] = str(tmp_path)
+        setting["NUMBA_CACHE_DIR"] = str(any_processor)
     for world, golden in GOLDEN_SHORT.items():
         assert tuple(json.loads(run(["-c", DRIVE, world], setting))) == golden, world
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("processor", ["this one", "all others at once"])
-def test_every_tour_has_the_hash_that_is_written_down(processor: str, tmp_path: Path) -> None:
-    setting: dict[str, str] = {}
-    if processor != "this one":
-        setting = {**C_LIBRARY, **BLAS, **NUMBA, **VECTORS, "NUMBA_CACHE_DIR": str(tmp_path)}
-    hashes = {}
-    for world in GOLDEN_TOURS:
-        out_dir = tmp_path / world
-        options = ["--world", world, "--seed", str(SEED), "--renderer", "cpu", "--no-record"]
-        run(["-m", "mazebot.cli", "demo", *options, "--out", str(out_dir)], setting)
-        hashes[world] = json.loads((out_dir / "summary.json").read_text())["state_hash"]
-    assert hashes == GOLDEN_TOURS
+@pytest.mark.parametrize("world", GOLDEN_TOURS)
+def test_every_tour_has_the_hash_that_is_written_down_with_all_others_at_once(
+    world: str, any_processor: Path, tmp_path: Path
+) -> None:
+    setting = {**C_LIBRARY, **BLAS, **NUMBA, **VECTORS, "NUMBA_CACHE_DIR": str(any_processor)}
+    drive_tour(world, tmp_path, setting)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["state_hash"] == GOLDEN_TOURS[world]
 
 
 @pytest.mark.slow

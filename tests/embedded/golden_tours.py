@@ -1,0 +1,38 @@
+"""The tours of the shipped worlds, by the command, and the state hashes that they have."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from mazebot.common.files.root import ROOT
+
+SEED = 7
+GOLDEN_TOURS = {
+    "maze": "2cea1c52cd4000c0",
+    "maze_rooms": "19fb8b8f2a2e9280",
+    "sim_house": "5d399b7f95d015ab",
+    "sim_house_enhanced": "90c14e2624b087f2",
+    "sim_house_floor": "90c14e2624b087f2",
+    "sim_house_markers": "495e541083a08b64",
+    "sim_house_rooms": "a9de8e04e0a9de5e",
+    "sim_house_slam": "a68026edf7d6fe79",
+}
+"""State hash of the whole tour."""
+
+
+def run(command: list[str], setting: dict[str, str]) -> str:
+    """What a process prints on another processor, so to speak."""
+    environment = {**os.environ, "PYTHONHASHSEED": "0", **setting}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def drive_tour(world: str, out_dir: Path, setting: dict[str, str]) -> None:
+    """The whole tour of a world with its camera, on another processor, so to speak."""
+    options = ["--world", world, "--seed", str(SEED), "--renderer", "cpu", "--no-record"]
+    run(["-m", "mazebot.cli", "demo", *options, "--out", str(out_dir)], setting)
