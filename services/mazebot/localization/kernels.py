@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -14,8 +15,11 @@ from mazebot.localization.config import LocalizationConfig
 from mazebot.localization.monte_carlo import Localization
 
 
+@functools.cache
 def compile_kernels(config: LocalizationConfig) -> None:
-    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves: once
+    a process, since what is compiled stays so.
+    """
     cells = np.zeros((60, 60), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     localization = Localization(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -18,8 +19,11 @@ _BEAMS = 180
 _AT_ONCE_M = 0.12
 
 
+@functools.cache
 def compile_kernels(params: SlamParams) -> None:
-    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves: once
+    a process, since what is compiled stays so.
+    """
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
     sensor = SE2(0.0, 0.0, 0.0)
     map_from_marker = msg.matrix_from_pose(

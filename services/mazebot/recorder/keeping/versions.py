@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import platform
 import tomllib
@@ -56,6 +57,7 @@ def _field(path: str, name: str) -> str:
     return next((value.strip() for key, _, value in fields if key.strip() == name), "")
 
 
+@functools.cache
 def _mazebot() -> str:
     try:
         with (ROOT / "pyproject.toml").open("rb") as file:
@@ -64,6 +66,7 @@ def _mazebot() -> str:
         return _version("mazebot") or "unknown"
 
 
+@functools.cache
 def _version(package: str) -> str:
     try:
         return metadata.version(package)
