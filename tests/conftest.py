@@ -19,6 +19,36 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+_LONGEST = (
+    "tests/docs/test_commands.py",
+    "tests/embedded/test_determinism.py",
+    "tests/embedded/test_golden_hashes.py",
+    "tests/cli/replay/test_service.py",
+    "tests/embedded/test_worlds.py",
+    "tests/localization/test_global_localization.py",
+    "tests/embedded/test_cylinder_fields.py",
+    "tests/bench/",
+    "tests/docs/test_examples.py",
+    "tests/parity/",
+    "tests/bringup/",
+    "tests/worldgen/test_kernels.py",
+    "tests/cli/test_many_recordings.py",
+)
+"""Where the long tests are, the longest first."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest of the slow tests go first, so that no worker is left with one at the end."""
+
+    def place(item: pytest.Item) -> int:
+        if item.get_closest_marker("slow") is None:
+            return len(_LONGEST)
+        named = (i for i, start in enumerate(_LONGEST) if item.nodeid.startswith(start))
+        return next(named, len(_LONGEST))
+
+    items.sort(key=place)
+
+
 _ROOT, _NUMBA = logging.getLogger(), logging.getLogger("numba")
 _LEVELS = _ROOT.level, _NUMBA.level
 
