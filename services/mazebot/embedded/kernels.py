@@ -1,5 +1,5 @@
 """Compiles every kernel in advance, by driving half a second of the enhanced tour, as long without
-a map, and generating mazes. `make env` runs it.
+a map, drawing by each renderer, and generating mazes. `make env` and the image's build run it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mazebot.common.node.executive import Executive, MemoryTransport
 from mazebot.embedded.demo import DemoOptions, build_nodes
+from mazebot.physics.camera import cpu_camera, gl_camera
 from mazebot.worldgen.kernels import compile_kernels
 
 EPISODE_S = 0.5
@@ -17,9 +18,11 @@ EPISODE_S = 0.5
 
 
 def main() -> None:
-    """Drive in a map and while one is made, and generate mazes."""
+    """Drive in a map and while one is made, draw, and generate mazes."""
     logging.disable(logging.WARNING)
     compile_kernels()
+    cpu_camera.compile_kernels()
+    gl_camera.compile_kernels()
     with tempfile.TemporaryDirectory() as folder:
         for slam in (False, True):
             out_dir = Path(folder) / ("slam" if slam else "tour")
