@@ -38,11 +38,15 @@ def wait_until(condition: Callable[[], bool], deadline_s: float, what: str) -> f
     Raises AssertionError where it does not before the deadline.
     """
     start_s = time.monotonic()
-    while not condition():
-        waited_s = time.monotonic() - start_s
+    while True:
+        asked_s = time.monotonic()
+        if condition():
+            return time.monotonic() - start_s
+        answered_s = time.monotonic()
+        waited_s = answered_s - start_s
         assert waited_s < deadline_s, f"not within {deadline_s:g} s: {what}"
-        time.sleep(0.02)
-    return time.monotonic() - start_s
+        # Asking must not take the processor from what is waited for.
+        time.sleep(min(max(0.02, 3.0 * (answered_s - asked_s)), 0.5))
 
 
 class Stack:
@@ -114,8 +118,8 @@ class Stack:
 
     def containers(self) -> list[str]:
         """Names of the services that have a container, running or not."""
-        listed = self.compose("ps", "--all", "--format", "{{.Service}}")
-        return sorted(listed.stdout.split())
+        service = '{{.Label "com.docker.compose.service"}}'
+        return sorted(self._listed("--format", service).split())
 
     def logs(self, service: str) -> str:
         """What a service has said."""
@@ -132,13 +136,19 @@ class Stack:
         return sorted(self.inspect(service)["NetworkSettings"]["Networks"])
 
     def _identity(self, service: str) -> str:
-        identity = self.compose("ps", "--all", "--quiet", service).stdout.strip()
+        label = f"label=com.docker.compose.service={service}"
+        identity = self._listed("--quiet", "--filter", label).strip()
         assert identity, f"{service} has no container"
         return identity
 
+    def _listed(self, *options: str) -> str:
+        """What `docker ps` says of all containers, in a tenth of the time of Compose's own."""
+        project = f"label=com.docker.compose.project={self._environment['COMPOSE_PROJECT_NAME']}"
+        return docker("ps", "--all", "--filter", project, *options).stdout
+
     def inside(self, service: str, code: str) -> str:
         """What a piece of Python prints in a service's container."""
-        return self.compose("exec", "-T", service, "python", "-c", code).stdout.strip()
+        return docker("exec", self._identity(service), "python", "-c", code).stdout.strip()
 
     def status_of_process(self, service: str) -> dict[str, str]:
         """/proc/PID/status of the service itself, below its init."""
