@@ -21,6 +21,20 @@ def is_active(stack: Stack, demo: str) -> bool:
     return all(f"[INFO] [{manager}]: {ACTIVE}" in log for manager in MANAGERS)
 
 
+def check_nothing_compiled(stack: Stack, service: str) -> None:
+    """Check that a service has found every kernel that it used in the image."""
+    code = """
+import os
+from pathlib import Path
+kept, image = (
+    {str(file.relative_to(folder)) for file in Path(folder).rglob("*.nb?")}
+    for folder in (os.environ["NUMBA_CACHE_DIR"], "/opt/mazebot/kernels")
+)
+print(len(image) > 100, *sorted(kept - image))
+"""
+    assert stack.inside(service, code) == "True", service
+
+
 def check_table(log: str) -> None:
     """Check that the tour ended with its table, all goals reached, without a contact."""
     table = log[log.index("tour finished") :].splitlines()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import socket
@@ -14,7 +15,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.compose.checks import ACTIVE, check_recordings, check_table, is_active
+from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.messages.messages import TwistStamped, ns_from_time
+from mazebot.common.messages.topics import CMD_VEL
+from mazebot.common.messages.wire import decode
+from tests.compose.checks import (
+    ACTIVE,
+    check_nothing_compiled,
+    check_recordings,
+    check_table,
+    is_active,
+)
+from tests.compose.control import control
 from tests.compose.motion import Witness
 from tests.compose.stack import (
     DEMOS,
@@ -31,6 +43,13 @@ DEMO = DEMOS["enhanced"]
 TOUR_S = 300.0
 Measured = Callable[[str, float], None]
 READ_ONLY_PLACES = ("/", "/opt/mazebot", "/home/mazebot", "/etc", "/usr")
+PAUSE_S = 60.0
+AFTER = 20
+"""Commands after the pause that are looked at: a second of them."""
+LATE_S = 0.2
+"""When the watchdog stops the robot: a busy machine delays a command, but not until then."""
+ACCELERATION_M_S2 = 1.0
+ALARM = re.compile(r"WARN|ERROR|error:|Traceback|waiting for")
 
 
 @dataclass
@@ -165,6 +184,48 @@ def test_the_viewer_is_served(tour: Tour) -> None:
         assert f"%3A{tour.stack.data_port}%2Fproxy" in page.url
 
 
+def said(stack: Stack) -> dict[str, list[str]]:
+    """The lines of every container."""
+    return {service: stack.logs(service).splitlines() for service in (*SERVICES, DEMO)}
+
+
+@pytest.mark.timeout(300)
+def test_a_minute_s_pause_in_mid_drive_alarms_nobody(tour: Tour, witness: Witness) -> None:
+    """Seen by the last tests, too: the tour ends as it should."""
+    stack = tour.stack
+    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=5.0)
+    commands: list[TwistStamped] = []
+    subscription = subscribe(
+        session, CMD_VEL, lambda data, _: commands.append(decode(CMD_VEL, data))
+    )
+    wait_until(witness.driving, 60.0, "driving")
+    at = control(stack, pause=True)
+    before, sent, begin_s = said(stack), len(commands), time.monotonic()
+    wait_until(lambda: time.monotonic() - begin_s > PAUSE_S, PAUSE_S + 5.0, "a minute")
+    assert control(stack).iterations == at.iterations
+    assert len(commands) <= sent + 1
+    for service, lines in said(stack).items():
+        new = lines[len(before[service]) :]
+        assert not [line for line in new if ALARM.search(line)], f"{service}: {new}"
+        state = stack.inspect(service)["State"]
+        assert state["Status"] == "running"
+        assert state.get("Health", {}).get("Status", "healthy") == "healthy"
+        assert stack.inspect(service)["RestartCount"] == 0
+    control(stack, pause=False)
+    wait_until(lambda: len(commands) >= sent + AFTER, 30.0, "commands after the pause")
+    for first, after in itertools.pairwise(commands[sent - 1 : sent + AFTER]):
+        elapsed_s = _elapsed_s(first, after)
+        assert elapsed_s < LATE_S
+        change_m_s = abs(after.twist.linear.x - first.twist.linear.x)
+        assert change_m_s <= ACCELERATION_M_S2 * elapsed_s + 0.02, (first, after)
+    del subscription
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def _elapsed_s(first: TwistStamped, after: TwistStamped) -> float:
+    return (ns_from_time(after.header.stamp) - ns_from_time(first.header.stamp)) * 1e-9
+
+
 def test_a_second_world_is_refused_and_the_first_goes_on(tour: Tour, witness: Witness) -> None:
     refused = tour.stack.compose("up", DEMOS["original"])
     assert refused.returncode != 0
@@ -215,6 +276,12 @@ def test_the_tour_ends_with_its_table(tour: Tour) -> None:
     assert tour.stack.compose("logs", DEMO).stdout.count(ACTIVE) == 2
     assert tour.stack.inspect(DEMO)["State"]["ExitCode"] == 0
     assert "tour finished" in tour.output.read_text()
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_the_image_has_every_kernel(tour: Tour, service: str) -> None:
+    tour.process.wait(TOUR_S)
+    check_nothing_compiled(tour.stack, service)
 
 
 def test_down_is_fast_and_closes_the_recording(tour: Tour, measured: Measured) -> None:

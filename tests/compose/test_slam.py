@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.compose.checks import ACTIVE, is_active
+from tests.compose.checks import ACTIVE, check_nothing_compiled, is_active
 from tests.compose.stack import stack_of, wait_until
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
@@ -42,6 +42,8 @@ def test_a_house_is_mapped_to_the_end_though_mapping_is_killed(person: int, tmp_
         assert process.returncode == 0, log
         assert stack.compose("logs", DEMO).stdout.count(ACTIVE) == 2
         assert "exploration complete" in log
+        for service in ("mapping", "explorer"):
+            check_nothing_compiled(stack, service)
         stack.down()
         (run,) = [path for path in stack.recordings.iterdir() if path.is_dir()]
         summary = json.loads((run / "summary.json").read_text())

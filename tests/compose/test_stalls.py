@@ -1,4 +1,6 @@
-"""Readers that stall and networks that are cut, in containers: nobody else notices."""
+"""A tour that is reset, readers that stall and networks that are cut, in containers: nobody else
+notices.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ from mazebot.common.messages.topics import (
     Topic,
 )
 from mazebot.common.node.node import Envelope
-from tests.compose.checks import check_table, is_active
+from tests.compose.checks import check_recordings, check_table, is_active
+from tests.compose.control import check_commands, control
 from tests.compose.motion import Witness
 from tests.compose.stack import DEMOS, Stack, docker, stack_of, wait_until
 
@@ -160,6 +163,12 @@ def check_nobody_noticed(ear: Ear, begin_s: float, what: str, measured: Measured
     assert latest_s <= MAX_LATE_S, told
 
 
+def test_a_reset_in_mid_drive_begins_the_tour_anew(tour: Stack, witness: Witness) -> None:
+    """Seen by the last test: the tour and the recording have begun anew."""
+    stats = control(tour, reset="all", seed=11)
+    assert (stats.epoch, stats.seed, stats.iterations) == (2, 11, 0)
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("count", [1, 5])
 def test_readers_that_freeze_cost_nobody_anything(
@@ -214,3 +223,7 @@ def test_the_tour_ends_well_after_all_of_that(tour: Stack) -> None:
         lambda: bool(tour.inspect(DEMO)["State"]["Status"] == "exited"), TOUR_S, "the tour's end"
     )
     check_table(tour.logs(DEMO))
+    assert tour.inspect(DEMO)["State"]["ExitCode"] == 0
+    check_commands(tour)
+    tour.down()
+    assert len(check_recordings(tour)) == 2
