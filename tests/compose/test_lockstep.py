@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.bench.parts.loopback_router import wait_for_router
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
@@ -68,8 +67,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> list[SimulationStats
 @contextmanager
 def listening(stack: Stack) -> Iterator[list[SimulationStats]]:
     """What physics says of the simulation, from its first step on."""
-    wait_for_router(stack.endpoint)
-    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=10.0)
+    session = open_session(BusConfig(connect=stack.endpoint), timeout_s=60.0)
     stats: list[SimulationStats] = []
     subscription = subscribe(
         session, SIMULATION_STATS, lambda data, _: stats.append(decode(SIMULATION_STATS, data))
