@@ -89,6 +89,7 @@ test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 	@.venv/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow
 
+# The tests of containers build the image, while another worker runs those of the browser.
 test-compose: $(STAMP) ## run the tests of the containers (Docker) and of the viewer (Chromium)
 	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not alone" --timeout 900 tests/compose tests/browser
 	@.venv/bin/pytest -m alone --timeout 900 tests/compose
