@@ -99,8 +99,15 @@ def test_on_the_map_x_is_to_the_right_and_y_up_and_the_costmap_is_seen(tmp_path:
         map_part = picture[:, : SIZE[0] * 5 // 8]
         return count_near(map_part, LETHAL, 60) > 2000 and count_near(map_part, TRUE_PATH, 70) > 100
 
+    def shown_as_driven(picture: Picture) -> bool:
+        """Whether the whole way is drawn: at first, a slow browser shows its beginning only."""
+        if not shown(picture):
+            return False
+        middle, way = rows_near(picture, LETHAL), rows_near(picture, TRUE_PATH)
+        return way[0] < middle[0] - 20 and way[1] > middle[1] + 20
+
     with served(run / "run.rrd") as url:
-        picture = screenshot(url, shown, size=SIZE, timeout_s=200.0, click=MAP_TAB)
+        picture = screenshot(url, shown_as_driven, size=SIZE, timeout_s=200.0, click=MAP_TAB)
     assert shown(picture)
     middle, way = rows_near(picture, LETHAL), rows_near(picture, TRUE_PATH)
     assert way[0] < middle[0] - 20
