@@ -91,8 +91,8 @@ test-slow: $(STAMP) ## run the long tests: every world driven, two hundred mazes
 
 # The tests of containers build the image, while another worker runs those of the browser.
 test-compose: $(STAMP) ## run the tests of the containers (Docker) and of the viewer (Chromium)
-	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not alone" --timeout 900 tests/compose tests/browser
-	@.venv/bin/pytest -m alone --timeout 900 tests/compose
+	@.venv/bin/pytest -n 2 --dist loadfile -m "(compose or browser) and not timed" --timeout 900 tests/compose tests/browser
+	@.venv/bin/pytest -n 2 --dist loadfile -m timed --timeout 900 tests/compose
 
 check: $(STAMP) ## lint, check formats, types, imports and generated files
 	@.venv/bin/ruff check $(SOURCES)

@@ -27,17 +27,26 @@ def person() -> int:
     return 1000 if os.getuid() == 0 else os.getuid()
 
 
-_MEASURED: list[str] = []
-
-
 @pytest.fixture
-def measured() -> Callable[[str, float], None]:
+def measured(request: pytest.FixtureRequest) -> Callable[[str, float], None]:
     """Notes a duration, to be printed below the results."""
-    return lambda what, seconds: _MEASURED.append(f"{what}: {seconds:.2f} s")
+
+    def note(what: str, seconds: float) -> None:
+        request.node.user_properties.append(("measured", f"{what}: {seconds:.2f} s"))
+
+    return note
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    if _MEASURED:
+    lines = [
+        line
+        for outcome in ("passed", "failed")
+        for report in terminalreporter.getreports(outcome)
+        if report.when == "call"
+        for name, line in report.user_properties
+        if name == "measured"
+    ]
+    if lines:
         terminalreporter.section("measured")
-    for line in _MEASURED:
+    for line in lines:
         terminalreporter.write_line(line)
