@@ -15,7 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from mazebot.common.bus.bus import BusConfig, open_session, subscribe
+from mazebot.common.bus.config import BusConfig
+from mazebot.common.bus.session import open_session
+from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.messages import TwistStamped, ns_from_time
 from mazebot.common.messages.topics import CMD_VEL
 from mazebot.common.messages.wire import decode
