@@ -16,7 +16,8 @@ import pytest
 import yaml
 
 from mazebot.bench.parts.loopback_router import free_port, running_router
-from mazebot.cli.app import main, parse_bool
+from mazebot.cli.app import main
+from mazebot.cli.demo import parse_bool
 from mazebot.cli.topics.topic import in_json, plain
 from mazebot.common.config import ConfigError
 from mazebot.common.messages.messages import matrix_from_pose

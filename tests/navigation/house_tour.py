@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.world.footprint import wall_corners
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 
 ODOMETRY_NS = 33_333_333
 SCAN_NS = 100_000_000

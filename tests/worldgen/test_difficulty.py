@@ -8,7 +8,8 @@ import pytest
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import Location
 from mazebot.worldgen.difficulty import difficulty
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from tests.common.house import wall, world
 
 

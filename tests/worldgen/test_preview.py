@@ -26,15 +26,16 @@ from mazebot.common.messages.documents import (
 )
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.common.world.marker_entities import marker_entities
-from mazebot.worldgen.preview import (
+from mazebot.worldgen.preview import (  # fmt: skip
     LEFT_PX,
     TOP_PX,
     draw_plan,
     material_colours,
     plan_png,
     view_of,
-)  # fmt: skip
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+)
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.world_model import world_glb
 
 

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import functools
-import math
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
-from mazebot.cli import console, entities, plan, sim, world
+from mazebot.cli import console, demo, entities, plan, sim, world
 from mazebot.cli.drive import behaviors, teleop, waypoints
 from mazebot.cli.localize import localize
 from mazebot.cli.map import group as map_group
 from mazebot.cli.markers import markers
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
-from mazebot.cli.parsing.completion import topic_names, world_names, written_topic_names
+from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
-from mazebot.cli.parsing.options import Connect, Json, model_folders, xacro_arguments
+from mazebot.cli.parsing.options import Connect, Json
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
 from mazebot.common.config import ConfigError
-from mazebot.common.garbage import collections_held_off
-
-if TYPE_CHECKING:
-    from mazebot.console.config import ConsoleConfig
 
 app = App(
     name="mazebot",
@@ -47,7 +42,6 @@ app.add_typer(sim.app, name="sim")
 TopicName = Annotated[
     str, typer.Argument(metavar="TOPIC", help="e.g. /scan", autocompletion=topic_names)
 ]
-_TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
 
 
 def _print_version(wanted: bool) -> None:
@@ -69,178 +63,7 @@ def _begin(
         known.check_environment()
 
 
-@app.command()
-def demo(
-    world_name: Annotated[
-        str | None,
-        typer.Option(
-            "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
-            autocompletion=world_names,
-            help="enhanced (sim_house_enhanced), original (sim_house), another of the worlds, or a "
-            "file: recipe, SDF, URDF or xacro [default: enhanced]",
-        ),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="field=value, overrides the world's recipe; repeatable"),
-    ] = None,
-    arguments: Annotated[
-        list[str] | None, typer.Option("--arg", help="name:=value, an argument of a xacro file")
-    ] = None,
-    path: Annotated[
-        list[Path] | None,
-        typer.Option("--path", help="folder of models, searched before GZ_SIM_RESOURCE_PATH"),
-    ] = None,
-    worlds_dir: Annotated[
-        Path | None, typer.Option(help="folder of the worlds [default: worlds]")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="the run's seed [default: 7]")
-    ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(help="a YAML file of settings; a run's own config.yaml repeats that run"),
-    ] = None,
-    params: Annotated[
-        Path | None,
-        typer.Option(help="a nav2_params.yaml of Nav2; --config and the environment win over it"),
-    ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            help="mppi, regulated_pure_pursuit, or your own: FILE.py:Class or package.module:Class"
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="the run's folder [default: recordings/<time>_<world>]"),
-    ] = None,
-    goal: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="x, y (m) and yaw (rad) in the map: one goal instead of the tour"),
-    ] = None,
-    slam: Annotated[
-        bool | None,
-        typer.Option(
-            "--slam/--no-slam",
-            help="the robot gets no map: it explores the world and makes one [default: no-slam]",
-        ),
-    ] = None,
-    explore: Annotated[
-        bool | None,
-        typer.Option("--explore/--no-explore", help="with --slam: or drive to --goal only"),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", help="YAML file of a map to drive in, instead of the world's own; with "
-            "markers.yaml beside it, the robot knows these markers",
-        ),
-    ] = None,
-    use_aruco: Annotated[
-        str | None,
-        typer.Option(
-            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
-        ),
-    ] = None,
-    texture_base: Annotated[
-        Path | None,
-        typer.Option(
-            "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
-            help="folder of the wall textures [default: worlds/textures]",
-        ),
-    ] = None,
-    renderer: Annotated[
-        Literal["auto", "gl", "cpu", "tiny", "none"] | None,
-        typer.Option(help="renderer of the camera images [default: auto]"),
-    ] = None,
-    camera: Annotated[
-        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
-    ] = None,
-    record: Annotated[
-        bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
-    ] = None,
-    console: Annotated[
-        bool,
-        typer.Option(
-            "--console", help="serve the console beside the run, which is in real time then and "
-            "goes on after the tour until Ctrl-C",
-        ),
-    ] = False,
-    console_port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="its port [default: 8080]")
-    ] = None,
-    tour: Annotated[
-        bool, typer.Option("--tour/--no-tour", help="with --console: or wait for goals from it")
-    ] = True,
-    as_json: Json = False,
-) -> None:  # fmt: skip
-    """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
-    possible.
-    """
-    said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
-    known.check_not_for_make([option for option, value in said.items() if value])
-    if goal is not None and not all(map(math.isfinite, goal)):
-        raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
-    if slam and map_file is not None:
-        raise ConfigError(f"--map: {map_file}: must be given without --slam, which makes the map")
-    if explore is not None and not slam:
-        raise ConfigError("--explore: must be given with --slam")
-    if slam and goal is not None and explore is None:
-        explore = False
-    if slam and explore and goal is not None:
-        raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
-    if slam and explore is False and goal is None:
-        raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
-    if not console and (console_port is not None or not tour):
-        option = "--no-tour" if console_port is None else "--console-port"
-        raise ConfigError(f"{option}: must be given with --console")
-    if not tour and goal is not None:
-        raise ConfigError("--no-tour: must be given without --goal")
-    if config is not None:
-        known.check_file(config)
-    with collections_held_off():
-        world.refuse_unused(world_name or "enhanced", arguments, path)
-        from mazebot.common.recordings.run_folder import check_free  # noqa: PLC0415
-        from mazebot.embedded import demo as embedded  # noqa: PLC0415 - pulls in every service
-
-        if out is not None:
-            check_free("--out", out)
-        options = embedded.DemoOptions(
-            world_name=world_name,
-            seed=seed,
-            out_dir=out,
-            camera=camera,
-            record=record,
-            use_aruco=None if use_aruco is None else parse_bool("--use_aruco", use_aruco),
-            texture_base=texture_base,
-            renderer=renderer,
-            goal=goal,
-            slam=slam,
-            explore=explore,
-            map_file=map_file,
-            overrides=tuple(overrides or ()),
-            worlds_dir=worlds_dir,
-            controller=controller,
-            settings=config,
-            params=params,
-            as_json=as_json,
-            arguments=xacro_arguments(arguments),
-            roots=model_folders("--path", path),
-            console=_console_config(config, console_port) if console else None,
-            tour=tour,
-        )
-        code = embedded.run(options)
-    raise typer.Exit(code)
-
-
-def _console_config(settings: Path | None, port: int | None) -> ConsoleConfig:
-    """Environment, settings file and defaults, and the port as given. Raises ConfigError."""
-    from mazebot.common.settings.load import config_flag, load  # noqa: PLC0415
-    from mazebot.console.config import ConsoleConfig  # noqa: PLC0415
-
-    given = {} if port is None else {"port": port}
-    return load(ConsoleConfig, "console", config_flag(settings), given)
+app.command()(demo.demo)
 
 
 @app.command()
@@ -392,18 +215,6 @@ app.command()(behaviors.undock)
 app.command()(behaviors.spin)
 app.command()(behaviors.backup)
 app.command()(teleop.teleop)
-
-
-def parse_bool(option: str, text: str) -> bool:
-    """True or False as ROS launch files write it.
-
-    Raises ConfigError where the text is neither.
-    """
-    if text.lower() in _TRUE:
-        return True
-    if text.lower() in _FALSE:
-        return False
-    raise ConfigError(f"{option}: {text!r} is neither True nor False")
 
 
 @functools.cache

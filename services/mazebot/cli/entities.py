@@ -6,6 +6,7 @@ import base64
 import hashlib
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -103,13 +104,9 @@ def spawn(
     """Spawn an entity in the world of a running stack, and print its pose."""
     from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
 
-    what = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
-            "--model": model, "--marker": marker}  # fmt: skip
-    given = [option for option, value in what.items() if value is not None]
-    if not given:
-        raise ConfigError(f"spawn: must be given one of {', '.join(what)}")
-    if len(given) > 1:
-        raise ConfigError(f"spawn: {' and '.join(given)}: must be given one of them only")
+    kinds = {"--box": box, "--cylinder": cylinder, "--sphere": sphere, "--mesh": mesh,
+             "--model": model, "--marker": marker}  # fmt: skip
+    _check_one(kinds)
     made: Model | None = None
     on_panel = _MarkerAsked(marker, size_m, dictionary, 1) if marker is not None else None
     if mesh is not None or model is not None:
@@ -118,9 +115,8 @@ def spawn(
             on_panel = _marker_of_model(made.marker)
     pose = _Pose.of(at, yaw, rpy)
     if on_panel is not None:
-        for option, value in {
-            "--mass": mass, "--colour": colour, "--texture": texture, "--path": path
-        }.items():  # fmt: skip
+        looks = {"--mass": mass, "--colour": colour, "--texture": texture, "--path": path}
+        for option, value in looks.items():
             if value is not None:
                 raise ConfigError(f"{option}: must not be given for a marker")
         place = _WallPlace(wall, side, offset, height)
@@ -132,15 +128,22 @@ def spawn(
         return
     if wall is not None:
         raise ConfigError("--wall: is for markers: must be --at")
-    if made is None:
-        made = _primitive(box, cylinder, sphere)
-    made = _painted(made, colour, texture)
+    made = _painted(made or _primitive(box, cylinder, sphere), colour, texture)
     route = None if path is None else _route(path, speed, loop, yields)
     if mass is not None or route is not None:
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
     with ZenohRobot(connect) as robot:
         _tell(_ask_spawn(robot, entity, made.assets, allow_renaming, timeout_s), as_json)
+
+
+def _check_one(kinds: Mapping[str, object]) -> None:
+    """Raise ConfigError unless exactly one of these options is given."""
+    given = [option for option, value in kinds.items() if value is not None]
+    if not given:
+        raise ConfigError(f"spawn: must be given one of {', '.join(kinds)}")
+    if len(given) > 1:
+        raise ConfigError(f"spawn: {' and '.join(given)}: must be given one of them only")
 
 
 def move(

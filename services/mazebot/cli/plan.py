@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mazebot.navigation.costmap.zones import Zones
     from mazebot.navigation.errors import NavigationError
     from mazebot.navigation.mask_files import Masks
-    from mazebot.navigation.planning.interface import PlannerParams
+    from mazebot.navigation.planning.interface import GlobalPlanner, PlannerParams
     from mazebot.navigation.planning.path import PlannedPath
 
 NOT_PLANNED = 1
@@ -87,7 +87,7 @@ def plan(
     from mazebot.navigation.planners import make_planner  # noqa: PLC0415
     from mazebot.navigation.planning.interface import PlannerParams, iterations_of  # noqa: PLC0415
 
-    from_pose, to_pose = _pose("--start", start), _pose("--goal", goal)
+    start_pose, goal_pose = SE2(*_pose("--start", start)), SE2(*_pose("--goal", goal))
     if draw is not None and draw.suffix.lower() != ".png":
         raise ConfigError(f"--draw: {draw}: must end in .png")
     masks = _masks(keepout, speed)
@@ -104,15 +104,10 @@ def plan(
         allow_reverse=allow_reverse,
     )
     chosen = make_planner(planner, params)
-    start_pose, goal_pose = SE2(*from_pose), SE2(*to_pose)
     try:
         if zones is not None and zones.keepout.size:
             costmap = _with_zones(costmap, zones, params, start_pose, goal_pose)
-        # The first time its kernels are loaded.
-        chosen.plan(costmap, start_pose, goal_pose, tolerance)
-        begun_s = time.perf_counter()
-        path = chosen.plan(costmap, start_pose, goal_pose, tolerance)
-        taken_s = time.perf_counter() - begun_s
+        path, taken_s = _timed(chosen, costmap, start_pose, goal_pose, tolerance)
     except NavigationError as error:
         if draw is not None:
             _draw(draw, costmap, start_pose, goal_pose, None, error)
@@ -125,6 +120,17 @@ def plan(
 def _pose(option: str, text: str) -> tuple[float, float, float]:
     values = numbers(option, text, 2, 3)
     return values[0], values[1], values[2] if len(values) > 2 else 0.0
+
+
+def _timed(
+    planner: GlobalPlanner, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float
+) -> tuple[PlannedPath, float]:
+    """A path, and the wall time to plan it, s. Raises NavigationError."""
+    # The first time its kernels are loaded.
+    planner.plan(costmap, start, goal, tolerance_m)
+    start_s = time.perf_counter()
+    path = planner.plan(costmap, start, goal, tolerance_m)
+    return path, time.perf_counter() - start_s
 
 
 def _costmap(
@@ -156,12 +162,12 @@ def _masks(keepout: Path | None, speed: Path | None) -> Masks:
     from mazebot.navigation.mask_files import masks_of  # noqa: PLC0415
 
     given = {"keepout_mask": keepout, "speed_mask": speed}
-    told = {name: str(file) for name, file in given.items() if file is not None}
+    paths = {name: str(file) for name, file in given.items() if file is not None}
     try:
-        return masks_of(NavigationConfig.model_validate(told))
+        return masks_of(NavigationConfig.model_validate(paths))
     except ConfigError as error:
-        setting, colon, said = str(error).partition(":")
-        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{said}") from error
+        setting, colon, problem = str(error).partition(":")
+        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{problem}") from error
 
 
 def _zones(frame: GridFrame, masks: Masks) -> Zones | None:

@@ -27,7 +27,7 @@ from mazebot.worldgen.config import WorldgenConfig
 
 if TYPE_CHECKING:
     from mazebot.common.maths.frames import Array
-    from mazebot.worldgen.recipe.loader import LoadedWorld
+    from mazebot.worldgen.recipe.loaded_world import LoadedWorld
     from mazebot.worldgen.sdf.model import ImportReport, SdfWorld
 
 app = App(help="Make worlds: recipes, mazes, SDF in and out, maps, previews.")
@@ -64,7 +64,8 @@ WorldsDir = Annotated[
 @app.command("list")
 def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
     """List the available worlds."""
-    from mazebot.worldgen.recipe.loader import SHORT_NAMES, known_worlds, load_world  # noqa: PLC0415
+    from mazebot.worldgen.recipe.loader import load_world  # noqa: PLC0415
+    from mazebot.worldgen.recipe.sources import SHORT_NAMES, known_worlds  # noqa: PLC0415
 
     folder = _worlds_dir(worlds_dir)
     short_of = {name: short for short, name in SHORT_NAMES.items()}

@@ -48,7 +48,7 @@ from mazebot.spawner.node import SpawnerNode
 from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.files import load_any
 from mazebot.worldgen.node import Load, WorldgenNode
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 if TYPE_CHECKING:
     from mazebot.console.config import ConsoleConfig

@@ -10,7 +10,7 @@ from mazebot.common.world.marker_entities import marker_entities
 from mazebot.worldgen.difficulty import difficulty
 from mazebot.worldgen.map.clearance import reach
 from mazebot.worldgen.preview import plan_png
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.sdf.export import export_world
 from mazebot.worldgen.world_model import world_glb
 

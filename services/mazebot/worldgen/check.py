@@ -25,10 +25,10 @@ from mazebot.worldgen.map.clearance import (
     reach,
     rooms_to_stand,
 )
-from mazebot.worldgen.recipe.loader import (
+from mazebot.worldgen.recipe.loaded_world import Draft
+from mazebot.worldgen.recipe.loading import Loading
+from mazebot.worldgen.recipe.sources import (
     DEFAULT_WORLDS_DIR,
-    Draft,
-    Loading,
     named_sources,
     shown_path,
     sources_of,
@@ -106,9 +106,9 @@ def _judged(
         if draft.is_free(draft.world.start):
             found = reach(draft.world, draft.meshes)
         for mistake in _geometry(draft, found):
-            loading.add(mistake)
+            loading.problems.add(mistake)
         _unused_textures(loading, draft)
-    return Findings(tuple(dict.fromkeys(loading.problems)), found)
+    return Findings(tuple(dict.fromkeys(loading.problems.found)), found)
 
 
 def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
@@ -259,4 +259,6 @@ def _unused_textures(loading: Loading, draft: Draft) -> None:
     for name, material in draft.recipe.materials.items():
         if material.texture and material.texture not in seen:
             seen.add(material.texture)
-            loading.read_texture(material.texture, ("materials", name, "texture"), fatal=False)
+            loading.files.read_texture(
+                material.texture, ("materials", name, "texture"), fatal=False
+            )

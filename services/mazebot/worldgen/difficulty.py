@@ -19,7 +19,7 @@ from mazebot.common.world.costmap import FREE
 from mazebot.common.world.grids import connected_regions
 from mazebot.worldgen.markers.visibility import Bits, reachable
 from mazebot.worldgen.maze import maze as mazes
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 _NEIGHBOURS = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
 _LOOK_BACK = 400

@@ -11,13 +11,9 @@ from pathlib import Path
 
 from mazebot.common.config import ConfigError
 from mazebot.common.problems import Problem, WorldError
-from mazebot.worldgen.recipe.loader import (
-    DEFAULT_WORLDS_DIR,
-    LoadedWorld,
-    load_file,
-    load_world,
-    shown_path,
-)
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_file, load_world
+from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR, shown_path
 
 SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
 RECIPE_SUFFIXES = (".yaml", ".yml")

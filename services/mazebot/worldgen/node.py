@@ -17,7 +17,8 @@ from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.map.map_exchange import MapDataError, map_of_document
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 
 Load = Callable[[str, bool, Path, Path | None, tuple[str, ...]], LoadedWorld]
 

@@ -23,7 +23,7 @@ from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.map.occupancy import Grid, occupied_cells
 from mazebot.worldgen.markers.visibility import reachable, seen_from
 from mazebot.worldgen.plan_bodies import BodyPlan, body_plans
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 MAX_SIDE_PX = 1800
 """Of the plan alone, without its margins."""

@@ -15,7 +15,7 @@ from mazebot.common.messages.documents import MarkerEntity, Material, Rgba, Worl
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.surfaces import PLAIN, Surface, surfaces
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 _MAP_FROM_GLTF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """glTF has y up, and z towards the viewer (glTF 2.0 specification, section 3.4)."""

@@ -14,7 +14,8 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.world.costmap import Cells
 from mazebot.common.world.map_files import ImageFormat, Mode, write_map
 from mazebot.worldgen.check import problems_of
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 
@@ -81,7 +82,7 @@ def test_a_turned_map_of_another_resolution_is_as_good(tmp_path: Path, room: Loa
     assert loaded.world.map_resolution_m == 0.05
     bring(tmp_path, cells, 0.05, SE2(origin.x_m, origin.y_m, 0.0))
     (found,) = problems_of("room", worlds_dir=tmp_path)
-    assert "must lie on the world: walls of map and world are" in found.must
+    assert "must match the world: walls of map and world are" in found.must
 
 
 def test_a_map_beside_its_world_is_told_as_far_as_it_is_off(
@@ -101,4 +102,4 @@ def test_a_map_beside_its_world_is_told_as_far_as_it_is_off(
 def test_a_map_without_walls_shows_no_world(tmp_path: Path, room: LoadedWorld) -> None:
     bring(tmp_path, np.zeros((4, 4), np.int8), 0.1, room.map_origin)
     (found,) = problems_of("room", worlds_dir=tmp_path)
-    assert found.must == "must show the world: the map has no occupied cell"
+    assert found.must == "must match the world: the map has no occupied cell"

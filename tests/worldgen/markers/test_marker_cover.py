@@ -12,7 +12,8 @@ from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.markers import marker_cover
 from mazebot.worldgen.markers.marker_cover import best_cover, cover
 from mazebot.worldgen.markers.visibility import covered_share
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.recipe_model import MarkerCoverRecipe
 from tests.common.house import marker, wall, world
 

@@ -9,7 +9,8 @@ from scipy import ndimage
 
 from mazebot.common.messages.documents import Wall
 from mazebot.worldgen.check import problems_of
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 
 ROBOT_RADIUS_M = 0.24
 ALGORITHMS = ("wilson", "recursive_backtracker", "rooms")

@@ -116,7 +116,7 @@ def without_line(text: str) -> str:
             lambda r: r["light"].update(direction=[0, 0, 0]),
             "light.direction: (0.0, 0.0, 0.0): must not",
         ),
-        (lambda r: r.update(name="hall"), "name: 'hall': must be 'room', as the file is called"),
+        (lambda r: r.update(name="hall"), "name: 'hall': must be 'room', the file's name"),
         (lambda r: r.update({1: 2}), "1: 1: must be a string"),
         (lambda r: r.update(extends="../room.yaml"), "extends: '../room.yaml': must be a file"),
         (
@@ -125,7 +125,7 @@ def without_line(text: str) -> str:
         ),
         (
             lambda r: r.update(extends="room.yaml"),
-            "extends: 'room.yaml': must not lead back to itself (room.yaml -> room.yaml)",
+            "extends: 'room.yaml': must not extend itself (room.yaml -> room.yaml)",
         ),
     ],
 )
@@ -185,7 +185,7 @@ def test_an_unknown_world_is_answered_with_the_known_ones(tmp_path: Path) -> Non
         load_world("../worlds/sim_house")
     empty = tmp_path / "textures"
     (empty / "brick.png").unlink()
-    assert mistake(empty) == f"world_name: 'room': {empty} holds no *.yaml"
+    assert mistake(empty) == f"world_name: 'room': {empty} contains no *.yaml"
     assert mistake(tmp_path / "none") == f"worlds_dir: {tmp_path}/none: No such file or directory"
 
 
@@ -194,7 +194,7 @@ def test_a_circle_of_overlays_is_shown(tmp_path: Path) -> None:
     folder.write(tmp_path, "a", {"extends": "b.yaml"})
     folder.write(tmp_path, "b", {"extends": "a.yaml"})
     found = mistake(tmp_path)
-    assert found.startswith(f"{tmp_path}/b.yaml:1: extends: 'a.yaml': must not lead back")
+    assert found.startswith(f"{tmp_path}/b.yaml:1: extends: 'a.yaml': must not extend itself")
     assert found.endswith("(a.yaml -> b.yaml -> a.yaml)")
 
 

@@ -14,7 +14,8 @@ from mazebot.common.maths.frames import rotation_from_quaternion
 from mazebot.common.messages.documents import Body, World
 from mazebot.common.problems import WorldError
 from mazebot.common.world.geometry import mesh_from_bytes
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_file, load_world
 from tests.worldgen import folder
 
 CUBE_OBJ = """\

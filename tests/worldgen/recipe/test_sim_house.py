@@ -11,7 +11,9 @@ import shapely
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import World
 from mazebot.common.world.footprint import wall_corners
-from mazebot.worldgen.recipe.loader import LoadedWorld, known_worlds, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.recipe.sources import known_worlds
 
 WORLDS = ("sim_house", "sim_house_enhanced")
 NUMBERS = (0, 1, 10, 11, 13, 14, 15, 17, 18, 19, 2, 20, 21, 22, 24, 25, 29, 3, 30, 31, 32, 33, 35,

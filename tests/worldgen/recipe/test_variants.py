@@ -20,7 +20,9 @@ from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import panel_of
 from mazebot.worldgen.check import problems_of
 from mazebot.worldgen.markers.visibility import Sight, covered_share
-from mazebot.worldgen.recipe.loader import SHORT_NAMES, LoadedWorld, known_worlds, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.recipe.sources import SHORT_NAMES, known_worlds
 
 ROBOT_RADIUS_M = 0.24
 NAMES = known_worlds()

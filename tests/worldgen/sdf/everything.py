@@ -9,7 +9,8 @@ import trimesh
 from lxml import etree
 
 from mazebot.common.messages.documents import World
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_file
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_file
 from mazebot.worldgen.sdf.convert import to_recipe
 from mazebot.worldgen.sdf.export import export_files, export_world
 from mazebot.worldgen.sdf.reading.read import read_sdf

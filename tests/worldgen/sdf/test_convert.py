@@ -13,7 +13,8 @@ from PIL import Image
 from mazebot.common.config import ConfigError
 from mazebot.common.world.marker_entities import marker_entities
 from mazebot.worldgen.check import problems_of
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.recipe_model import Recipe
 from mazebot.worldgen.sdf.convert import MAX_LIGHTS, to_recipe
 from mazebot.worldgen.sdf.export import export_world

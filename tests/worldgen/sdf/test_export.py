@@ -11,7 +11,8 @@ import pytest
 from lxml import etree
 
 from mazebot.common.config import ConfigError
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_file, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.sdf.export import MANIFEST, export_files, export_world
 from mazebot.worldgen.sdf.model import MAZEBOT_NAMESPACE
 from mazebot.worldgen.sdf.reading.read import read_sdf

@@ -14,7 +14,7 @@ from mazebot.bench.navigation.robot_outline import outlines
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.recorder.judging.goals.shortest_path import ShortestPath
 from mazebot.recorder.judging.obstacles import obstacles
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 FAR_M = 100.0
 """Distance to the nearest thing where there is none."""

@@ -21,7 +21,8 @@ from mazebot.physics.camera.scene import build_scene
 from mazebot.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
 from mazebot.physics.sensor_profiles import CAMERA_PROFILES
 from mazebot.physics.simulation import STEP_S, Simulation
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 from mazebot.worldgen.sdf.convert import to_recipe
 from mazebot.worldgen.sdf.reading.read import read_sdf
 

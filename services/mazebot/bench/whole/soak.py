@@ -42,7 +42,8 @@ from mazebot.common.world.grids import connected_regions, distance_cells
 from mazebot.embedded.demo import DemoOptions, bringup_config, robot_nodes
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 
 CLEARANCE_M = 0.35
 """Minimum clearance of a goal: the robot turns there, and maps are rounded to cells."""

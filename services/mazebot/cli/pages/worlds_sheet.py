@@ -20,7 +20,8 @@ from mazebot.physics.camera.camera import Intrinsics
 from mazebot.physics.camera.renderers import make_renderer
 from mazebot.physics.camera.scene import build_scene
 from mazebot.worldgen.preview import BOTTOM_PX, LEFT_PX, RIGHT_PX, TOP_PX, draw_plan
-from mazebot.worldgen.recipe.loader import LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
 
 WORLDS: dict[str, SE2] = {
     "sim_house": SE2(-0.3, 3.3, -2.0),

@@ -15,7 +15,7 @@ from mazebot.common.config import ConfigError
 def world_names(incomplete: str) -> list[str]:
     """The worlds' names and their short names."""
     from mazebot.common.files.root import ROOT  # noqa: PLC0415 - on TAB alone
-    from mazebot.worldgen.recipe.loader import SHORT_NAMES, known_worlds  # noqa: PLC0415
+    from mazebot.worldgen.recipe.sources import SHORT_NAMES, known_worlds  # noqa: PLC0415
 
     folder = os.environ.get("MAZEBOT_WORLDGEN_WORLDS_DIR")
     try:

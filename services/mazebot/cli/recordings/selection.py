@@ -64,7 +64,7 @@ def chosen_runs(
 
 def _world_filter(text: str) -> Callable[[str], bool]:
     """Whether a world's name contains a text, or is the one that this is short for."""
-    from mazebot.worldgen.recipe.loader import SHORT_NAMES  # noqa: PLC0415 - only where it is asked
+    from mazebot.worldgen.recipe.sources import SHORT_NAMES  # noqa: PLC0415 - only where it is asked
 
     name = SHORT_NAMES.get(text)
     return lambda world: text.lower() in world.lower() if name is None else world == name

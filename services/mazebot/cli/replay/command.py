@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -79,15 +80,12 @@ def replay(
 
     With --service the exit code is 0 if all its messages are as recorded, to the last bit, else 1.
     """
-    of_bus: dict[str, object] = {
-        "--speed": speed != 1.0, "--only": only, "--without": without, "--loop": loop,
-        "--lockstep": lockstep, "--compare": compare,
-    }  # fmt: skip
-    of_service: dict[str, object] = {"--config": config, "--set": overrides}
-    for option, given in (of_bus if service is not None else of_service).items():
-        if given:
-            how = "without" if service is not None else "with"
-            raise ConfigError(f"{option}: must be given {how} --service")
+    _check_use(
+        service,
+        {"--speed": speed != 1.0, "--only": only, "--without": without, "--loop": loop,
+         "--lockstep": lockstep, "--compare": compare},
+        {"--config": config, "--set": overrides},
+    )  # fmt: skip
     if as_json and service is None and not compare:
         raise ConfigError("--json: must be given with --service or --compare")
     # Zenoh, and the services, take long to load.
@@ -100,17 +98,25 @@ def replay(
         check_service(service)
         recording = open_recording(directory, run, slam=service in ("mapping", "explorer"))
         span_ns = recording.span_ns(start_s, duration_s)
-        raise typer.Exit(
-            compare_service(recording, service, span_ns, config, overrides or [], as_json)
-        )
-    from mazebot.cli.replay.on_bus import Choice, publish_recording  # noqa: PLC0415
+        code = compare_service(recording, service, span_ns, config, overrides or [], as_json)
+    else:
+        from mazebot.cli.replay.on_bus import Choice, publish_recording  # noqa: PLC0415
 
-    choice = Choice.of(only or (), without or ())
-    choice.check(compare, lockstep)
-    recording = open_recording(directory, run)
-    span_ns = recording.span_ns(start_s, duration_s)
-    raise typer.Exit(
-        publish_recording(
+        choice = Choice.of(only or (), without or ())
+        choice.check(compare, lockstep)
+        recording = open_recording(directory, run)
+        span_ns = recording.span_ns(start_s, duration_s)
+        code = publish_recording(
             recording, connect, choice, span_ns, speed, loop, lockstep, compare, as_json
         )
-    )
+    raise typer.Exit(code)
+
+
+def _check_use(
+    service: str | None, of_bus: Mapping[str, object], of_service: Mapping[str, object]
+) -> None:
+    """Raise ConfigError if an option of the other use of the command is given."""
+    for option, given in (of_bus if service is not None else of_service).items():
+        if given:
+            how = "without" if service is not None else "with"
+            raise ConfigError(f"{option}: must be given {how} --service")

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mazebot.common.config import ConfigError
-from mazebot.common.nav2_params.entry import (
-    Entry,
-    NodeEntries,
-    child_of,
-    joined_notes,
-    kind_of,
-    listed_names,
-    short_class,
-)
+from mazebot.common.nav2_params.contradictions import contradictions
+from mazebot.common.nav2_params.entry import Entry, NodeEntries, joined_notes
 from mazebot.common.nav2_params.lookup import known
-from mazebot.common.nav2_params.parameter import Namespace, Value, check, typed
+from mazebot.common.nav2_params.parameter import Value, check, typed
+from mazebot.common.nav2_params.parameter_tree import tree_of
 from mazebot.common.nav2_params.renames import NODE_RENAMES
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.today import class_of_today, rename_entries
@@ -54,11 +48,11 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
     nodes: dict[str, NodeEntries] = {}
     for leaf in leaves:
         owner, until = NODE_RENAMES.get(leaf.node, (leaf.node, ""))
-        said = [f"{leaf.node} up to {until}"] if until else []
-        said += ["given twice: the last one counts"] if (leaf.node, leaf.name) in twice else []
+        notes = [f"{leaf.node} up to {until}"] if until else []
+        notes += ["given twice: the last value is used"] if (leaf.node, leaf.name) in twice else []
         entry = Entry(
             leaf, owner, leaf.name, class_of_today(leaf), "parameter",
-            renamed=bool(until), note="; ".join(said),
+            renamed=bool(until), note="; ".join(notes),
         )  # fmt: skip
         nodes.setdefault(owner, NodeEntries()).entries.append(entry)
     problems: list[str] = []
@@ -74,12 +68,12 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
                 where = f"{name}:{entry.leaf.line}: {entry.said}"
                 problems.append(f"{where}: {entry.leaf.value!r:.60}: {error}")
             entries[entry.leaf.node, entry.leaf.name] = found
-    tree = {} if problems else {one: _tree(one, node, entries) for one, node in nodes.items()}
-    problems += _contradictions(name, tree, entries.values())
+    tree = {} if problems else {one: tree_of(one, node, entries) for one, node in nodes.items()}
+    problems += contradictions(name, tree, entries.values())
     if problems:
         more = len(problems) - _MOST_PROBLEMS
-        told = "; ".join(problems[:_MOST_PROBLEMS])
-        raise ConfigError(told + (f"; and {more} more" if more > 0 else ""))
+        shown = "; ".join(problems[:_MOST_PROBLEMS])
+        raise ConfigError(shown + (f"; and {more} more" if more > 0 else ""))
     return Nav2Params(name, tuple(entries[leaf.node, leaf.name] for leaf in leaves), tree)
 
 
@@ -91,81 +85,11 @@ def _typed(entry: Entry) -> Entry:
     words = given if isinstance(given, list) else [given]
     if any(isinstance(word, str) and _SUBSTITUTION.search(word) for word in words):
         value = False if row.kind == "bool" else row.default
-        said = "filled in by a launch file: taken as "
+        substituted = "filled in by a launch file: taken as "
         note = joined_notes(
-            entry.note, said + ("false" if row.kind == "bool" else "Nav2's default")
+            entry.note, substituted + ("false" if row.kind == "bool" else "Nav2's default")
         )
         return dataclasses.replace(entry, value=value, unresolved=True, note=note)
     value = typed(row, given)
     check(row, value)
     return dataclasses.replace(entry, value=value)
-
-
-def _tree(
-    name: str, node: NodeEntries, entries: Mapping[tuple[str, str], Entry]
-) -> Mapping[str, Value]:
-    """The parameters of a node, nested: Nav2's defaults, and over them the file's values."""
-    tree: dict[str, Value] = {}
-    if name in NODES:
-        for path, value in _defaults(NODES[name], "", node.values):
-            _put(tree, path, value)
-    for before in node.entries:
-        entry = entries[before.leaf.node, before.leaf.name]
-        if entry.knowledge != "gone" and entry.value is not None:
-            _put(tree, entry.name, before.value if entry.knowledge == "plugin" else entry.value)
-    return tree
-
-
-def _defaults(
-    space: Namespace, prefix: str, values: Mapping[str, Value]
-) -> Iterator[tuple[str, Value]]:
-    for row in space.parameters.values():
-        if row.default is not None:
-            yield f"{prefix}{row.name}", row.default
-    for group in space.groups:
-        for instance in listed_names(group, prefix, values):
-            inner = f"{prefix}{instance}"
-            kind = kind_of(group, inner, instance, values)
-            if group.key == "plugin" and kind:
-                yield f"{inner}.plugin", kind
-            child = child_of(group, kind, inner, values)
-            if child is not None:
-                yield from _defaults(child, f"{inner}.", values)
-
-
-def _put(tree: dict[str, Value], path: str, value: Value) -> None:
-    """Set a value; where a name is both a value and a namespace, the first one stays."""
-    *spaces, last = path.split(".")
-    for space in spaces:
-        tree = tree.setdefault(space, {})
-        if not isinstance(tree, dict):
-            return
-    if not isinstance(tree.get(last), dict):
-        tree[last] = value
-
-
-def _contradictions(
-    name: str, tree: Mapping[str, Mapping[str, Value]], entries: Iterable[Entry]
-) -> list[str]:
-    """Values that are right alone and not together, as Nav2 itself refuses them at its start."""
-    problems = []
-    at = {(entry.node, entry.name): entry for entry in entries}
-
-    def refuse(node: str, parameter: str, value: Value, must: str) -> None:
-        entry = at.get((node, parameter))
-        line = f":{entry.leaf.line}" if entry else ""
-        problems.append(f"{name}{line}: {node}.{parameter}: {value!r:.60}: {must}")
-
-    amcl = tree.get("amcl", {})
-    if amcl and amcl["min_particles"] > amcl["max_particles"]:
-        most = amcl["max_particles"]
-        refuse("amcl", "min_particles", amcl["min_particles"],
-               f"must be at most max_particles, {most}")  # fmt: skip
-    server = tree.get("controller_server", {})
-    for space, inner in server.items():
-        if isinstance(inner, dict) and short_class(inner.get("plugin")) == "MPPIController":
-            period = 1.0 / server["controller_frequency"]
-            if period > inner["model_dt"] + 1e-6:
-                refuse("controller_server", f"{space}.model_dt", inner["model_dt"],
-                       f"must be at least the controller's period, {period:g} s")  # fmt: skip
-    return problems

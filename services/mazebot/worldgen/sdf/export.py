@@ -25,7 +25,7 @@ from mazebot.common.world.geometry import TriangleMesh, mesh_from_bytes, triangl
 from mazebot.common.world.marker_entities import PanelStyle, marker_entities
 from mazebot.common.world.marker_picture import identity_problem, own_dictionaries, panel_side_m
 from mazebot.common.world.placement import hang
-from mazebot.worldgen.recipe.loader import LoadedWorld
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.sdf.marker_model import marker_model_files, model_name
 from mazebot.worldgen.sdf.writing import (
     SHEET_THICKNESS_M,

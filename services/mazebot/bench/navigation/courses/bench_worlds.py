@@ -12,7 +12,9 @@ import yaml
 
 from mazebot.bench.navigation.scenario import scratch_folder
 from mazebot.common.maths.frames import SE2
-from mazebot.worldgen.recipe.loader import DEFAULT_WORLDS_DIR, LoadedWorld, load_world
+from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.loader import load_world
+from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR
 
 SHIPPED = ("original", "enhanced", "floor", "rooms", "slam", "markers", "maze", "maze_rooms")
 _PLAIN: dict[str, Any] = {
