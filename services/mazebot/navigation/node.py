@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
@@ -433,24 +435,21 @@ class NavigationNode(Node):
             if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                 self._take_scan(stamp_ns, scan)
 
-    def _take_scan(self, stamp_ns: int, scan: msg.LaserScan) -> None:
+    def _take_scan(self, stamp_ns: int, message: msg.LaserScan) -> None:
         base_from_scan = self._base_from_scan
         if self._odom is None or base_from_scan is None:
             return
         odom_from_base = self._odom[1]
-        points_m = scan_points(
-            base_from_scan, denoised_ranges(scan.ranges), scan.angle_min, scan.angle_increment,
-            scan.range_min, scan.range_max,
-        )  # fmt: skip
+        scan = Scan.from_message(message, base_from_scan)
+        points_m = scan_points(replace(scan, ranges_m=denoised_ranges(scan.ranges_m)))
         self._echoes = _Echoes(stamp_ns, odom_from_base, points_m)
         drive = self._drive
         if drive is None:
             return
         drive.robot.local_costmap.move(odom_from_base)
         drive.robot.local_costmap.update(
-            odom_from_base @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, now_ns=stamp_ns, map_from_base=odom_from_base,
-        )  # fmt: skip
+            odom_from_base @ base_from_scan, scan, map_from_base=odom_from_base
+        )
         if not self._localized():
             drive.tracker.clear()
             return
@@ -463,8 +462,7 @@ class NavigationNode(Node):
         )  # fmt: skip
         moving = [(t.x_m, t.y_m, t.radius_m) for t in drive.tracker.moving(stamp_ns * 1e-9)]
         drive.robot.costmap.update(
-            map_from_base @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, now_ns=stamp_ns, map_from_base=map_from_base,
+            map_from_base @ base_from_scan, scan, map_from_base=map_from_base,
             moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
         )  # fmt: skip
 

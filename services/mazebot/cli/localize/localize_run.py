@@ -81,11 +81,7 @@ def run(
         if step.odom_from_base is not None:
             localization.odometry(step.stamp_ns, step.odom_from_base)
         if step.scan is not None:
-            scan = step.scan
-            localization.scan(
-                step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
-                scan.range_min_m, scan.range_max_m, place,
-            )  # fmt: skip
+            localization.scan(step.scan.at(place, step.stamp_ns))
             yield _fix(step.stamp_ns * 1e-9, localization)
 
 

@@ -120,12 +120,8 @@ def run(
             last = step.odom_from_base
         if step.scan is None:
             continue
-        scan = step.scan
         begin = time.perf_counter()
-        used = slam.scan(
-            step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
-            scan.range_min_m, scan.range_max_m, place,
-        )  # fmt: skip
+        used = slam.scan(step.scan.at(place, step.stamp_ns))
         step_ms.append((time.perf_counter() - begin) * 1e3)
         if used:
             stamps_ns.append(step.stamp_ns)
