@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.scan import Scan
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import (
@@ -114,7 +115,11 @@ def main() -> None:
     for side in (200, 400, 2000):
         _costmaps(side)
     for radius_m in (1.0, 0.5, 0.35, 0.3):
-        for velocity in (Velocity(0.46, 0.0), Velocity(0.3, 1.5), Velocity(0.0, 1.9)):
+        for velocity in (
+            Velocity(MAX_LINEAR_M_S, 0.0),
+            Velocity(0.3, 1.5),
+            Velocity(0.0, MAX_ANGULAR_RAD_S),
+        ):
             _monitor(radius_m, velocity)
     for x_m in (2.0, 3.6):
         _contact(x_m)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.world.map_files import MapFile
@@ -76,7 +77,7 @@ def run(
     else:
         std = np.array(_START_STD)
         localization.initialize(start, np.diag(std * std))
-    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     for step in log.steps():
         if step.odom_from_base is not None:
             localization.odometry(step.stamp_ns, step.odom_from_base)

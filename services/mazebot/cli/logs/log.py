@@ -13,9 +13,6 @@ from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 
-WAFFLE_LIDAR = SE2(-0.064, 0.0, 0.0)
-"""base_from_scan of a log that does not tell."""
-
 
 @dataclass(frozen=True)
 class LoggedScan:

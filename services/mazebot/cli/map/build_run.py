@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -107,7 +108,7 @@ def run(
     from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
 
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
-    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     scans = sum(entry.scan is not None for entry in log.entries)
     stamps_ns, anchors, step_ms = [], [], []
     done, driven_m = 0, 0.0

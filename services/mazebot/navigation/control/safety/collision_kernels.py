@@ -15,6 +15,7 @@ from mazebot.navigation.control.safety.collision_monitor import (
     PolygonParams,
     SourcePoints,
 )
+from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
@@ -28,7 +29,7 @@ def compile_collision_kernels() -> None:
     """Run every kernel once in a small room, with the types of arguments that it has in use."""
     cells = np.zeros((40, 40), np.int8)
     cells[0] = 100
-    inflation = InflationParams(0.153, 0.7, 3.0)
+    inflation = InflationParams(WAFFLE.half_width_m, 0.7, 3.0)
     obstacle = ObstacleParams(2.5, 3.0, 0.1, decay_s=1.0)
     costmap = LayeredCostmap(frame_of(0.05, SE2(0.0, 0.0, 0.0), cells), cells, inflation, obstacle)
     local = LocalCostmap(0.05, inflation, obstacle)
