@@ -27,6 +27,7 @@ from mazebot.bench.navigation.surroundings import FAR_M, Post, PutThing, Surroun
 from mazebot.common.config import ConfigError
 from mazebot.common.files.root import ROOT
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 
 TIMES_S = np.arange(0.0, 10.0, 1.0 / 30.0)
 
@@ -73,13 +74,13 @@ def test_path_length_weighs_success() -> None:
 
 
 def test_barn_s_score_is_the_published_one_and_bounded_by_the_robot_s_speed() -> None:
-    optimal_s = 10.0 / metrics.OWN_SPEED_M_S
+    optimal_s = 10.0 / MAX_LINEAR_M_S
     best = metrics.barn_score(True, optimal_s, 10.0, metrics.BARN_SPEED_M_S)
-    assert best == pytest.approx(metrics.OWN_SPEED_M_S / metrics.BARN_SPEED_M_S)
+    assert best == pytest.approx(MAX_LINEAR_M_S / metrics.BARN_SPEED_M_S)
     assert best <= 0.23 + 1e-9
-    assert metrics.barn_score(True, optimal_s, 10.0, metrics.OWN_SPEED_M_S) == 0.5
+    assert metrics.barn_score(True, optimal_s, 10.0, MAX_LINEAR_M_S) == 0.5
     assert metrics.barn_score(True, 1e6, 10.0, metrics.BARN_SPEED_M_S) == 0.125
-    assert metrics.barn_score(False, optimal_s, 10.0, metrics.OWN_SPEED_M_S) == 0.0
+    assert metrics.barn_score(False, optimal_s, 10.0, MAX_LINEAR_M_S) == 0.0
 
 
 def test_contacts_within_a_second_are_one() -> None:

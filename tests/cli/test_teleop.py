@@ -20,7 +20,6 @@ from mazebot.cli.drive.teleop_keys import (
     FIRST_PRESS_S,
     HELD,
     LEAVE_KEYS,
-    MAX_LINEAR_M_S,
     REPEAT_S,
     SCALED,
     STEPPED,
@@ -35,6 +34,7 @@ from mazebot.common.bus.session import open_session
 from mazebot.common.bus.subscriber import subscribe
 from mazebot.common.messages.topics import CMD_VEL_TELEOP
 from mazebot.common.messages.wire import decode
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 
 DEADLINE_S = 30.0
 

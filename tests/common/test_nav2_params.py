@@ -16,6 +16,7 @@ from mazebot.common.nav2_params.parameter import Namespace, check
 from mazebot.common.nav2_params.renames import RENAMES
 from mazebot.common.nav2_params.report import STATUSES, Report, Row, report
 from mazebot.common.nav2_params.tables.nodes import NODES
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 from mazebot.common.settings.load import sections
 from mazebot.navigation.config import NavigationConfig
 from mazebot.physics.config import PhysicsConfig
@@ -426,7 +427,7 @@ def test_limits_stay_within_the_robots_own() -> None:
     assert told.settings["navigation"]["velocity_smoother"]["max_velocity"] == [0.3, 0.0, 1.9]
     assert told.settings["localization"] == {"laser_max_range": 3.5}
     plant = PhysicsConfig()
-    assert plant.max_linear_speed_m_s == targets.MAX_SPEED_M_S
+    assert plant.max_linear_speed_m_s == MAX_LINEAR_M_S
 
 
 def test_minus_one_leaves_the_lidars_own_range() -> None:

@@ -23,6 +23,7 @@ from mazebot.common.maths.frames import (
     wrap_angle,
 )
 from mazebot.common.maths.kernels import kernel
+from mazebot.common.messages.scan import Scan
 from mazebot.common.world.footprint import wall_corners
 from mazebot.common.world.marker_entities import marker_entities
 from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
@@ -224,9 +225,16 @@ class Robot:
         self.ranges = noisy
         if self.lidar:
             self.loc.scan(
-                self.now_ns, noisy.astype(np.float32), 0.0, 2 * math.pi / BEAMS, RANGE_MIN_M,
-                RANGE_MAX_M, BASE_FROM_SCAN,
-            )  # fmt: skip
+                Scan(
+                    noisy.astype(np.float32),
+                    0.0,
+                    2 * math.pi / BEAMS,
+                    RANGE_MIN_M,
+                    RANGE_MAX_M,
+                    BASE_FROM_SCAN,
+                    self.now_ns,
+                )
+            )
         if self.camera:
             for marker in self.place.markers:
                 candidates = marker_seen(self.place, self.pose, marker, self.rng)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
 from mazebot.localization.beam_model import (
     HIT,
     MISFIT,
@@ -48,9 +49,16 @@ def view(
     ranges_m[ranges_m > offline.RANGE_MAX_M] = np.inf
     ranges_m[list(lost)] = np.inf
     return scan_view(
-        ranges_m.astype(np.float32), 0.0, math.tau / offline.BEAMS, offline.RANGE_MIN_M,
-        offline.RANGE_MAX_M, offline.BASE_FROM_SCAN, 90,
-    )  # fmt: skip
+        Scan(
+            ranges_m.astype(np.float32),
+            0.0,
+            math.tau / offline.BEAMS,
+            offline.RANGE_MIN_M,
+            offline.RANGE_MAX_M,
+            offline.BASE_FROM_SCAN,
+        ),
+        90,
+    )
 
 
 def counts_at(place: offline.Place, pose: SE2, seen: ScanView) -> Array:
@@ -119,7 +127,7 @@ class TestBeams:
 class TestScanView:
     def test_what_is_too_near_or_no_number_says_nothing(self) -> None:
         ranges_m = np.array([1.0, -np.inf, np.nan, 0.05, np.inf, 3.5], np.float32)
-        seen = scan_view(ranges_m, 0.0, 0.1, 0.12, 3.5, SE2(0.0, 0.0, 0.0), 90)
+        seen = scan_view(Scan(ranges_m, 0.0, 0.1, 0.12, 3.5, SE2(0.0, 0.0, 0.0)), 90)
         assert seen.returns == 1
         assert len(seen.directions) == 3
 

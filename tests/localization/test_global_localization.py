@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.localization.beam_model import judge, scan_view
 from mazebot.localization.global_search.global_search import global_search, search_map
 from mazebot.localization.monte_carlo import Localization
@@ -52,9 +53,16 @@ class TestSearch:
         ranges_m = place.ranges(here)
         ranges_m[ranges_m > offline.RANGE_MAX_M] = np.inf
         seen = scan_view(
-            ranges_m.astype(np.float32), 0.0, math.tau / offline.BEAMS, 0.12, 3.5,
-            offline.BASE_FROM_SCAN, 90,
-        )  # fmt: skip
+            Scan(
+                ranges_m.astype(np.float32),
+                0.0,
+                math.tau / offline.BEAMS,
+                0.12,
+                3.5,
+                offline.BASE_FROM_SCAN,
+            ),
+            90,
+        )
         over = rays(place)
         table = search_map(place.cells, place.resolution_m, over)
         poses, _, likelihoods = global_search(table, over, seen, 200)
@@ -68,7 +76,7 @@ class TestSearch:
         over = rays(place)
         table = search_map(place.cells, place.resolution_m, over)
         nothing = np.full(360, np.inf, np.float32)
-        seen = scan_view(nothing, 0.0, math.tau / 360, 0.12, 3.5, SE2(0.0, 0.0, 0.0), 90)
+        seen = scan_view(Scan(nothing, 0.0, math.tau / 360, 0.12, 3.5, SE2(0.0, 0.0, 0.0)), 90)
         assert len(global_search(table, over, seen, 200)[0]) == 0
 
 

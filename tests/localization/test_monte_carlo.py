@@ -19,6 +19,7 @@ from mazebot.common.maths.frames import (
     transform_matrix,
     wrap_angle,
 )
+from mazebot.common.messages.scan import Scan
 from mazebot.localization.likelihood_field import LikelihoodField, likelihood_field
 from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
 from mazebot.localization.particle_filter import (
@@ -55,9 +56,16 @@ def localization(seed: int = 1, **params: float) -> Localization:
 
 def feed(loc: Localization, stamp_ns: int, ranges_m: NDArray[np.float32]) -> bool:
     return loc.scan(
-        stamp_ns, ranges_m, 0.0, sim.ANGLE_INCREMENT_RAD, sim.RANGE_MIN_M, sim.RANGE_MAX_M,
-        sim.BASE_FROM_SCAN,
-    )  # fmt: skip
+        Scan(
+            ranges_m,
+            0.0,
+            sim.ANGLE_INCREMENT_RAD,
+            sim.RANGE_MIN_M,
+            sim.RANGE_MAX_M,
+            sim.BASE_FROM_SCAN,
+            stamp_ns,
+        )
+    )
 
 
 @dataclass

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.kernels import kernel
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.slam import Slam
 
 SCAN_NS = 100_000_000
@@ -149,9 +150,16 @@ def feed(slam: Slam, steps: list[Step], lidar: Lidar = LDS) -> Iterator[Step]:
     for step in steps:
         slam.odometry(step.stamp_ns, step.odom)
         slam.scan(
-            step.stamp_ns, step.ranges_m, lidar.angle_min_rad, lidar.increment_rad,
-            lidar.range_min_m, lidar.range_max_m, lidar.base_from_scan,
-        )  # fmt: skip
+            Scan(
+                step.ranges_m,
+                lidar.angle_min_rad,
+                lidar.increment_rad,
+                lidar.range_min_m,
+                lidar.range_max_m,
+                lidar.base_from_scan,
+                step.stamp_ns,
+            )
+        )
         yield step
 
 

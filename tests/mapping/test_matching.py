@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.matching.correlative import correlate
 from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
 from mazebot.mapping.matching.refine import refine
@@ -18,9 +19,16 @@ LOOSE = np.diag([1.0, 1.0, 1.0])
 def returns(walls: Array, pose: SE2, seed: int = 1) -> Array:
     ranges = scan(walls, pose, LDS, np.random.default_rng(seed))
     return scan_points(
-        ranges, LDS.angle_min_rad, LDS.increment_rad, LDS.range_min_m, LDS.range_max_m,
-        LDS.base_from_scan, 20.0,
-    ).points_m  # fmt: skip
+        Scan(
+            ranges,
+            LDS.angle_min_rad,
+            LDS.increment_rad,
+            LDS.range_min_m,
+            LDS.range_max_m,
+            LDS.base_from_scan,
+        ),
+        20.0,
+    ).points_m
 
 
 def room(walls: Array = ROOM) -> LocalMap:

@@ -3,6 +3,7 @@ import math
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.matching.occupancy import MapGrid, Occupancy
 from mazebot.mapping.matching.scan_points import ScanPoints, scan_points
 from tests.mapping.simulated import LDS, box, scan, wall
@@ -14,9 +15,16 @@ ROOM = np.concatenate([box(0.0, 0.0, 4.0, 3.0), wall(2.0, 0.0, 2.0, 1.2)])
 def seen(pose: SE2, seed: int = 1) -> ScanPoints:
     ranges = scan(ROOM, pose, LDS, np.random.default_rng(seed))
     return scan_points(
-        ranges, LDS.angle_min_rad, LDS.increment_rad, LDS.range_min_m, LDS.range_max_m,
-        LDS.base_from_scan, 20.0,
-    )  # fmt: skip
+        Scan(
+            ranges,
+            LDS.angle_min_rad,
+            LDS.increment_rad,
+            LDS.range_min_m,
+            LDS.range_max_m,
+            LDS.base_from_scan,
+        ),
+        20.0,
+    )
 
 
 def at(grid: MapGrid, x_m: float, y_m: float) -> int:

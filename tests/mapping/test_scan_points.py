@@ -3,6 +3,7 @@ import math
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.matching.scan_points import ScanPoints, scan_points, surface_cloud, thinned
 
 SENSOR = SE2(-0.064, 0.0, 0.0)
@@ -10,7 +11,9 @@ SENSOR = SE2(-0.064, 0.0, 0.0)
 
 def points(ranges: list[float], max_range_m: float = 20.0) -> ScanPoints:
     increment = math.tau / len(ranges)
-    return scan_points(np.array(ranges, np.float32), 0.0, increment, 0.12, 3.5, SENSOR, max_range_m)
+    return scan_points(
+        Scan(np.array(ranges, np.float32), 0.0, increment, 0.12, 3.5, SENSOR), max_range_m
+    )
 
 
 def test_returns_are_where_beams_ended() -> None:

@@ -6,6 +6,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import Slam
 from tests.mapping.simulated import (
@@ -188,13 +189,13 @@ def test_nonsense_changes_nothing() -> None:
     sensor = LDS.base_from_scan
     good = (0.0, LDS.increment_rad, 0.12, 3.5, sensor)
     # Not later, no odometry, not finite.
-    assert not slam.scan(last.stamp_ns, last.ranges_m, *good)
-    assert not slam.scan(last.stamp_ns + 10**10, last.ranges_m, *good)
+    assert not slam.scan(Scan(last.ranges_m, *good, stamp_ns=last.stamp_ns))
+    assert not slam.scan(Scan(last.ranges_m, *good, stamp_ns=last.stamp_ns + 10**10))
     slam.odometry(last.stamp_ns + 1, SE2(math.nan, 0.0, 0.0))
     slam.odometry(last.stamp_ns - 5, SE2(9.0, 0.0, 0.0))
     later = last.stamp_ns + SCAN_NS
-    assert not slam.scan(later, last.ranges_m, math.nan, LDS.increment_rad, 0.12, 3.5, sensor)
-    assert not slam.scan(later, last.ranges_m, 0.0, math.inf, 0.12, 3.5, sensor)
+    assert not slam.scan(Scan(last.ranges_m, math.nan, LDS.increment_rad, 0.12, 3.5, sensor, later))
+    assert not slam.scan(Scan(last.ranges_m, 0.0, math.inf, 0.12, 3.5, sensor, later))
     assert (slam.pose()[0], slam.graph_version) == (pose, version)
 
 
@@ -208,9 +209,16 @@ def test_a_scan_without_returns_leaves_the_pose_to_odometry(ranges: ArrayLike) -
     stamp_ns = steps[60].stamp_ns
     slam.odometry(stamp_ns, steps[60].odom)
     slam.scan(
-        stamp_ns, np.array(ranges, np.float32), 0.0, LDS.increment_rad, 0.12, 3.5,
-        LDS.base_from_scan,
-    )  # fmt: skip
+        Scan(
+            np.array(ranges, np.float32),
+            0.0,
+            LDS.increment_rad,
+            0.12,
+            3.5,
+            LDS.base_from_scan,
+            stamp_ns,
+        )
+    )
     after = slam.pose()[0]
     assert after.distance_m(before @ (steps[59].odom.inverse() @ steps[60].odom)) < 1e-9
 

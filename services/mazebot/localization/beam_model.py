@@ -8,7 +8,6 @@ has to be open there.
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel, shared_kernel
+from mazebot.common.messages.scan import Scan
 from mazebot.localization.likelihood_field import OCCUPIED, LikelihoodField
 
 _FAR_M = 1e3
@@ -120,29 +120,20 @@ class RayMap:
         )
 
 
-def scan_view(
-    ranges_m: NDArray[np.float32],
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    range_min_m: float,
-    range_max_m: float,
-    base_from_scan: SE2,
-    max_beams: int,
-) -> ScanView:
+def scan_view(scan: Scan, max_beams: int) -> ScanView:
     """Evenly thinned beams of a scan: up to `max_beams` with a return and as many without.
 
     Ranges in [range_min, range_max) are returns; those beyond it, infinite ones included, are beams
     without one. Ranges below range_min and NaN are ignored, as in REP 117.
     """
-    distances_m = np.asarray(ranges_m, np.float64)
-    limit_m = min(range_max_m, _FAR_M)
-    returned = (distances_m >= range_min_m) & (distances_m < limit_m)
+    base_from_scan = scan.base_from_scan
+    distances_m = np.asarray(scan.ranges_m, np.float64)
+    limit_m = min(scan.range_max_m, _FAR_M)
+    returned = (distances_m >= scan.range_min_m) & (distances_m < limit_m)
     hits, hit_stride = _thinned(np.flatnonzero(returned), max_beams)
     misses, miss_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
     beams = np.concatenate([hits, misses])
-    directions = _directions(
-        len(distances_m), angle_min_rad + base_from_scan.yaw_rad, angle_increment_rad
-    )[beams]
+    directions = scan.directions()[beams]
     ends = directions[: len(hits)]
     points_m = np.array([base_from_scan.x_m, base_from_scan.y_m]) + distances_m[hits, None] * ends
     miss_weight = miss_stride / hit_stride
@@ -157,13 +148,6 @@ def scan_view(
         miss_weight,
         min(1.0, max_beams / max(represented, 1.0)),
     )
-
-
-# All scans of a lidar have the same beams.
-@functools.lru_cache(maxsize=4)
-def _directions(count: int, angle_min_rad: float, angle_increment_rad: float) -> Array:
-    angles = angle_min_rad + angle_increment_rad * np.arange(count)
-    return np.stack(portable_kernels.cos_sin_each(angles), axis=1)
 
 
 def _thinned(beams: NDArray[np.int64], most: int) -> tuple[NDArray[np.int64], int]:

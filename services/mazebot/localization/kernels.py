@@ -10,6 +10,7 @@ import numpy as np
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
 from mazebot.localization.config import LocalizationConfig
 from mazebot.localization.monte_carlo import Localization
@@ -34,7 +35,8 @@ def compile_kernels(config: LocalizationConfig) -> None:
     for i in range(6):
         stamp_ns = (i + 1) * 100_000_000
         localization.odometry(stamp_ns, SE2(1.0 + 0.1 * i, 1.5, 0.0))
-        localization.scan(stamp_ns, ranges, 0.0, math.tau / 360, 0.1, 3.5, SE2(0.0, 0.0, 0.0))
+        nowhere = SE2(0.0, 0.0, 0.0)
+        localization.scan(Scan(ranges, 0.0, math.tau / 360, 0.1, 3.5, nowhere, stamp_ns))
         if i == 2:
             localization.global_localization()
         localization.marker(stamp_ns, marker, [(camera_from_marker, np.eye(6), 1.0)], np.eye(4))

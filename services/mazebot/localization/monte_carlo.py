@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.common.messages.scan import Scan
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.beam_model import (
     HIT,
@@ -238,37 +240,29 @@ class Localization:
                 self._predict(stamp_ns, odom_from_base)
                 self._set.measure_spread()
 
-    def scan(
-        self,
-        stamp_ns: int,
-        ranges_m: NDArray[np.float32],
-        angle_min_rad: float,
-        angle_increment_rad: float,
-        range_min_m: float,
-        range_max_m: float,
-        base_from_scan: SE2,
-    ) -> bool:
-        """Correct the pose by a scan (n,), counter-clockwise; True if the scan was used.
+    def scan(self, scan: Scan) -> bool:
+        """Correct the pose by a scan; True if the scan was used.
 
         Ranges outside [range_min, range_max) or not finite are no returns. A scan is not used if
         the robot hardly moved since the last one, if it has few returns, or if there is no odometry
         for its stamp. Where the pose is sought, it is weighed at the poses that it may have.
         """
-        odom_from_base = self._history.at(stamp_ns)
+        odom_from_base = self._history.at(scan.stamp_ns)
         if odom_from_base is None or self._state == "uninitialized":
             return False
-        if not (math.isfinite(angle_min_rad) and math.isfinite(angle_increment_rad)):
+        if not (math.isfinite(scan.angle_min_rad) and math.isfinite(scan.angle_increment_rad)):
             return False
         p = self._params
-        view = scan_view(
-            ranges_m, angle_min_rad, angle_increment_rad,
-            range_min_m if p.laser_min_range < 0.0 else p.laser_min_range,
-            min(range_max_m, p.laser_max_range, _FAR_M), base_from_scan, p.max_beams,
-        )  # fmt: skip
+        limited = replace(
+            scan,
+            range_min_m=scan.range_min_m if p.laser_min_range < 0.0 else p.laser_min_range,
+            range_max_m=min(scan.range_max_m, p.laser_max_range, _FAR_M),
+        )
+        view = scan_view(limited, p.max_beams)
         self._view = (odom_from_base, view)
         if self._hypotheses is not None:
-            return self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, view)
-        return self._track(stamp_ns, odom_from_base, view)
+            return self._weigh_hypotheses(self._hypotheses, scan.stamp_ns, odom_from_base, view)
+        return self._track(scan.stamp_ns, odom_from_base, view)
 
     def marker(
         self,

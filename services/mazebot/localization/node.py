@@ -30,6 +30,7 @@ from mazebot.common.messages.documents import (
     MarkerEntity,
     World,
 )
+from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.topics import (
     AMCL_POSE,
     DETECTIONS,
@@ -49,11 +50,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
-from mazebot.common.node.pose_estimate import (
-    marker_candidates,
-    pose_message,
-    transform_message,
-)
+from mazebot.common.node.pose_estimate import marker_candidates, pose_message, transform_message
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.common.world.costmap import MAX_MAP_CELLS
@@ -306,10 +303,8 @@ class LocalizationNode(Node):
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
     def _take_scan(self, localization: Localization, stamp_ns: int, scan: msg.LaserScan) -> None:
-        localization.scan(
-            stamp_ns, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, scan.range_max, se2_from_matrix(self._base_from[SCAN_FRAME]),
-        )  # fmt: skip
+        base_from_scan = se2_from_matrix(self._base_from[SCAN_FRAME])
+        localization.scan(Scan.from_message(scan, base_from_scan))
         self._scanned = True
 
     def _take_detections(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Scan
 from mazebot.mapping.params import SlamParams
 from mazebot.mapping.slam import Slam
 
@@ -35,9 +36,7 @@ def compile_kernels(params: SlamParams) -> None:
         pose = SE2(_AT_ONCE_M * away, 0.05 * away, 0.1 * away)
         stamp_ns = (step + 1) * 100_000_000
         slam.odometry(stamp_ns, pose if step != 6 else pose @ SE2(0.4, 0.0, 0.5))
-        slam.scan(
-            stamp_ns, _room(pose), 0.0, math.tau / _BEAMS, 0.1, 3.5, sensor
-        )  # fmt: skip
+        slam.scan(Scan(_room(pose), 0.0, math.tau / _BEAMS, 0.1, 3.5, sensor, stamp_ns))
         camera_from_marker = portable.product(portable.inverse(pose.matrix(0.2)), map_from_marker)
         slam.marker(
             stamp_ns, "DICT_4X4_100", 0, [(camera_from_marker, np.eye(6) * 1e-4, 1.0)], np.eye(4)

@@ -18,6 +18,7 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import LocalizationStatus, World
+from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.common.messages.topics import (
     AMCL_POSE,
@@ -34,11 +35,7 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
-from mazebot.common.node.pose_estimate import (
-    marker_candidates,
-    pose_message,
-    transform_message,
-)
+from mazebot.common.node.pose_estimate import marker_candidates, pose_message, transform_message
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
@@ -232,10 +229,7 @@ class MappingNode(Node):
         return slam
 
     def _take_scan(self, slam: Slam, stamp_ns: int, scan: msg.LaserScan) -> None:
-        slam.scan(
-            stamp_ns, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, scan.range_max, se2_from_matrix(self._base_from[SCAN_FRAME]),
-        )  # fmt: skip
+        slam.scan(Scan.from_message(scan, se2_from_matrix(self._base_from[SCAN_FRAME])))
         self._scanned = True
 
     def _take_detections(

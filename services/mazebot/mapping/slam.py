@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,9 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
+from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.slam_documents import GraphLandmark, PoseGraph
-from mazebot.mapping.graph.graph_file import (
-    NodeScan,
-    graph_document,
-    graph_of,
-    metres,
-    millimetres,
-)
+from mazebot.mapping.graph.graph_file import NodeScan, graph_document, graph_of, metres, millimetres
 from mazebot.mapping.graph.landmarks import MarkerCandidate, MarkerLandmarks
 from mazebot.mapping.graph.optimizer import CHI2_99, Covariances
 from mazebot.mapping.graph.pose_graph import ODOMETRY, SCAN_MATCH, Graph, information_of
@@ -254,38 +250,27 @@ class Slam:
             self._grid = (self.map_version, self._occupancy.grid())
         return self._grid[1]
 
-    def scan(
-        self,
-        stamp_ns: int,
-        ranges_m: NDArray[np.float32],
-        angle_min_rad: float,
-        angle_increment_rad: float,
-        range_min_m: float,
-        range_max_m: float,
-        base_from_scan: SE2,
-    ) -> bool:
-        """Correct the pose by a scan (n,), and add to the map what it shows; True if it was used.
+    def scan(self, scan: Scan) -> bool:
+        """Correct the pose by a scan, and add to the map what it shows; True if it was used.
 
         A scan is not used if it is not later than the last one, if there is no odometry for its
         stamp, or if its description is not finite.
         """
-        p = self._params
+        p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
         if odom_from_base is None:
             return False
-        described = (angle_min_rad, angle_increment_rad, *base_from_scan)
-        if not all(math.isfinite(value) for value in described) or math.isnan(range_max_m):
+        described = (scan.angle_min_rad, scan.angle_increment_rad, *scan.base_from_scan)
+        if not all(map(math.isfinite, described)) or math.isnan(scan.range_max_m):
             return False
         if self._scanned is not None:
             elapsed_s = (stamp_ns - self._scanned[0]) * 1e-9
             if elapsed_s <= 0.0 or elapsed_s < p.minimum_time_interval:
                 return False
-        seen = scan_points(
-            ranges_m, angle_min_rad, angle_increment_rad,
-            range_min_m if p.min_laser_range < 0.0 else p.min_laser_range, range_max_m,
-            base_from_scan, p.max_laser_range,
-        )  # fmt: skip
-        sees_round = abs(angle_increment_rad) * len(ranges_m) > _ROUND_RAD
+        if p.min_laser_range >= 0.0:
+            scan = replace(scan, range_min_m=p.min_laser_range)
+        seen = scan_points(scan, p.max_laser_range)
+        sees_round = abs(scan.angle_increment_rad) * len(scan.ranges_m) > _ROUND_RAD
         returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
         motion = self._predict(stamp_ns, odom_from_base)
         if not self._seen:

@@ -13,6 +13,7 @@ import numpy as np
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Cells, Clearance
 from mazebot.common.world.grids import distance_cells
 from mazebot.navigation.behavior.actions import TaskResult
@@ -101,10 +102,7 @@ class Drive:
                 sighting = planar_marker(base_from_marker)
                 self.robot.markers[name] = MarkerPose(stamp_ns, sighting, odom)
 
-    def take_scan(
-        self, stamp_ns: int, scan: msg.LaserScan, base_from_scan: SE2, measured: Measurements,
-        epoch: int | None,
-    ) -> None:  # fmt: skip
+    def take_scan(self, scan: Scan, measured: Measurements, epoch: int | None) -> None:
         """Update the costmaps and the moving obstacles by a scan, of which the measurements have
         the echoes.
         """
@@ -113,23 +111,22 @@ class Drive:
         odom_from_base = measured.odom[1]
         self.robot.local_costmap.move(odom_from_base)
         self.robot.local_costmap.update(
-            odom_from_base @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, now_ns=stamp_ns, map_from_base=odom_from_base,
-        )  # fmt: skip
+            odom_from_base @ scan.base_from_scan, scan, map_from_base=odom_from_base
+        )
         if not measured.is_localized(epoch):
             self.tracker.clear()
             return
         map_from_base = measured.map_from_base()
         static = self.robot.costmap.static
         margin_m = measured.static_margin_m(self.static_margin_m)
+        time_s = scan.stamp_ns * 1e-9
         self.tracker.update(
-            stamp_ns * 1e-9, moved_points(measured.echoes.base_points_m, map_from_base, _NOWHERE),
+            time_s, moved_points(measured.echoes.base_points_m, map_from_base, _NOWHERE),
             static.distance_m if self.known_m is None else self.known_m, static.frame, margin_m,
         )  # fmt: skip
-        moving = [(t.x_m, t.y_m, t.radius_m) for t in self.tracker.moving(stamp_ns * 1e-9)]
+        moving = [(t.x_m, t.y_m, t.radius_m) for t in self.tracker.moving(time_s)]
         self.robot.costmap.update(
-            map_from_base @ base_from_scan, scan.ranges, scan.angle_min, scan.angle_increment,
-            scan.range_min, now_ns=stamp_ns, map_from_base=map_from_base,
+            map_from_base @ scan.base_from_scan, scan, map_from_base=map_from_base,
             moving_m=np.array(moving, np.float64).reshape(-1, 3), static_margin_m=margin_m,
         )  # fmt: skip
 

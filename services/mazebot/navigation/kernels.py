@@ -5,10 +5,12 @@ from __future__ import annotations
 import functools
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
 from mazebot.navigation.behavior.actions import NavigateToPose
 from mazebot.navigation.behavior.context import PathCheck
@@ -70,17 +72,18 @@ def _drive(drive: Drive) -> None:
     robot, start = drive.robot, SE2(1.0, 1.0, 0.0)
     ranges = np.full(360, 1.2, np.float32)
     ranges[40:60] = 0.6
-    step = math.tau / 360
-    points_m = scan_points(_NOWHERE, denoised_ranges(ranges), 0.0, step, 0.1, 3.5)
-    points_m = moved_points(points_m, _NOWHERE, _NOWHERE)
+    scan = Scan(denoised_ranges(ranges), 0.0, math.tau / 360, 0.1, 3.5, _NOWHERE)
+    points_m = moved_points(scan_points(scan), _NOWHERE, _NOWHERE)
     for i in range(3):
         now_ns = i * CONTROL_PERIOD_NS
         robot.local_costmap.move(SE2(0.1 * i, 0.0, 0.0))
         for costmap in (robot.local_costmap, robot.costmap):
             costmap.update(
-                start, ranges, 0.0, step, 0.1, now_ns=now_ns, map_from_base=start,
+                start,
+                replace(scan, ranges_m=ranges, stamp_ns=now_ns),
+                map_from_base=start,
                 moving_m=np.array([[2.0, 2.0, 0.2]]),
-            )  # fmt: skip
+            )
         drive.tracker.update(
             now_ns * 1e-9, points_m + np.array([1.0 + 0.02 * i, 1.0]),
             robot.costmap.static.distance_m, robot.costmap.frame,

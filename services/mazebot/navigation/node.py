@@ -27,6 +27,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.scan import Scan
 from mazebot.common.messages.topics import (
     ACTION_FEEDBACK,
     ACTION_RESULT,
@@ -373,16 +374,16 @@ class NavigationNode(Node):
     def _take_scans(self, inbox: Inbox) -> None:
         """Read the scans, oldest first: the costmaps, the moving obstacles and the echoes."""
         measured, base_from_scan = self._measured, self._base_from_scan
-        for scan in inbox.new(SCAN):
-            stamp_ns = msg.ns_from_time(scan.header.stamp)
+        for message in inbox.new(SCAN):
+            stamp_ns = msg.ns_from_time(message.header.stamp)
             if not self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                 continue
             if measured.odom is None or base_from_scan is None:
                 continue
-            measured.take_scan(stamp_ns, scan, base_from_scan)
+            scan = Scan.from_message(message, base_from_scan)
+            measured.take_scan(scan)
             if self._drive is not None:
-                epoch = self._watch.epoch
-                self._drive.take_scan(stamp_ns, scan, base_from_scan, measured, epoch)
+                self._drive.take_scan(scan, measured, self._watch.epoch)
 
     def _static_margin_m(self) -> float:
         return self._measured.static_margin_m(self._config.obstacle_static_margin)

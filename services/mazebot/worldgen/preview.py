@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion
 from mazebot.common.messages.documents import MarkerEntity, Material, Planar, Wall, World
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
 from mazebot.common.world.costmap import FREE, UNKNOWN
 from mazebot.common.world.footprint import Footprint, wall_corners
 from mazebot.common.world.marker_entities import marker_entities
@@ -29,7 +30,6 @@ MAX_SIDE_PX = 1800
 """Of the plan alone, without its margins."""
 LEFT_PX, TOP_PX, RIGHT_PX, BOTTOM_PX = 72, 90, 24, 92
 """The plan's margins."""
-ROBOT_RADIUS_M = 0.22
 
 Rgb = tuple[int, int, int]
 Picture = NDArray[np.uint8]
@@ -430,7 +430,7 @@ def _panel(entity: MarkerEntity) -> tuple[float, float, Array, Array]:
 def _robot(draw: ImageDraw.ImageDraw, view: View, start: Planar) -> None:
     """To scale, its heading a line from its centre to beyond its edge."""
     x, y = view.one(start.x_m, start.y_m)
-    radius = ROBOT_RADIUS_M * view.px_m
+    radius = WAFFLE_RADIUS_M * view.px_m
     reach = max(1.6 * radius, 24.0 * _OVERSAMPLING)
     box = [x - radius, y - radius, x + radius, y + radius]
     width = max(2 * _OVERSAMPLING, round(0.02 * view.px_m))
@@ -471,7 +471,7 @@ def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Mark
     taken: list[tuple[float, float, float, float]] = []
     for spot in (world.start, *world.locations):
         x, y = view.one(spot.x_m, spot.y_m)
-        reach = max(ROBOT_RADIUS_M * view.px_m if spot is world.start else 0.0, 8.0)
+        reach = max(WAFFLE_RADIUS_M * view.px_m if spot is world.start else 0.0, 8.0)
         taken.append((x - reach, y - reach, x + reach, y + reach))
         head = view.one(
             spot.x_m + 0.3 * math.cos(spot.yaw_rad), spot.y_m + 0.3 * math.sin(spot.yaw_rad)
@@ -490,7 +490,7 @@ def _labels(plan: Image.Image, view: View, world: World, entities: Sequence[Mark
         spots = _around((x, y), 1.4 * size, place.yaw_rad)
         _write(draw, spots, place.name, small, _PLACE, taken, view.size_px)
     x, y = view.one(world.start.x_m, world.start.y_m)
-    reach = max(1.2 * ROBOT_RADIUS_M * view.px_m, 10.0) + size
+    reach = max(1.2 * WAFFLE_RADIUS_M * view.px_m, 10.0) + size
     spots = _around((x, y), reach, world.start.yaw_rad)
     _write(draw, spots, "start", small, _START, taken, view.size_px)
     for polygon_m, name, colour, _ in _zones(world):

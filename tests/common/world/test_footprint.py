@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import Array, rotation_from_rpy, transform_matrix
 from mazebot.common.messages import documents as doc
-from mazebot.common.world.footprint import FOOT_M, TOP_M, Footprint, footprint, footprints
+from mazebot.common.robot.waffle import FOOT_M, TOP_M
+from mazebot.common.world.footprint import Footprint, footprint, footprints
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.worldgen.map.occupancy import Grid, grid_around, occupied_cells
 

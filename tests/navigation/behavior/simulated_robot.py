@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.behavior.actions import Request, TaskResult
 from mazebot.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
 from mazebot.navigation.behavior.context import (
@@ -92,7 +93,9 @@ class SimulatedRobot:
         pose = self.robot.map_from_base @ BASE_FROM_SCAN
         segments = np.concatenate([wall_segments(), *(box_segments(*box) for box in self.boxes)])
         ranges = as_ranges(cast(pose, segments), None)
-        self.costmap.update(pose, ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M)
+        self.costmap.update(
+            pose, Scan(ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 3.5, SE2(0.0, 0.0, 0.0))
+        )
 
     def pose(self) -> SE2:
         self._see(0)

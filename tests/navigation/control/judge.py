@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Controller
@@ -121,7 +122,9 @@ def drive(
         if echoes and i % 2 == 0:
             all_m = np.concatenate([segments, moving])
             ranges = as_ranges(cast(pose @ BASE_FROM_SCAN, all_m), noise)
-            points = scan_points(BASE_FROM_SCAN, ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 1.5)
+            points = scan_points(
+                Scan(ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 1.5, BASE_FROM_SCAN)
+            )
             seen_at = pose
         if echoes:
             now_from_then = pose.inverse() @ seen_at

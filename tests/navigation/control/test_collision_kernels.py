@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.safety import braking, collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import (
@@ -46,9 +47,14 @@ def test_nothing_is_compiled_once_the_robot_moves() -> None:
     ranges_m.setflags(write=False)
     pose = SE2(1, 1, 0)
     for seconds in range(40):
-        costmap.update(pose, ranges_m, 0, math.tau / 360, 0, now_ns=seconds * 1_000_000_000)
+        costmap.update(
+            pose,
+            Scan(ranges_m, 0, math.tau / 360, 0, 3.5, SE2(0.0, 0.0, 0.0), seconds * 1_000_000_000),
+        )
         local.move(pose)
-        local.update(pose, ranges_m, 0, math.tau / 360, 0, map_from_base=pose)
+        local.update(
+            pose, Scan(ranges_m, 0, math.tau / 360, 0, 3.5, SE2(0.0, 0.0, 0.0)), map_from_base=pose
+        )
     costmap.set_keepout(costmap.master.costs)
     costmap.clear()
     points_m = np.ones((2, 5)).T * 0.1

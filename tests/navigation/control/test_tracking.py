@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.tracking import ObstacleTracker, TrackerParams
 from mazebot.navigation.costmap.layered_costmap import (
     Costmap,
@@ -56,7 +57,7 @@ def watch(
         t = start_s + i * 0.1
         segments = np.concatenate([WALLS, *(post(*place) for place in places(t))])
         ranges = as_ranges(cast(SENSOR, segments), random)
-        points = scan_points(SENSOR, ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 3.5)
+        points = scan_points(Scan(ranges, 0.0, ANGLE_INCREMENT_RAD, RANGE_MIN_M, 3.5, SENSOR))
         mask = tracker.update(t, points, grid.distance_m, grid.frame)
     return points, mask
 

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import straightened
 from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
@@ -14,11 +15,11 @@ from mazebot.navigation.costmap.layered_costmap import (
     LocalCostmap,
     ObstacleParams,
     StaticParams,
-    denoised_ranges,
     frame_of,
     inflate,
     scan_points,
 )
+from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
 from mazebot.navigation.costmap.static_layer import static_costs
 
 INFLATION = InflationParams(
@@ -26,6 +27,10 @@ INFLATION = InflationParams(
 )
 OBSTACLE = ObstacleParams(obstacle_max_range_m=2.5, raytrace_max_range_m=3.0, static_margin_m=0.2)
 STEP_RAD = math.tau / 360
+
+
+def turn(ranges_m: NDArray[np.float32], stamp_ns: int = 0) -> Scan:
+    return Scan(ranges_m, 0.0, STEP_RAD, 0.12, 3.5, SE2(0.0, 0.0, 0.0), stamp_ns)
 
 
 def room(size: int = 80) -> LayeredCostmap:
@@ -138,23 +143,23 @@ def ranges_to(x_m: float, y_m: float, radius_m: float, sensor: SE2) -> NDArray[n
 
 def test_a_scan_marks_a_post_and_clears_it_when_it_is_gone() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
-    assert costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12)
+    assert costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor)))
     assert costmap.master.cost_at(2.41, 2.01) == 254
     assert costmap.static.cost_at(2.41, 2.01) == 0
     gone = ranges_to(99.0, 99.0, 0.1, sensor)
-    assert costmap.update(sensor, gone, 0.0, STEP_RAD, 0.12)
+    assert costmap.update(sensor, turn(gone))
     assert np.array_equal(costmap.master.costs, costmap.static.costs)
 
 
 def test_walls_of_the_map_mark_nothing_even_where_the_pose_is_a_little_wrong() -> None:
     costmap, sensor = room(), SE2(1.5, 2.0, 0.0)
     ranges = ranges_to(99.0, 99.0, 0.1, sensor)
-    assert not costmap.update(SE2(1.58, 1.95, 0.03), ranges, 0.0, STEP_RAD, 0.12)
+    assert not costmap.update(SE2(1.58, 1.95, 0.03), turn(ranges))
 
 
 def test_clear_forgets_what_the_scan_marked_and_keeps_the_map() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
-    costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor)))
     revision = costmap.revision
     costmap.clear()
     assert costmap.revision > revision
@@ -164,14 +169,14 @@ def test_clear_forgets_what_the_scan_marked_and_keeps_the_map() -> None:
 
 def test_rays_without_an_echo_clear_but_mark_nothing() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
-    costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12)
-    assert costmap.update(sensor, np.full(360, np.inf, np.float32), 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor)))
+    assert costmap.update(sensor, turn(np.full(360, np.inf, np.float32)))
     assert np.array_equal(costmap.master.costs, costmap.static.costs)
 
 
 def test_echoes_come_in_the_frame_of_the_base() -> None:
     ranges = np.array([1.0, np.inf, 0.05, 1.0], np.float32)
-    points = scan_points(SE2(-0.1, 0.0, math.pi / 2), ranges, 0.0, math.pi / 2, 0.12, 3.5)
+    points = scan_points(Scan(ranges, 0.0, math.pi / 2, 0.12, 3.5, SE2(-0.1, 0.0, math.pi / 2)))
     assert points == pytest.approx(np.array([[-0.1, 1.0], [0.9, 0.0]]), abs=1e-6)
 
 
@@ -201,9 +206,7 @@ def test_updating_windows_gives_the_same_as_the_whole() -> None:
         sensor = SE2(*random.uniform((1.0, 1.0, -3.0), (7.0, 7.0, 3.0)))
         ranges = np.abs(random.normal(1.5, 0.8, 360)).astype(np.float32)
         ranges[random.random(360) < 0.1] = np.inf
-        costmap.update(
-            sensor, ranges, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000, map_from_base=sensor
-        )
+        costmap.update(sensor, turn(ranges, i * 100_000_000), map_from_base=sensor)
         if i % 10 == 5:
             costmap.clear_around(sensor, 1.0)
         if i % 10 == 8:
@@ -223,7 +226,7 @@ def test_a_window_counts_what_stands_just_outside_it() -> None:
             angle = math.atan2(y_m - 4.0, x_m - 4.0)
             ranges = np.full(360, -np.inf, np.float32)
             ranges[round(angle / STEP_RAD) % 360] = math.hypot(x_m - 4.0, y_m - 4.0)
-            costmap.update(sensor, ranges, 0.0, STEP_RAD, 0.12)
+            costmap.update(sensor, turn(ranges))
         lethal = costmap.master.costs == 254
         whole = inflate(costmap.frame, lethal, np.zeros_like(lethal), INFLATION)
         assert np.array_equal(costmap.master.distance_m, whole.distance_m)
@@ -237,7 +240,7 @@ def test_only_the_square_is_cleared_or_all_but_it() -> None:
         (False, (2.41, 2.01), (1.0, 2.91)),
     ):
         costmap = room()
-        costmap.update(sensor, posts, 0.0, STEP_RAD, 0.12)
+        costmap.update(sensor, turn(posts))
         assert costmap.master.cost_at(*kept) == costmap.master.cost_at(*gone) == 254
         (costmap.clear_around if around else costmap.clear_except)(SE2(2.5, 2.0, 0.0), 0.5)
         assert costmap.master.cost_at(*kept) == 254
@@ -250,7 +253,7 @@ def test_what_moves_leaves_no_trail() -> None:
     for i in range(20):
         post_y_m = 1.0 + 0.05 * i
         ranges = ranges_to(2.2, post_y_m, 0.12, sensor)
-        costmap.update(sensor, ranges, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(ranges, i * 100_000_000))
         marked = np.argwhere((costmap.master.costs == 254) & (costmap.static.costs != 254))
         centres_m = (marked[:, ::-1] + 0.5) * 0.05
         assert len(centres_m)
@@ -261,11 +264,11 @@ def test_a_box_taken_away_is_gone_within_a_second_however_long_it_stood() -> Non
     costmap, sensor = room(), SE2(0.6, 2.0, 0.0)
     for i in range(100):
         there = ranges_to(2.9, 2.0, 0.15, sensor)
-        costmap.update(sensor, there, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(there, i * 100_000_000))
     assert costmap.master.clearance_at(2.75, 2.0) < 0.05
     for i in range(100, 110):
         gone = ranges_to(99.0, 99.0, 0.1, sensor)
-        costmap.update(sensor, gone, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(gone, i * 100_000_000))
     assert np.array_equal(costmap.master.costs, costmap.static.costs)
 
 
@@ -278,7 +281,7 @@ def test_a_thin_post_far_away_does_not_flicker() -> None:
         sensor = SE2(1.0 + 0.002 * i, 2.0, 0.0001 * i * i)
         ranges = ranges_to(3.0, 2.2, 0.012, sensor)
         ranges += random.normal(0.0, 0.01, 360).astype(np.float32)
-        costmap.update(sensor, ranges, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(ranges, i * 100_000_000))
         lost += costmap.master.clearance_at(3.0, 2.2) > 0.1
     assert lost <= 3
 
@@ -290,19 +293,19 @@ def test_a_wall_seen_at_a_grazing_angle_has_no_gaps() -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         face = np.where((angles > 0.0) & (angles < 1.5), 0.3 / np.sin(angles), np.inf)
     face = np.where((face * np.cos(angles) > 0.5) & (face < 2.4), face, np.inf).astype(np.float32)
-    costmap.update(sensor, face, 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(face))
     along_m = np.arange(1.2, 2.3, 0.05)
     assert all(costmap.master.clearance_at(x_m, 3.3) < 0.08 for x_m in along_m)
     for i in range(10):
-        assert not costmap.update(sensor, face, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        assert not costmap.update(sensor, turn(face, i * 100_000_000))
 
 
 def test_marks_that_no_ray_meets_again_are_forgotten_after_their_time() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
-    costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12, now_ns=0)
+    costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor), 0))
     blind = np.full(360, -np.inf, np.float32)
     for seconds in range(1, 40):
-        costmap.update(sensor, blind, 0.0, STEP_RAD, 0.12, now_ns=seconds * 1_000_000_000)
+        costmap.update(sensor, turn(blind, seconds * 1_000_000_000))
         there = costmap.master.cost_at(2.41, 2.01) == 254
         assert there == (seconds <= 30), seconds
 
@@ -312,26 +315,26 @@ def test_rays_without_an_echo_clear_only_where_that_is_wanted() -> None:
     cells = np.zeros((80, 80), np.int8)
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
     costmap, sensor = LayeredCostmap(frame, cells, INFLATION, obstacle), SE2(1.0, 2.0, 0.0)
-    costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12)
-    assert not costmap.update(sensor, np.full(360, np.inf, np.float32), 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor)))
+    assert not costmap.update(sensor, turn(np.full(360, np.inf, np.float32)))
 
 
 def test_what_a_prediction_has_is_not_marked_and_what_it_was_is_cleared() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
     ranges = ranges_to(2.5, 2.0, 0.1, sensor)
-    costmap.update(sensor, ranges, 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(ranges))
     circle = np.array([[2.5, 2.0, 0.2]])
-    assert costmap.update(sensor, ranges, 0.0, STEP_RAD, 0.12, moving_m=circle)
+    assert costmap.update(sensor, turn(ranges), moving_m=circle)
     assert np.array_equal(costmap.master.costs, costmap.static.costs)
 
 
 def test_the_robots_own_place_is_free() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
-    costmap.update(sensor, ranges_to(2.5, 2.0, 0.1, sensor), 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(ranges_to(2.5, 2.0, 0.1, sensor)))
     assert costmap.master.cost_at(2.41, 2.01) == 254
     blind = np.full(360, -np.inf, np.float32)
     here = SE2(2.45, 2.0, 0.0)
-    assert costmap.update(here, blind, 0.0, STEP_RAD, 0.12, map_from_base=here)
+    assert costmap.update(here, turn(blind), map_from_base=here)
     assert costmap.master.cost_at(2.41, 2.01) != 254
 
 
@@ -339,13 +342,13 @@ def test_the_local_costmap_moves_with_the_robot_and_keeps_what_it_saw() -> None:
     local = LocalCostmap(0.05, INFLATION, OBSTACLE, (3.0, 2.0))
     assert local.master.costs.shape == (40, 60)
     robot = SE2(0.0, 0.0, 0.0)
-    local.update(robot, ranges_to(1.0, 0.3, 0.1, robot), 0.0, STEP_RAD, 0.12)
+    local.update(robot, turn(ranges_to(1.0, 0.3, 0.1, robot)))
     assert local.master.clearance_at(0.92, 0.27) < 0.06
     blind = np.full(360, -np.inf, np.float32)
     for i in range(1, 30):
         robot = SE2(0.02 * i, 0.01 * i, 0.1 * i)
         local.move(robot)
-        local.update(robot, blind, 0.0, STEP_RAD, 0.12)
+        local.update(robot, turn(blind))
         assert local.master.clearance_at(0.92, 0.27) < 0.06
         row, column = local.frame.cell(robot.x_m, robot.y_m) or (0, 0)
         assert abs(row - 20) <= 1
@@ -395,10 +398,10 @@ def test_rays_that_are_lost_open_no_gap() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
     random = np.random.default_rng(9)
     whole = ranges_to(2.2, 2.0, 0.2, sensor)
-    costmap.update(sensor, whole, 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(whole))
     for i in range(100):
         lossy = np.where(random.random(360) < 0.5, np.float32(np.inf), whole).astype(np.float32)
-        costmap.update(sensor, lossy, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(lossy, i * 100_000_000))
         front_m = [costmap.master.clearance_at(2.02, y_m) for y_m in (1.93, 1.96, 2.0, 2.04, 2.07)]
         assert max(front_m) < 0.06, i
 
@@ -407,22 +410,20 @@ def test_one_ray_without_an_echo_is_lost_and_three_are_open_space() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
     one = np.full(360, -np.inf, np.float32)
     one[10] = 1.2
-    costmap.update(sensor, one, 0.0, STEP_RAD, 0.12)
+    costmap.update(sensor, turn(one))
     one[10] = np.inf
-    assert not costmap.update(sensor, one, 0.0, STEP_RAD, 0.12)
+    assert not costmap.update(sensor, turn(one))
     one[9:12] = np.inf
-    assert costmap.update(sensor, one, 0.0, STEP_RAD, 0.12)
+    assert costmap.update(sensor, turn(one))
 
 
 def test_a_box_taken_away_before_open_space_is_gone_within_a_second() -> None:
     costmap, sensor = room(), SE2(1.0, 2.0, 0.0)
     for i in range(50):
-        costmap.update(
-            sensor, ranges_to(2.2, 2.0, 0.2, sensor), 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000
-        )
+        costmap.update(sensor, turn(ranges_to(2.2, 2.0, 0.2, sensor), i * 100_000_000))
     nothing = np.full(360, np.inf, np.float32)
     for i in range(50, 60):
-        costmap.update(sensor, nothing, 0.0, STEP_RAD, 0.12, now_ns=i * 100_000_000)
+        costmap.update(sensor, turn(nothing, i * 100_000_000))
     assert np.array_equal(costmap.master.costs, costmap.static.costs)
 
 
@@ -432,9 +433,9 @@ def test_the_better_the_pose_is_known_the_nearer_to_walls_things_are_marked() ->
     box = ranges_to(99.0, 99.0, 0.1, sensor)
     ahead = np.arange(85, 96)
     box[ahead] = (3.825 - 2.0) / np.sin(STEP_RAD * ahead)
-    assert not room().update(sensor, box, 0.0, STEP_RAD, 0.12)
+    assert not room().update(sensor, turn(box))
     costmap = room()
-    assert costmap.update(sensor, box, 0.0, STEP_RAD, 0.12, static_margin_m=0.1)
+    assert costmap.update(sensor, turn(box), static_margin_m=0.1)
     assert costmap.master.clearance_at(2.0, 3.83) < 0.05
 
 
@@ -489,7 +490,7 @@ def see_post(costmap: LayeredCostmap) -> None:
     """A post 1 m ahead of a robot in the middle of the room."""
     ranges_m = np.full(360, np.inf, np.float32)
     ranges_m[-4:] = ranges_m[:5] = 1.0
-    costmap.update(SE2(2.0, 2.0, 0.0), ranges_m, 0.0, STEP_RAD, 0.1)
+    costmap.update(SE2(2.0, 2.0, 0.0), Scan(ranges_m, 0.0, STEP_RAD, 0.1, 3.5, SE2(0.0, 0.0, 0.0)))
 
 
 def obstacles(costmap: LayeredCostmap) -> NDArray[np.bool_]:

@@ -22,8 +22,9 @@ from mazebot.common.messages.documents import (
     Wall,
     World,
 )
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
-from mazebot.recorder.judging.goals.shortest_path import ROBOT_RADIUS_M, ShortestPath
+from mazebot.recorder.judging.goals.shortest_path import ShortestPath
 from mazebot.recorder.judging.obstacles import obstacles
 from mazebot.worldgen.recipe.loader import load_world
 
@@ -69,7 +70,7 @@ def test_nothing_in_the_way_is_a_straight_line() -> None:
 
 def test_round_the_end_of_a_wall_it_follows_the_tangents_and_the_arc() -> None:
     """The ends of a wall 0.15 m thick, grown by the radius, are two quarter circles and a flat."""
-    radius_m, half_m = ROBOT_RADIUS_M, 0.075
+    radius_m, half_m = WAFFLE_RADIUS_M, 0.075
     way = among(wall(0.0, 0.0, 2.0)).length_m((0.0, -1.0), (0.0, 1.0))
     # From (0, -1) to the circle about the corner (1, -0.075): tangent, arc, then along the flat.
     to_corner_m = math.hypot(1.0, 1.0 - half_m)
@@ -179,14 +180,14 @@ def past(geometry: Geometry, z_m: float = 0.5, mass_kg: float = 0.0, solid: bool
 
 def test_bodies_are_gone_around_by_their_footprints() -> None:
     box = past(Box(size_m=(1.0, 1.0, 1.0)))
-    tangent_m = 2.0 * math.sqrt(1.5**2 + 0.5**2 - ROBOT_RADIUS_M**2)
+    tangent_m = 2.0 * math.sqrt(1.5**2 + 0.5**2 - WAFFLE_RADIUS_M**2)
     assert box + 4.0 > 1.0 + tangent_m
     square = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
     assert past(Mesh(sha256="ab")) == pytest.approx(box, rel=1e-3)
     assert past(Polyline(polygons_m=(square,), height_m=0.3), 0.0) == pytest.approx(box, rel=1e-3)
     half = past(Mesh(sha256="ab", scale=(1.0, 0.5, 1.0)))
     assert 0.0 < half < box - 0.05
-    radius_m = 0.5 + ROBOT_RADIUS_M
+    radius_m = 0.5 + WAFFLE_RADIUS_M
     turn_rad = math.pi - 2.0 * math.acos(radius_m / 2.0)
     round_m = 2.0 * math.sqrt(4.0 - radius_m**2) + radius_m * turn_rad - 4.0
     assert past(Cylinder(radius_m=0.5, length_m=1.0)) == pytest.approx(round_m, abs=0.01)

@@ -11,6 +11,7 @@ from mazebot.bench.navigation.scenario import Row
 from mazebot.bench.navigation.surroundings import Surroundings
 from mazebot.bench.navigation.witness import Witness
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 from mazebot.recorder.judging.goals.goal_evaluation import GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD
 
 ALARM_ERROR_M, ALARM_ERROR_RAD = 0.3, 0.3
@@ -58,9 +59,7 @@ def fill_in(row: Row, leg: Leg, witness: Witness, around: Surroundings) -> None:
     row.spl = metrics.spl(row.reached, row.driven_m, leg.shortest_m)
     clean = row.reached and not contacts
     row.barn = metrics.barn_score(clean, row.time_s, leg.shortest_m, metrics.BARN_SPEED_M_S)
-    row.barn_own_speed = metrics.barn_score(
-        clean, row.time_s, leg.shortest_m, metrics.OWN_SPEED_M_S
-    )
+    row.barn_own_speed = metrics.barn_score(clean, row.time_s, leg.shortest_m, MAX_LINEAR_M_S)
     _of_localisation(row, leg, truth, witness)
 
 

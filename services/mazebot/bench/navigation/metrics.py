@@ -12,7 +12,6 @@ from mazebot.recorder.judging.poses.consistency import inside_95_percent
 
 BARN_SPEED_M_S = 2.0
 """Speed of BARN's Jackal, by which the published score takes its optimal time."""
-OWN_SPEED_M_S = 0.46
 JITTER_M = 2e-3
 """Shorter displacements are jitter of a robot at rest, and not driven distance."""
 CONTROL_HZ = 20.0

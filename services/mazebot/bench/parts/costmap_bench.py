@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.scan import Scan
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import (
@@ -76,10 +78,11 @@ def _costmaps(side: int) -> None:
 
     def both(i: int) -> None:
         pose = SE2(middle_m + 0.02 * (i % 50), middle_m, 0.01 * i)
-        now_ns, scan = i * 100_000_000, scans[i % 50]
-        costmap.update(pose, scan, 0.0, _STEP_RAD, 0.12, now_ns=now_ns, map_from_base=pose)
+        here = SE2(0.0, 0.0, 0.0)
+        scan = Scan(scans[i % 50], 0.0, _STEP_RAD, 0.12, 3.5, here, i * 100_000_000)
+        costmap.update(pose, scan, map_from_base=pose)
         local.move(pose)
-        local.update(pose, scan, 0.0, _STEP_RAD, 0.12, now_ns=now_ns, map_from_base=pose)
+        local.update(pose, scan, map_from_base=pose)
 
     _times(f"global {side} x {side} and local 3 x 3 m, one scan", both)
 
@@ -112,7 +115,11 @@ def main() -> None:
     for side in (200, 400, 2000):
         _costmaps(side)
     for radius_m in (1.0, 0.5, 0.35, 0.3):
-        for velocity in (Velocity(0.46, 0.0), Velocity(0.3, 1.5), Velocity(0.0, 1.9)):
+        for velocity in (
+            Velocity(MAX_LINEAR_M_S, 0.0),
+            Velocity(0.3, 1.5),
+            Velocity(0.0, MAX_ANGULAR_RAD_S),
+        ):
             _monitor(radius_m, velocity)
     for x_m in (2.0, 3.6):
         _contact(x_m)

@@ -15,15 +15,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazebot.cli.drive.teleop_keys import (
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_M_S,
-    TABLE,
-    Teleop,
-    split_keys,
-)
+from mazebot.cli.drive.teleop_keys import TABLE, Teleop, split_keys
 from mazebot.cli.parsing.options import ROUTER, Connect
 from mazebot.common.config import ConfigError
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 
 if TYPE_CHECKING:
     from mazebot.common.client.robot import Robot

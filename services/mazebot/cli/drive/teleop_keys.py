@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
+
 STEP_LINEAR_M_S, STEP_ANGULAR_RAD_S = 0.01, 0.1
 """As turtlebot3_teleop."""
-MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S = 0.46, 1.9
-"""The robot's own limits."""
 FIRST_PRESS_S = 0.7
 """A key drives for so long after its first press: terminals begin to repeat a held key late."""
 REPEAT_S = 0.25

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.world.map_files import MapFile
@@ -76,16 +77,12 @@ def run(
     else:
         std = np.array(_START_STD)
         localization.initialize(start, np.diag(std * std))
-    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     for step in log.steps():
         if step.odom_from_base is not None:
             localization.odometry(step.stamp_ns, step.odom_from_base)
         if step.scan is not None:
-            scan = step.scan
-            localization.scan(
-                step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
-                scan.range_min_m, scan.range_max_m, place,
-            )  # fmt: skip
+            localization.scan(step.scan.at(place, step.stamp_ns))
             yield _fix(step.stamp_ns * 1e-9, localization)
 
 

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
-
-WAFFLE_LIDAR = SE2(-0.064, 0.0, 0.0)
-"""base_from_scan of a log that does not tell."""
+from mazebot.common.messages.scan import Scan
 
 
 @dataclass(frozen=True)
 class LoggedScan:
-    """A scan as `Localization.scan` takes it; NaN is a beam that measured nothing."""
+    """A scan as the log has it; NaN is a beam that measured nothing."""
 
     ranges_m: NDArray[np.float32]
     angle_min_rad: float
@@ -26,6 +24,18 @@ class LoggedScan:
     range_min_m: float
     range_max_m: float
     frame_id: str = ""
+
+    def at(self, base_from_scan: SE2, stamp_ns: int) -> Scan:
+        """The scan, by a lidar at this place of the robot."""
+        return Scan(
+            self.ranges_m,
+            self.angle_min_rad,
+            self.angle_increment_rad,
+            self.range_min_m,
+            self.range_max_m,
+            base_from_scan,
+            stamp_ns,
+        )
 
 
 @dataclass(frozen=True)

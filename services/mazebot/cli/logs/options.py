@@ -8,9 +8,10 @@ from typing import Annotated
 
 import typer
 
-from mazebot.cli.logs.log import WAFFLE_LIDAR, ScanForm
+from mazebot.cli.logs.log import ScanForm
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 LogFile = Annotated[
     Path | None,
@@ -26,7 +27,7 @@ Lidar = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         help="x, y (m) and yaw (rad) of the lidar on the robot [default: the log's, "
-        f"else {WAFFLE_LIDAR.x_m} 0 0]"
+        f"else {BASE_FROM_SCAN.x_m} 0 0]"
     ),
 ]
 AngleMin = Annotated[

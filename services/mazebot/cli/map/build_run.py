@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazebot.cli.logs.log import WAFFLE_LIDAR, Log
+from mazebot.cli.logs.log import Log
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 if TYPE_CHECKING:
     from mazebot.common.messages.slam_documents import PoseGraph
@@ -107,7 +108,7 @@ def run(
     from mazebot.mapping.slam import Slam  # noqa: PLC0415 - loads Numba
 
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
-    place = base_from_scan or log.base_from_scan or WAFFLE_LIDAR
+    place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
     scans = sum(entry.scan is not None for entry in log.entries)
     stamps_ns, anchors, step_ms = [], [], []
     done, driven_m = 0, 0.0
@@ -120,12 +121,8 @@ def run(
             last = step.odom_from_base
         if step.scan is None:
             continue
-        scan = step.scan
         begin = time.perf_counter()
-        used = slam.scan(
-            step.stamp_ns, scan.ranges_m, scan.angle_min_rad, scan.angle_increment_rad,
-            scan.range_min_m, scan.range_max_m, place,
-        )  # fmt: skip
+        used = slam.scan(step.scan.at(place, step.stamp_ns))
         step_ms.append((time.perf_counter() - begin) * 1e3)
         if used:
             stamps_ns.append(step.stamp_ns)

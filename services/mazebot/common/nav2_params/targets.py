@@ -12,6 +12,12 @@ from pydantic.fields import FieldInfo
 from mazebot.common.config import must
 from mazebot.common.nav2_params.parameter import Value
 from mazebot.common.nav2_params.tables.mppi import MPPI
+from mazebot.common.robot.waffle import (
+    MAX_ANGULAR_ACCELERATION_RAD_S2,
+    MAX_ANGULAR_RAD_S,
+    MAX_LINEAR_ACCELERATION_M_S2,
+    MAX_LINEAR_M_S,
+)
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
 
 Models = Mapping[str, type[BaseModel]]
@@ -19,9 +25,6 @@ Models = Mapping[str, type[BaseModel]]
 
 LIDAR_MAX_RANGE_M = 3.5
 """The LDS-01's longest range (ROBOTIS, LDS-01 specifications)."""
-MAX_SPEED_M_S, MAX_TURN_RAD_S = 0.46, 1.9
-MAX_ACCEL_M_S2, MAX_TURN_ACCEL_RAD_S2 = 1.0, 2.0
-"""The robot's own limits: a controller that counts on more mistakes where it will be."""
 
 
 def _within(each: Value, most: float, most_turning: float) -> Value:
@@ -137,22 +140,27 @@ FLAT = frozenset(
 """Names with one meaning only, which may stand in the section itself; `tolerance` is the planner's.
 """
 
+# A controller that counts on more than the robot's own limits mistakes where it will be.
 CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
     {
         # AMCL takes the smaller of the two, and -1 as the range that the scan states.
         "lidar_max_range": lambda range_m: None if range_m < 0 else min(range_m, LIDAR_MAX_RANGE_M),
         "lidar_min_range": lambda range_m: None if range_m < 0 else range_m,
         "robot_radius": lambda radius_m: max(radius_m, ROBOT_RADIUS_M),
-        "max_speed": lambda speed: min(speed, MAX_SPEED_M_S),
-        "min_speed": lambda speed: max(speed, -MAX_SPEED_M_S),
-        "max_turn": lambda speed: min(speed, MAX_TURN_RAD_S),
-        "max_accel": lambda accel: min(accel, MAX_ACCEL_M_S2),
-        "min_accel": lambda accel: max(accel, -MAX_ACCEL_M_S2),
-        "max_turn_accel": lambda accel: min(accel, MAX_TURN_ACCEL_RAD_S2),
-        "most_velocity": lambda each: _within(each, MAX_SPEED_M_S, MAX_TURN_RAD_S),
-        "least_velocity": lambda each: _within(each, MAX_SPEED_M_S, MAX_TURN_RAD_S),
-        "most_accel": lambda each: _within(each, MAX_ACCEL_M_S2, MAX_TURN_ACCEL_RAD_S2),
-        "least_accel": lambda each: _within(each, MAX_ACCEL_M_S2, MAX_TURN_ACCEL_RAD_S2),
+        "max_speed": lambda speed: min(speed, MAX_LINEAR_M_S),
+        "min_speed": lambda speed: max(speed, -MAX_LINEAR_M_S),
+        "max_turn": lambda speed: min(speed, MAX_ANGULAR_RAD_S),
+        "max_accel": lambda accel: min(accel, MAX_LINEAR_ACCELERATION_M_S2),
+        "min_accel": lambda accel: max(accel, -MAX_LINEAR_ACCELERATION_M_S2),
+        "max_turn_accel": lambda accel: min(accel, MAX_ANGULAR_ACCELERATION_RAD_S2),
+        "most_velocity": lambda each: _within(each, MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S),
+        "least_velocity": lambda each: _within(each, MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S),
+        "most_accel": lambda each: _within(
+            each, MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2
+        ),
+        "least_accel": lambda each: _within(
+            each, MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2
+        ),
     }
 )
 """From Nav2's value to ours; None: our default has this meaning."""

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
 from mazebot.common.world.grids import connected_regions, distance_cells
 
 Cells = NDArray[np.int8]
 Clearance = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-ROBOT_RADIUS_M = 0.24
-"""Navigation's default `robot_radius`: a TurtleBot3 waffle as a disc, 0.22 m, and 2 cm margin."""
+ROBOT_RADIUS_M = WAFFLE_RADIUS_M + 0.02
+"""Navigation's default `robot_radius`: a waffle as a disc, and 2 cm margin."""
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of a map's cells; one of at least OCCUPIED is a lethal obstacle, below 0 it is unknown."""
 START_TOLERANCE_M = 0.5

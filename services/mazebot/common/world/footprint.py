@@ -18,12 +18,8 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, pose_matrix
 from mazebot.common.messages import documents as doc
+from mazebot.common.robot.waffle import FOOT_M, TOP_M
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
-
-FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which the robot can collide: above what its 33 mm wheels roll
-over, up to the top of a TurtleBot3 waffle with its camera (0.214 m) and a little more.
-"""
 
 _TURN = 64
 """Sides of the polygon drawn around a circle; it is wider than the circle by up to 0.12 %."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion, transform_matrix
 from mazebot.common.messages.documents import Marker, MarkerEntity, Wall, World
+from mazebot.common.robot.waffle import FOOT_M, TOP_M
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.obstruction import obstructions, wall_polygons
 
@@ -26,8 +27,6 @@ CONTACT_M = 0.01
 CLEAR_VIEW_M = 0.5
 """Depth in front of a panel that must be clear."""
 MAX_DISTANCE_M = 10_000.0
-FOOT_M, TOP_M = 0.02, 0.22
-"""Heights above the floor between which the robot can collide with bodies."""
 
 _TOUCH_M = 1e-6
 _ALIGNED = 1e-3

@@ -8,11 +8,10 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from mazebot.common.config import one_line
 from mazebot.common.messages import documents as doc
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 
 MAX_MESSAGE_CHARACTERS = 16_384
 MAX_WAYPOINTS = 100
-MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S = 0.46, 1.9
-"""The robot's own limits."""
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]

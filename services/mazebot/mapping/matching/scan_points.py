@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mazebot.common.maths import portable, portable_kernels
+from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
+from mazebot.common.messages.scan import Scan
 
 _FAR_M = 1e3
 """No lidar has a longer range, whatever its message states."""
@@ -33,36 +33,27 @@ class ScanPoints:
     """base_from_scan"""
 
 
-def scan_points(
-    ranges_m: NDArray[np.float32],
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    range_min_m: float,
-    range_max_m: float,
-    base_from_scan: SE2,
-    max_range_m: float,
-) -> ScanPoints:
-    """The points of a scan (n,) whose beams go round counter-clockwise or clockwise.
+def scan_points(scan: Scan, max_range_m: float) -> ScanPoints:
+    """The points of a scan.
 
     Ranges in [range_min, range_max) are returns, up to `max_range_m`; farther ones show only
     that it is free up to there. The same holds for ranges of `range_max` and more, infinite ones
     included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min` and
     NaN, are ignored, as in REP 117.
     """
-    distances_m = np.asarray(ranges_m, np.float64).reshape(-1)
-    limit_m = min(range_max_m, _FAR_M)
+    base_from_scan = scan.base_from_scan
+    distances_m = np.asarray(scan.ranges_m, np.float64).reshape(-1)
+    limit_m = min(scan.range_max_m, _FAR_M)
     reach_m = min(limit_m, max_range_m)
-    in_range = (distances_m >= range_min_m) & (distances_m < limit_m)
+    in_range = (distances_m >= scan.range_min_m) & (distances_m < limit_m)
     returned = in_range & (distances_m < reach_m)
     misses = distances_m >= limit_m
     if misses.any():
-        least = max(1, round(_LEAST_OPEN_RAD / max(abs(angle_increment_rad), 1e-6)))
-        closed = abs(len(distances_m) * angle_increment_rad) > 6.2
+        least = max(1, round(_LEAST_OPEN_RAD / max(abs(scan.angle_increment_rad), 1e-6)))
+        closed = abs(len(distances_m) * scan.angle_increment_rad) > 6.2
         misses = _in_rows(misses, least, closed)
     open_beams = misses | (in_range & ~returned)
-    directions = _directions(
-        len(distances_m), float(angle_min_rad + base_from_scan.yaw_rad), float(angle_increment_rad)
-    )
+    directions = scan.directions()
     origin_m = np.array([base_from_scan.x_m, base_from_scan.y_m])
     points_m = origin_m + distances_m[returned, None] * directions[returned]
     misses_m = origin_m + reach_m * directions[open_beams]
@@ -71,13 +62,6 @@ def scan_points(
 
 def _millimetres(points_m: Array) -> Array:
     return np.ascontiguousarray(np.rint(points_m * 1e3) / 1e3)
-
-
-# All scans of a lidar have the same beams.
-@functools.lru_cache(maxsize=8)
-def _directions(count: int, angle_min_rad: float, angle_increment_rad: float) -> Array:
-    angles = angle_min_rad + angle_increment_rad * np.arange(count)
-    return np.stack(portable_kernels.cos_sin_each(angles), axis=1)
 
 
 def _in_rows(flags: NDArray[np.bool_], least: int, closed: bool) -> NDArray[np.bool_]:

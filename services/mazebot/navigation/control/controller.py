@@ -11,6 +11,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mazebot.common.config import ConfigError, one_line
+from mazebot.common.robot.waffle import (
+    MAX_ANGULAR_ACCELERATION_RAD_S2,
+    MAX_ANGULAR_RAD_S,
+    MAX_LINEAR_ACCELERATION_M_S2,
+    MAX_LINEAR_M_S,
+)
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
 from mazebot.navigation.control.goal_checker import GoalCheckerParams
 from mazebot.navigation.control.path_handler import PathHandlerParams
@@ -30,11 +36,11 @@ class Robot:
 
     footprint: Footprint = WAFFLE
     """The convex outline in base_footprint."""
-    max_linear_vel_m_s: float = 0.46
-    max_angular_vel_rad_s: float = 1.9
-    max_linear_accel_m_s2: float = 1.0
-    max_angular_accel_rad_s2: float = 2.0
-    """The plant's limits (services/mazebot/physics/config.py): no command may ask for more."""
+    max_linear_vel_m_s: float = MAX_LINEAR_M_S
+    max_angular_vel_rad_s: float = MAX_ANGULAR_RAD_S
+    max_linear_accel_m_s2: float = MAX_LINEAR_ACCELERATION_M_S2
+    max_angular_accel_rad_s2: float = MAX_ANGULAR_ACCELERATION_RAD_S2
+    """No command may ask for more."""
     control_period_s: float = 0.05
     goal_checker: GoalCheckerParams = field(default_factory=GoalCheckerParams)
     path_handler: PathHandlerParams = field(default_factory=PathHandlerParams)

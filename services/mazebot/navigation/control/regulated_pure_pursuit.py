@@ -10,6 +10,7 @@ from pydantic import Field
 
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.controller import ControllerParams, Robot
 from mazebot.navigation.control.path_follower import PathFollower
@@ -27,10 +28,14 @@ class RegulatedPurePursuitParams(ControllerParams):
     """Names as in Nav2's RegulatedPurePursuitController."""
 
     max_linear_vel: float = Field(
-        0.46, gt=0, description="m/s; speed on a straight path; the robot's own limit is 0.46"
+        MAX_LINEAR_M_S,
+        gt=0,
+        description="m/s; speed on a straight path; the robot's own limit is 0.46",
     )
     max_angular_vel: float = Field(
-        1.9, gt=0, description="rad/s; highest turning speed; the robot's own limit is 1.9"
+        MAX_ANGULAR_RAD_S,
+        gt=0,
+        description="rad/s; highest turning speed; the robot's own limit is 1.9",
     )
     use_velocity_scaled_lookahead_dist: bool = Field(
         True, description="scale the lookahead distance with the speed; else lookahead_dist"

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import Array
 from mazebot.common.maths.kernels import shared_kernel
-from mazebot.common.robot.robot_footprint import WAFFLE_FOOTPRINT_M
+from mazebot.common.robot.waffle import WAFFLE_FOOTPRINT_M
 
 Distance = NDArray[np.float32]
 

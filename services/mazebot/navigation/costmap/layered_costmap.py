@@ -5,9 +5,9 @@ keepout zones, as in Nav2; and the rolling local one, of the same layers without
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Cells, Clearance, Mask
 from mazebot.navigation.costmap.costmap import (
     FREE_SPACE,
@@ -33,8 +33,6 @@ from mazebot.navigation.costmap.obstacle_layer import (
     Moving,
     ObstacleLayer,
     ObstacleParams,
-    Scan,
-    denoised_ranges,
     scan_points,
 )
 from mazebot.navigation.costmap.static_layer import NAV2_STATIC, StaticParams, static_costs
@@ -51,9 +49,7 @@ __all__ = [
     "LayeredCostmap",
     "LocalCostmap",
     "ObstacleParams",
-    "Scan",
     "StaticParams",
-    "denoised_ranges",
     "frame_of",
     "inflate",
     "scan_points",
@@ -131,12 +127,8 @@ class LayeredCostmap:
     def update(
         self,
         map_from_scan: SE2,
-        ranges_m: NDArray[np.float32],
-        angle_min_rad: float,
-        angle_increment_rad: float,
-        range_min_m: float,
+        scan: Scan,
         *,
-        now_ns: int = 0,
         map_from_base: SE2 | None = None,
         moving_m: Moving = NOTHING_MOVES,
         static_margin_m: float | None = None,
@@ -146,18 +138,13 @@ class LayeredCostmap:
 
         Args:
             map_from_scan: the lidar's pose at the scan.
-            ranges_m: one for each ray; `inf` is no echo, `-inf` and NaN no measurement.
-            angle_min_rad: of the first ray.
-            angle_increment_rad: between two rays.
-            range_min_m: shorter ranges are no measurement.
-            now_ns: time of the scan, by which marks are forgotten.
+            scan: its ranges, and its time, by which marks are forgotten.
             map_from_base: the robot's pose, whose own place is cleared; None: it is not.
             moving_m: (n, 3) circles of things that move, x, y, radius: what a prediction has
                 does not stay on the costmap, neither they nor their trail.
             static_margin_m: instead of the parameter, where the error of the pose is known: the
                 better it is, the nearer to walls things are marked.
         """
-        scan = Scan(ranges_m, angle_min_rad, angle_increment_rad, range_min_m)
         resolution_m = self.frame.resolution_m
         moving = np.array(moving_m, np.float64).reshape(-1, 3)
         moving[:, 0] -= self.frame.origin_x_m
@@ -165,7 +152,7 @@ class LayeredCostmap:
         column, row = self.frame.place(map_from_scan.x_m, map_from_scan.y_m)
         changed = self._obstacles.update(
             scan, (column, row, map_from_scan.yaw_rad), resolution_m,
-            self._walls_m(), now_ns, moving / resolution_m, static_margin_m,
+            self._walls_m(), moving / resolution_m, static_margin_m,
         )  # fmt: skip
         if map_from_base is not None:
             column, row = self.frame.place(map_from_base.x_m, map_from_base.y_m)

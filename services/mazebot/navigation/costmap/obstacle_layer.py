@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable_kernels
-from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.maths.frames import Array
 from mazebot.common.maths.kernels import kernel
+from mazebot.common.messages.scan import Scan
 from mazebot.common.world.costmap import Clearance, Mask
 from mazebot.navigation.costmap.footprint import Footprint, distance_at, signed_distance_m
 from mazebot.navigation.costmap.inflation_layer import Window
@@ -65,18 +66,6 @@ class ObstacleParams:
     """Marks not seen again for this long are forgotten; 0: never."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """A lidar's ranges as in sensor_msgs/LaserScan; `inf` is no echo, `-inf` and NaN no
-    measurement.
-    """
-
-    ranges_m: NDArray[np.float32]
-    angle_min_rad: float
-    angle_increment_rad: float
-    range_min_m: float
-
-
 class ObstacleLayer:
     """The marks on a grid of (rows, columns)."""
 
@@ -99,19 +88,17 @@ class ObstacleLayer:
         sensor: tuple[float, float, float],
         resolution_m: float,
         static_distance_m: Clearance | None,
-        now_ns: int,
         moving_cells: Moving,
         static_margin_m: float | None = None,
     ) -> Window | None:
         """Mark and clear; the window of cells that changed, if any.
 
         Args:
-            scan: its ranges.
+            scan: its ranges and its time.
             sensor: column, row and yaw of the lidar.
             resolution_m: side of a cell.
             static_distance_m: (rows, columns), distance from the walls of the map, where echoes of
                 those are not to be marked.
-            now_ns: time of the scan.
             moving_cells: (n, 3) circles, column, row and radius in cells, that are not to be
                 marked.
             static_margin_m: instead of the parameter.
@@ -137,7 +124,7 @@ class ObstacleLayer:
             np.array(moving_cells, np.float64).reshape(-1, 3),
         )  # fmt: skip
         self._note(changed)
-        self._decay(now_ns, changed)
+        self._decay(scan.stamp_ns, changed)
         return _window(changed)
 
     def clear_footprint(
@@ -435,21 +422,13 @@ def _forget(
                 _include(extent, r, c)
 
 
-def scan_points(
-    base_from_scan: SE2,
-    ranges_m: NDArray[np.float32],
-    angle_min_rad: float,
-    angle_increment_rad: float,
-    range_min_m: float,
-    max_range_m: float,
-) -> Array:
-    """(n, 2) float64 echoes of a scan within a range, in the robot's base frame."""
-    ranges = np.asarray(ranges_m, np.float64)
-    angles = base_from_scan.yaw_rad + angle_min_rad + angle_increment_rad * np.arange(ranges.size)
-    keep = np.isfinite(ranges) & (ranges >= range_min_m) & (ranges <= max_range_m)
-    ranges, angles = ranges[keep], angles[keep]
-    cos, sin = portable_kernels.cos_sin_each(angles)
-    return np.stack([base_from_scan.x_m + ranges * cos, base_from_scan.y_m + ranges * sin], axis=1)
+def scan_points(scan: Scan) -> Array:
+    """(n, 2) float64 echoes of a scan, in the robot's base frame."""
+    base_from_scan = scan.base_from_scan
+    ranges = np.asarray(scan.ranges_m, np.float64)
+    keep = np.isfinite(ranges) & (ranges >= scan.range_min_m) & (ranges <= scan.range_max_m)
+    lidar_m = np.array([base_from_scan.x_m, base_from_scan.y_m])
+    return lidar_m + ranges[keep, None] * scan.directions()[keep]
 
 
 def denoised_ranges(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
-from mazebot.common.messages import messages as msg
 from mazebot.common.messages.documents import LocalizationStatus
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.safety.collision_monitor import moved_points
 from mazebot.navigation.control.tracking import ObstacleTracker
@@ -52,14 +53,11 @@ class Measurements:
         """Of the pose in the map, along the axis of which less is known."""
         self._teleop: tuple[int, Velocity] | None = None
 
-    def take_scan(self, stamp_ns: int, scan: msg.LaserScan, base_from_scan: SE2) -> None:
+    def take_scan(self, scan: Scan) -> None:
         """Keep a scan's echoes, once odometry is known."""
         assert self.odom is not None
-        points_m = scan_points(
-            base_from_scan, denoised_ranges(scan.ranges), scan.angle_min, scan.angle_increment,
-            scan.range_min, scan.range_max,
-        )  # fmt: skip
-        self.echoes = Echoes(stamp_ns, self.odom[1], points_m)
+        points_m = scan_points(replace(scan, ranges_m=denoised_ranges(scan.ranges_m)))
+        self.echoes = Echoes(scan.stamp_ns, self.odom[1], points_m)
 
     def take_teleop(self, now_ns: int, command: Velocity) -> None:
         """Keep a teleoperation command."""

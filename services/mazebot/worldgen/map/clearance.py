@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import KeepoutZone, Planar, World
-from mazebot.common.robot.robot_footprint import WAFFLE_FOOTPRINT_M
+from mazebot.common.robot.waffle import WAFFLE_FOOTPRINT_M
 from mazebot.common.world.costmap import (
     ROBOT_RADIUS_M,
     START_TOLERANCE_M,

@@ -17,6 +17,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
 from mazebot.common.messages.documents import Planar, World
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
 from mazebot.common.world.costmap import FREE
 from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.grids import connected_regions, distance_cells
@@ -33,7 +34,6 @@ TAN_HALF_VERTICAL_FOV = 480.0 / 640.0 * portable.tan(1.047 / 2.0)
 NEAREST_M, FARTHEST_M = 0.6, 5.0
 WIDEST_RAD = math.radians(60.0)
 """Angle between a panel's normal and the ray to it."""
-ROBOT_RADIUS_M = 0.22
 
 _BLOCK_M = 0.05
 """Cells of finer maps are judged in blocks about this wide, by the middle one."""
@@ -46,7 +46,7 @@ def reachable(
     resolution_m: float,
     origin: SE2,
     start: Planar,
-    radius_m: float = ROBOT_RADIUS_M,
+    radius_m: float = WAFFLE_RADIUS_M,
 ) -> Bits:
     """(rows, columns): the cells in whose middle a round robot fits, connected to the start.
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
 from mazebot.common.messages.documents import Planar
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
 from mazebot.worldgen.maze import spanning_tree
 from mazebot.worldgen.maze.spanning_tree import Bits
 from mazebot.worldgen.recipe_model import MazeRecipe
 
-PASSABLE_M = 0.44
-"""The robot is a disc of 0.22 m radius."""
+PASSABLE_M = 2.0 * WAFFLE_RADIUS_M
 EXACT_CELLS = 2500
 """Up to this many cells the longest path is found exactly if there are loops."""
 

@@ -25,6 +25,7 @@ from mazebot.common.messages.documents import (
     Shape,
 )
 from mazebot.common.messages.topics import GOAL_POSE, NAVIGATION_STATUS
+from mazebot.common.robot.waffle import MAX_LINEAR_M_S
 from mazebot.embedded.session import RefusedError, Session
 from mazebot.physics.config import STEPS_PER_SECOND
 
@@ -32,7 +33,6 @@ TICK_S = 0.05
 _STEPS = round(TICK_S * STEPS_PER_SECOND)
 ACTIVE_WITHIN_S = 10.0
 """Simulation time to wait for navigation before a goal is sent all the same."""
-OWN_SPEED_M_S = 0.46
 POST_HEIGHT_M = 1.0
 BOX_HEIGHT_M = 0.5
 
@@ -128,7 +128,7 @@ class Course:
         start_s, start = self.now_s, self.pose
         shortest_m = self.around.shortest_m(start, goal, start_s)
         if limit_s is None:
-            limit_s = 45.0 + 3.0 * (shortest_m or start.distance_m(goal)) / OWN_SPEED_M_S
+            limit_s = 45.0 + 3.0 * (shortest_m or start.distance_m(goal)) / MAX_LINEAR_M_S
         stamp_ns = self.send(goal)
         result = None
         while result is None and self.now_s - start_s < limit_s and not until():

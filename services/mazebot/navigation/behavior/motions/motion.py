@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import STOP, Velocity
 
 TimeToCollision = Callable[[Velocity], float]
@@ -31,8 +32,8 @@ class BehaviorServerParams:
     """At the end of a drive; a request below it is driven as it is."""
     projection_time_s: float = 1.0
     """Assisted teleoperation slows down where a collision is nearer than this."""
-    teleop_linear_limit_m_s: float = 0.46
-    teleop_angular_limit_rad_s: float = 1.9
+    teleop_linear_limit_m_s: float = MAX_LINEAR_M_S
+    teleop_angular_limit_rad_s: float = MAX_ANGULAR_RAD_S
 
 
 class MotionStep(NamedTuple):

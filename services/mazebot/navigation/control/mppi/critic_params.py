@@ -6,6 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
+from mazebot.common.robot.waffle import (
+    MAX_ANGULAR_ACCELERATION_RAD_S2,
+    MAX_ANGULAR_RAD_S,
+    MAX_LINEAR_ACCELERATION_M_S2,
+    MAX_LINEAR_M_S,
+)
 from mazebot.navigation.control.controller import ControllerParams
 
 
@@ -192,12 +198,22 @@ class MPPIParams(ControllerParams):
         0.2, gt=0, description="the lower, the more the cheapest trajectories count"
     )
     gamma: float = Field(0.015, ge=0, description="weight of the change of the control sequence")
-    vx_max: float = Field(0.46, gt=0, description="m/s; highest speed; the robot's own is 0.46")
+    vx_max: float = Field(
+        MAX_LINEAR_M_S, gt=0, description="m/s; highest speed; the robot's own is 0.46"
+    )
     vx_min: float = Field(-0.2, le=0, description="m/s; highest speed backwards, negative")
-    wz_max: float = Field(1.9, gt=0, description="rad/s; highest turning speed; the robot's is 1.9")
-    ax_max: float = Field(1.0, gt=0, description="m/s2; acceleration; the robot's own is 1")
-    ax_min: float = Field(-1.0, lt=0, description="m/s2; deceleration; the robot's own is -1")
-    az_max: float = Field(2.0, gt=0, description="rad/s2; the robot's own is 2")
+    wz_max: float = Field(
+        MAX_ANGULAR_RAD_S, gt=0, description="rad/s; highest turning speed; the robot's is 1.9"
+    )
+    ax_max: float = Field(
+        MAX_LINEAR_ACCELERATION_M_S2, gt=0, description="m/s2; acceleration; the robot's own is 1"
+    )
+    ax_min: float = Field(
+        -MAX_LINEAR_ACCELERATION_M_S2, lt=0, description="m/s2; deceleration; the robot's own is -1"
+    )
+    az_max: float = Field(
+        MAX_ANGULAR_ACCELERATION_RAD_S2, gt=0, description="rad/s2; the robot's own is 2"
+    )
     vx_std: float = Field(0.2, gt=0, description="m/s; standard deviation of the speeds tried")
     wz_std: float = Field(0.4, gt=0, description="rad/s; of the turning speeds tried")
     noise_correlation: float = Field(
@@ -232,7 +248,7 @@ class MPPIParams(ControllerParams):
         "on the spot first, if that is free",
     )
     rotate_to_heading_angular_vel: float = Field(
-        1.9, gt=0, description="rad/s; highest speed of a turn on the spot"
+        MAX_ANGULAR_RAD_S, gt=0, description="rad/s; highest speed of a turn on the spot"
     )
     rotate_to_heading_decel: float = Field(
         1.7, gt=0, description="rad/s2; deceleration at the end of a turn on the spot"

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mazebot.common.maths.frames import SE2
+from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.safety.collision_monitor import (
     CollisionMonitor,
@@ -14,6 +15,7 @@ from mazebot.navigation.control.safety.collision_monitor import (
     PolygonParams,
     SourcePoints,
 )
+from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
@@ -27,19 +29,18 @@ def compile_collision_kernels() -> None:
     """Run every kernel once in a small room, with the types of arguments that it has in use."""
     cells = np.zeros((40, 40), np.int8)
     cells[0] = 100
-    inflation = InflationParams(0.153, 0.7, 3.0)
+    inflation = InflationParams(WAFFLE.half_width_m, 0.7, 3.0)
     obstacle = ObstacleParams(2.5, 3.0, 0.1, decay_s=1.0)
     costmap = LayeredCostmap(frame_of(0.05, SE2(0.0, 0.0, 0.0), cells), cells, inflation, obstacle)
     local = LocalCostmap(0.05, inflation, obstacle)
     pose = SE2(1.0, 1.0, 0.0)
     ranges_m = np.full(360, 0.5, np.float32)
     for seconds in range(3):
+        stamp_ns = seconds * 1_000_000_000
+        scan = Scan(ranges_m, 0.0, math.tau / 360, 0.12, 3.5, SE2(0.0, 0.0, 0.0), stamp_ns)
         local.move(SE2(0.1 * seconds, 0.0, 0.0))
         for layers in (costmap, local):
-            layers.update(
-                pose, ranges_m, 0.0, math.tau / 360, 0.12, now_ns=seconds * 1_000_000_000,
-                map_from_base=pose, moving_m=np.array([[1.0, 1.5, 0.1]]),
-            )  # fmt: skip
+            layers.update(pose, scan, map_from_base=pose, moving_m=np.array([[1.0, 1.5, 0.1]]))
     costmap.clear_around(pose, 0.5)
     costmap.clear_except(pose, 0.5)
     costmap.master.clearance_at(1.0, 1.0)
@@ -52,5 +53,5 @@ def compile_collision_kernels() -> None:
         PolygonParams(name="brake", action_type="approach", time_before_collision_s=0.0),
     )
     params = CollisionMonitorParams(polygons=polygons, source_timeout_s={"scan": 1.0})
-    scan = {"scan": SourcePoints(0, ahead)}
-    CollisionMonitor(params).step(0, Velocity(0.4, 0.1), Velocity(0.4, 0.0), scan)
+    sources = {"scan": SourcePoints(0, ahead)}
+    CollisionMonitor(params).step(0, Velocity(0.4, 0.1), Velocity(0.4, 0.0), sources)

@@ -10,6 +10,12 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from mazebot.common.robot.waffle import (
+    MAX_ANGULAR_ACCELERATION_RAD_S2,
+    MAX_ANGULAR_RAD_S,
+    MAX_LINEAR_ACCELERATION_M_S2,
+    MAX_LINEAR_M_S,
+)
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.controller import ControllerParams
 
@@ -21,8 +27,10 @@ _Most = Annotated[float, Field(ge=0.0)]
 _Least = Annotated[float, Field(le=0.0)]
 _Accel = Annotated[float, Field(gt=0.0)]
 _Decel = Annotated[float, Field(lt=0.0)]
-_MAX_VELOCITY, _MIN_VELOCITY = Velocity(0.46, 1.9), Velocity(-0.46, -1.9)
-_MAX_ACCEL, _MAX_DECEL = Velocity(1.0, 2.0), Velocity(-1.0, -2.0)
+_MAX_VELOCITY = Velocity(MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S)
+_MIN_VELOCITY = Velocity(-MAX_LINEAR_M_S, -MAX_ANGULAR_RAD_S)
+_MAX_ACCEL = Velocity(MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2)
+_MAX_DECEL = Velocity(-MAX_LINEAR_ACCELERATION_M_S2, -MAX_ANGULAR_ACCELERATION_RAD_S2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +78,12 @@ class VelocitySmootherConfig(ControllerParams):
         False, description="limit both axes by one factor, which keeps the curvature"
     )
     max_velocity: tuple[_Most, _Most, _Most] = Field(
-        (0.46, 0.0, 1.9), description="m/s, m/s, rad/s; the robot's own limits are 0.46 and 1.9"
+        (MAX_LINEAR_M_S, 0.0, MAX_ANGULAR_RAD_S),
+        description="m/s, m/s, rad/s; the robot's own limits are 0.46 and 1.9",
     )
     min_velocity: tuple[_Least, _Least, _Least] = Field(
-        (-0.46, 0.0, -1.9), description="m/s, m/s, rad/s; backwards and clockwise"
+        (-MAX_LINEAR_M_S, 0.0, -MAX_ANGULAR_RAD_S),
+        description="m/s, m/s, rad/s; backwards and clockwise",
     )
     max_accel: tuple[_Accel, float, _Accel] | None = Field(
         None, description="m/s2, m/s2, rad/s2; none: max_linear_accel and max_angular_accel"

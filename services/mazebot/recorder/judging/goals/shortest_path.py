@@ -12,11 +12,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Point
 
+from mazebot.common.robot.waffle import WAFFLE_RADIUS_M
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROBOT_RADIUS_M = 0.22
-"""Radius of the disc that models the robot, Nav2's `robot_radius` for a TurtleBot3 waffle."""
 
 _QUARTER_SEGMENTS = 8
 # A path may touch the obstacles: they are shrunk by this much before segments are tested.
@@ -49,7 +49,7 @@ class ShortestPath:
     along round corners.
     """
 
-    def __init__(self, obstacles: NDArray[np.object_], radius_m: float = ROBOT_RADIUS_M) -> None:
+    def __init__(self, obstacles: NDArray[np.object_], radius_m: float = WAFFLE_RADIUS_M) -> None:
         """`obstacles` are shapely polygons and lines, in the map."""
         self._radius_m = radius_m
         coarse = len(obstacles) > _MANY

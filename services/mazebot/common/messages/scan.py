@@ -1,0 +1,59 @@
+"""A turn of the lidar, as localization, mapping and navigation use it."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazebot.common.maths import portable_kernels
+from mazebot.common.maths.frames import SE2, Array
+from mazebot.common.messages.messages import LaserScan, ns_from_time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """The ranges of a sensor_msgs/LaserScan, and where its lidar is on the robot."""
+
+    ranges_m: NDArray[np.float32]
+    """(n,) `ranges`, counter-clockwise, or clockwise where the increment is negative; `inf` is no
+    echo, `-inf` and NaN are no measurement, as in REP 117."""
+    angle_min_rad: float
+    """`angle_min`: of the first beam, in base_scan."""
+    angle_increment_rad: float
+    """`angle_increment`: between two beams."""
+    range_min_m: float
+    """`range_min`: shorter ranges are no measurement."""
+    range_max_m: float
+    """`range_max`: a beam of this range or a longer one had no echo."""
+    base_from_scan: SE2
+    """Pose of the lidar in base_footprint, from /tf_static."""
+    stamp_ns: int = 0
+    """`header.stamp`: simulation time at which it was taken."""
+
+    @classmethod
+    def from_message(cls, message: LaserScan, base_from_scan: SE2) -> Scan:
+        """The scan of a message."""
+        return cls(
+            message.ranges,
+            message.angle_min,
+            message.angle_increment,
+            message.range_min,
+            message.range_max,
+            base_from_scan,
+            ns_from_time(message.header.stamp),
+        )
+
+    def directions(self) -> Array:
+        """(n, 2) unit vectors of the beams in base_footprint."""
+        first_rad = self.angle_min_rad + self.base_from_scan.yaw_rad
+        return _directions(len(self.ranges_m), float(first_rad), float(self.angle_increment_rad))
+
+
+# All scans of a lidar have the same beams.
+@functools.lru_cache(maxsize=8)
+def _directions(count: int, first_rad: float, increment_rad: float) -> Array:
+    angles = first_rad + increment_rad * np.arange(count)
+    return np.stack(portable_kernels.cos_sin_each(angles), axis=1)
