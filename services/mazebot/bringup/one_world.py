@@ -26,9 +26,9 @@ def world_runs(endpoint: str, prefix: str = "") -> bool:
         session = open_session(BusConfig(connect=endpoint, prefix=prefix))
     except BusUnavailableError:
         return False
-    heard = threading.Event()
-    with subscribed(session, WORLD, lambda *_: heard.set(), prefix):
-        runs = heard.wait(WORLD_PATIENCE_S)
+    received = threading.Event()
+    with subscribed(session, WORLD, lambda *_: received.set(), prefix):
+        runs = received.wait(WORLD_PATIENCE_S)
     session.close()  # type: ignore[no-untyped-call]
     return runs
 

@@ -76,7 +76,7 @@ def demo(
         typer.Option(
             "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
             autocompletion=world_names,
-            help="enhanced (sim_house_enhanced), original (sim_house), another of the worlds, or a "
+            help="enhanced (sim_house_enhanced), original (sim_house), another world, or a "
             "file: recipe, SDF, URDF or xacro [default: enhanced]",
         ),
     ] = None,
@@ -163,8 +163,8 @@ def demo(
     console: Annotated[
         bool,
         typer.Option(
-            "--console", help="serve the console beside the run, which is in real time then and "
-            "goes on after the tour until Ctrl-C",
+            "--console", help="serve the console during the run, which then runs in real time and "
+            "continues after the tour until Ctrl-C",
         ),
     ] = False,
     console_port: Annotated[
@@ -178,8 +178,8 @@ def demo(
     """Drive the tour of a world, or with --slam explore it, in a single process, as fast as
     possible.
     """
-    said = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
-    known.check_not_for_make([option for option, value in said.items() if value])
+    given = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
+    known.check_not_for_make([option for option, value in given.items() if value])
     if goal is not None and not all(map(math.isfinite, goal)):
         raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
     if slam and map_file is not None:
@@ -191,7 +191,9 @@ def demo(
     if slam and explore and goal is not None:
         raise ConfigError("--goal: must be given without --explore: the explorer chooses the goals")
     if slam and explore is False and goal is None:
-        raise ConfigError("--no-explore: must be given with --goal: nobody else sends goals")
+        raise ConfigError(
+            "--no-explore: must be given with --goal: there is no other source of goals"
+        )
     if not console and (console_port is not None or not tour):
         option = "--no-tour" if console_port is None else "--console-port"
         raise ConfigError(f"{option}: must be given with --console")
@@ -248,15 +250,15 @@ def params(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="a nav2_params.yaml of Nav2")],
     as_json: Json = False,
     as_settings: Annotated[
-        bool, typer.Option("--settings", help="print the settings that come of it, for --config")
+        bool, typer.Option("--settings", help="print the resulting settings, for --config")
     ] = False,
 ) -> None:
-    """Say of each parameter of a Nav2 file whether it is used, mapped, unsupported or unknown."""
-    from mazebot.cli.params import tell_params  # noqa: PLC0415
+    """Report each parameter of a Nav2 file as used, mapped, unsupported or unknown."""
+    from mazebot.cli.params import print_params  # noqa: PLC0415
 
     if as_json and as_settings:
         raise ConfigError("--settings: prints YAML: must be given without --json")
-    tell_params(file, as_json, as_settings)
+    print_params(file, as_json, as_settings)
 
 
 @app.command()
@@ -280,14 +282,14 @@ def goal(
     yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
     timeout_s: Annotated[
         float | None,
-        typer.Option("--timeout", min=0.1, help="seconds until the goal is cancelled"),
+        typer.Option("--timeout", min=0.1, help="timeout in seconds; then the goal is canceled"),
     ] = None,
     as_json: Json = False,
     connect: Connect = _ROUTER,
 ) -> None:
     """Send the robot of a running stack to a pose in the map, and wait for the result.
 
-    Ctrl-C cancels the goal, and so does the end of --timeout: the robot stops.
+    Ctrl-C or the end of --timeout cancels the goal: the robot stops.
     """
     from mazebot.cli.drive.goal import send_goal  # noqa: PLC0415
 
@@ -317,16 +319,16 @@ def topic_list(
 @topics_app.command("info")
 def topic_info(name: TopicName, as_json: Json = False, connect: Connect = _ROUTER) -> None:
     """Print a topic's type, publishers and subscribers, and which of them are running."""
-    from mazebot.cli.topics.topic import tell_topic  # noqa: PLC0415
+    from mazebot.cli.topics.topic import print_topic  # noqa: PLC0415
 
-    tell_topic(connect, name, as_json)
+    print_topic(connect, name, as_json)
 
 
 @topics_app.command("hz")
 def topic_hz(
     name: TopicName,
     connect: Connect = _ROUTER,
-    window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to count")] = 5.0,
+    window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to measure")] = 5.0,
     as_json: Json = False,
 ) -> None:
     """Measure the rate of a topic."""
@@ -403,7 +405,7 @@ def parse_bool(option: str, text: str) -> bool:
         return True
     if text.lower() in _FALSE:
         return False
-    raise ConfigError(f"{option}: {text!r} is neither True nor False")
+    raise ConfigError(f"{option}: {text!r} must be True or False")
 
 
 @functools.cache

@@ -83,7 +83,7 @@ def spawn(
         float | None, typer.Option(help="kg; 0: static [default: 0, or the model's]")
     ] = None,
     colour: Annotated[str | None, typer.Option(metavar="R G B", help="0 to 1 each")] = None,
-    texture: Annotated[Path | None, typer.Option(help="PNG, once over each face")] = None,
+    texture: Annotated[Path | None, typer.Option(help="PNG, stretched over each face")] = None,
     path: Annotated[
         str | None,
         typer.Option(metavar="X Y X Y ...", help="waypoints of a path to follow repeatedly"),
@@ -96,7 +96,7 @@ def spawn(
         bool, typer.Option("--yield/--no-yield", help="stop while the robot blocks the path")
     ] = True,
     allow_renaming: Annotated[
-        bool, typer.Option("--allow-renaming", help="if the name is taken, use a similar one")
+        bool, typer.Option("--allow-renaming", help="if the name is in use, use a similar one")
     ] = False,
     timeout_s: Timeout = 10.0,
     as_json: Json = False,
@@ -128,10 +128,10 @@ def spawn(
         with stack.connected(connect) as session:
             panel, assets = on_panel.entity(name, pose, place, session, timeout_s)
             reply = _ask_spawn(session, panel, assets, allow_renaming, timeout_s)
-            _tell(reply, as_json, is_marker=True)
+            _print_pose(reply, as_json, is_marker=True)
         return
     if wall is not None:
-        raise ConfigError("--wall: is for markers: must be --at")
+        raise ConfigError("--wall: only for markers: must be --at")
     if made is None:
         made = _primitive(box, cylinder, sphere)
     made = _painted(made, colour, texture)
@@ -140,7 +140,7 @@ def spawn(
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
     with stack.connected(connect) as session:
-        _tell(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s), as_json)
+        _print_pose(_ask_spawn(session, entity, made.assets, allow_renaming, timeout_s), as_json)
 
 
 def move(
@@ -169,7 +169,7 @@ def move(
             raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
         if wall is not None:
             if not isinstance(entity, doc.MarkerEntity):
-                raise ConfigError("--wall: is for markers: must be --at")
+                raise ConfigError("--wall: only for markers: must be --at")
             place = _WallPlace(wall, side, offset, height)
             matrix = place.map_from_panel(
                 stack.world_that_runs(session, timeout_s), entity.marker_size_m
@@ -182,7 +182,7 @@ def move(
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
         reply = stack.ask(session, SET_ENTITY_STATE, state, timeout_s)
-        _tell(reply, as_json, isinstance(entity, doc.MarkerEntity))
+        _print_pose(reply, as_json, isinstance(entity, doc.MarkerEntity))
 
 
 def remove(
@@ -219,7 +219,7 @@ def entities(
     timeout_s: Timeout = 10.0,
     connect: Connect = ROUTER,
 ) -> None:
-    """List the entities in the world of a running stack, and those that were refused."""
+    """List the entities in the world of a running stack, and those that were rejected."""
     from mazebot.common.messages.topics import GET_ENTITIES  # noqa: PLC0415
 
     with stack.connected(connect) as session:
@@ -236,7 +236,7 @@ def entities(
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
     for refusal in standing.refused:
-        sys.stdout.write(f"refused: {refusal.name}: {refusal.reason}\n")
+        sys.stdout.write(f"rejected: {refusal.name}: {refusal.reason}\n")
 
 
 def register(app: typer.Typer) -> None:
@@ -372,9 +372,7 @@ def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:
             int(noted.get("quiet_zone_modules", "1")),
         )
     except (KeyError, ValueError) as error:
-        raise ConfigError(
-            "--model: is a marker's, but does not say of which size and id"
-        ) from error
+        raise ConfigError("--model: is a marker model without its size and id") from error
 
 
 def _from_files(
@@ -485,7 +483,7 @@ def _ask_spawn(
 
 def _none_of(standing: doc.Entities) -> str:
     names = ", ".join(one.name for one in standing.entities)
-    return f"there is none of this name: must be one of {names:.300}" if names else "nothing stands"
+    return f"no such entity: must be one of {names:.300}" if names else "no entities"
 
 
 def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
@@ -505,14 +503,14 @@ def _row(entity: doc.Entity) -> tuple[str, ...]:
     else:
         mass = f"{entity.mass_kg:g}"
         if entity.path is not None:
-            kind = "loop" if entity.path.loop else "to and fro"
+            kind = "loop" if entity.path.loop else "back and forth"
             count = len(entity.path.waypoints_m)
-            path = f"{count} place{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
+            path = f"{count} waypoint{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
     place = map(_short, (*entity.position_m, yaw_rad))
     return (entity.name, what, *place, mass, path)
 
 
-def _tell(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
+def _print_pose(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
     """Print an entity's pose. Raises ConfigError where the request failed."""
     if reply.error:
         named = reply.error.startswith("name:")

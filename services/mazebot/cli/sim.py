@@ -29,7 +29,7 @@ ALL_DAY_S = 86_400.0
 RATES_WINDOW_S = 1.0
 """Time between two readings of the clock, and the period of /diagnostics."""
 RATES_PATIENCE_S = 0.5
-PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
+PAUSED = "the simulation is paused: resume it with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
 
 app = App(help="Control the time of a running stack's simulation.")
@@ -97,19 +97,19 @@ def stats(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Print time, real time factor, hashes and the rates of the sensors."""
+    """Print time, real-time factor, hashes and the rates of the sensors."""
     from mazebot.common.bus.bus import subscribed  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.messages.topics import DIAGNOSTICS  # noqa: PLC0415
 
-    told: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    received: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     with (
         stack.connected(connect) as session,
-        subscribed(session, DIAGNOSTICS, lambda payload, _: told.put(payload)),
+        subscribed(session, DIAGNOSTICS, lambda payload, _: received.put(payload)),
     ):
         first, first_s = stats_now(session, "sim stats"), time.monotonic()
         time.sleep(RATES_WINDOW_S)
         last, last_s = stats_now(session, "sim stats"), time.monotonic()
-        rates_hz = _rates(told)
+        rates_hz = _rates(received)
     factor: float | None = None
     if first.epoch == last.epoch and first.world_hash == last.world_hash:
         factor = (last.sim_time_s - first.sim_time_s) / (last_s - first_s)
@@ -128,7 +128,7 @@ def stats_now(session: zenoh.Session, who: str) -> SimulationStats:
     """
     found = _asked(session, who, SimulationControl(), PATIENCE_S)
     if found is None:
-        raise ConfigError(f"{who}: the simulation has no world yet")
+        raise ConfigError(f"{who}: no world loaded yet")
     return found
 
 
@@ -169,7 +169,7 @@ def _asked(
 def _state(now: SimulationStats | None, request: SimulationControl) -> str:
     """The state of the simulation after a request, in one line."""
     if now is None:
-        return "paused; there is no world yet" if request.pause else "there is no world yet"
+        return "paused; no world loaded yet" if request.pause else "no world loaded yet"
     state = "paused" if now.paused else f"running {_pace(now.speed)}"
     return f"{state} at {now.sim_time_s:.6g} s, step {now.iterations}, epoch {now.epoch}"
 
@@ -178,7 +178,7 @@ def _pace(factor: float) -> str:
     return f"at {factor:g}x real time" if factor else "as fast as possible"
 
 
-def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
+def _rates(received: queue.SimpleQueue[bytes]) -> dict[str, float]:
     """The rates of the simulation's topics from its diagnostics, per second of simulation time."""
     from mazebot.common.messages import wire  # noqa: PLC0415 - loads rosbags
     from mazebot.common.messages.topics import DIAGNOSTICS, SIMULATION_CONTROL  # noqa: PLC0415
@@ -187,7 +187,9 @@ def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
     end_s = time.monotonic() + RATES_PATIENCE_S
     while True:
         try:
-            array = wire.decode(DIAGNOSTICS, told.get(timeout=max(end_s - time.monotonic(), 0.0)))
+            array = wire.decode(
+                DIAGNOSTICS, received.get(timeout=max(end_s - time.monotonic(), 0.0))
+            )
         except queue.Empty:
             return {}
         except wire.WireError:
@@ -202,12 +204,12 @@ def _rates(told: queue.SimpleQueue[bytes]) -> dict[str, float]:
 
 
 def _table(now: SimulationStats, factor: float | None, rates_hz: dict[str, float]) -> str:
-    measured = "began anew meanwhile" if factor is None else f"{factor:.3g}"
+    measured = "not measured: simulation reset" if factor is None else f"{factor:.3g}"
     rows = {
         "simulation time": f"{now.sim_time_s:.6g} s",
-        "real time factor": f"{measured} (asked for: {now.speed:g})"
+        "real time factor": f"{measured} (requested: {now.speed:g})"
         if now.speed
-        else f"{measured} (asked for: as fast as possible)",
+        else f"{measured} (requested: as fast as possible)",
         "paused": "yes" if now.paused else "no",
         "step": f"{now.iterations} of {now.step_size_s * 1e3:.4g} ms",
         "epoch": str(now.epoch),

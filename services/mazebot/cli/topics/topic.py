@@ -47,12 +47,12 @@ def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
         sys.stdout.write(f"{topic.name}{kind}\n")
 
 
-def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
+def print_topic(endpoint: str, name: str, as_json: bool) -> None:
     """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
     with connected(endpoint) as session:
         services = alive(session)
-    told = {
+    info = {
         "name": topic.name,
         "type": wire.type_name(topic),
         "document": topic.type.__name__ if issubclass(topic.type, Document) else None,
@@ -65,9 +65,9 @@ def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
         "subscribers": {one: one in services for one in topic.readers},
     }
     if as_json:
-        print_json(told)
+        print_json(info)
         return
-    for label, value in told.items():
+    for label, value in info.items():
         text = value
         if isinstance(value, dict):
             # The command line tool is not a running service.
@@ -143,8 +143,8 @@ def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
         message = wire.decode(topic, payload)
     except wire.WireError as error:
         # With --json, standard output is JSON only.
-        told = sys.stderr if as_json else sys.stdout
-        told.write(f"# rejected: {error}\n")
+        stream = sys.stderr if as_json else sys.stdout
+        stream.write(f"# rejected: {error}\n")
         return
     if as_json:
         sys.stdout.write(json.dumps(in_json(message), allow_nan=False) + "\n")
@@ -153,9 +153,9 @@ def _print_message(topic: Topic[object], payload: bytes, as_json: bool) -> None:
     sys.stdout.flush()
 
 
-def _too_few(session: zenoh.Session, topic: Topic[object], said: str) -> ConfigError:
+def _too_few(session: zenoh.Session, topic: Topic[object], problem: str) -> ConfigError:
     why = paused(session)
-    return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
+    return ConfigError(f"{topic.name}: {problem}{f'; {why}' if why else ''}")
 
 
 def in_json(message: object) -> Any:
@@ -198,8 +198,8 @@ def named_topic(name: str) -> Topic[object]:
     topic = topic_named(name)
     if topic is None:
         near = difflib.get_close_matches(f"/{name.removeprefix('/')}", BY_NAME, 1)
-        said = (
+        problem = (
             f"did you mean {near[0]}?" if near else f"must be one of {', '.join(sorted(BY_NAME))}"
         )
-        raise ConfigError(f"topic: {name!r:.60}: no such topic; {said}")
+        raise ConfigError(f"topic: {name!r:.60}: no such topic; {problem}")
     return topic
