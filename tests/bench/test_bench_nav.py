@@ -274,8 +274,8 @@ def test_a_trial_that_breaks_off_is_a_failure_and_the_others_go_on(
     assert (report["scenarios"]["mazes"]["trials"], report["scenarios"]["mazes"]["successes"]) == (
         2, 1,
     )  # fmt: skip
-    assert report["trials"][1]["error_msg"] == "the trial broke off: ValueError: no room"
-    assert re.search(r"mazes seed 1: 0/1 \S+ s the trial broke off", capsys.readouterr().out)
+    assert report["trials"][1]["error_msg"] == "trial failed: ValueError: no room"
+    assert re.search(r"mazes seed 1: 0/1 \S+ s trial failed", capsys.readouterr().out)
 
 
 def test_a_seed_is_the_same_trial_again() -> None:

@@ -57,7 +57,7 @@ def test_of_a_short_drive_memory_is_not_judged() -> None:
 
 def test_a_robot_that_gets_nowhere_is_a_fault() -> None:
     done = Drive(stuck=True)
-    assert done.faults() == ["no goal has ended for 300 s of simulation"]
+    assert done.faults() == ["no goal finished for 300 s of simulation"]
 
 
 def test_it_drives_from_goal_to_goal() -> None:

@@ -44,13 +44,13 @@ def bring_up(stage: Stage) -> None:
 def test_it_waits_for_mapping_and_the_explorer_and_not_for_localisation(stage: Stage) -> None:
     stage.step()
     waiting = str(stage.node.waiting_for())
-    assert "mapping (not up)" in waiting
-    assert "explorer (not up)" in waiting
+    assert "mapping (not running)" in waiting
+    assert "explorer (not running)" in waiting
     assert "localization" not in waiting
     with_a_map = Stage(BringupConfig(world_name="tiny"))
     with_a_map.step()
     waiting = str(with_a_map.node.waiting_for())
-    assert "localization (not up)" in waiting
+    assert "localization (not running)" in waiting
     assert "mapping" not in waiting
     assert "explorer" not in waiting
 
@@ -89,7 +89,7 @@ def test_without_a_recorder_the_explorer_s_own_figures_are_told(
     stage.say(table.EXPLORATION_STATUS, COMPLETE)
     stage.step(round(EVALUATION_PATIENCE_S * 1e9 / STEP_NS) + 2)
     assert stage.node.exit_code == 0
-    assert "the recorder has not judged it" in caplog.records[-1].getMessage()
+    assert "not evaluated by the recorder" in caplog.records[-1].getMessage()
 
 
 def test_an_exploration_that_failed_is_not_exit_code_0(

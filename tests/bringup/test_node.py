@@ -233,7 +233,7 @@ def test_a_goal_that_the_recorder_missed_takes_the_table_from_none_of_the_others
     said = [record.getMessage() for record in caplog.records]
     assert said[-2].startswith("tour finished\n")
     assert " yes " in said[-2]
-    assert said[-1].startswith("not judged by the recorder: (")
+    assert said[-1].startswith("not evaluated by the recorder: (")
     assert "error 208" in said[-1]
 
 
@@ -393,10 +393,10 @@ def test_a_stack_that_never_becomes_active_is_given_up_with_the_culprits_named(
     stage.say(table.WORLD_STATUS, doc.WorldStatus(request=stage.sent[0][1], world_hash=HASH))
     waiting = stage.node.waiting_for()
     assert waiting is not None
-    assert "navigation (not up)" in waiting
+    assert "navigation (not running)" in waiting
     stage.step(40)
     assert stage.node.exit_code == EXIT_NOT_ACTIVE
-    assert "perception (not up)" in caplog.text
+    assert "perception (not running)" in caplog.text
 
 
 def test_a_stack_that_has_run_for_long_gets_the_same_time() -> None:

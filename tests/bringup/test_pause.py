@@ -144,7 +144,7 @@ def test_a_pause_in_mid_drive_alarms_nobody_and_jumps_in_no_command(stack: Stack
     # A machine that is too busy for real time lets the robot stop at times; it goes on.
     busy = [line for line in stack.faults() if "no velocity command for" in line]
     assert [line for line in stack.faults() if line not in busy] == [
-        "[WARN] [bringup]: tour finished; the recorder has not judged it\n"
+        "[WARN] [bringup]: tour finished; no evaluation received from the recorder\n"
     ]
     for before, after in zip(stack.commands, stack.commands[1:], strict=False):
         elapsed_s = (ns_from_time(after.header.stamp) - ns_from_time(before.header.stamp)) * 1e-9
@@ -165,7 +165,7 @@ def test_a_killed_navigation_is_missed_before_its_commands_are(stack: Stack) -> 
     stack.processes["navigation"].kill()
     wait_until(lambda: any("stopping the robot" in line for line in stack.lines), stack.lines)
     said = "".join(stack.lines)
-    assert "who sent velocity commands is gone" in said, said
+    assert "publisher of velocity commands is gone" in said, said
 
 
 @pytest.mark.timeout(200)
@@ -174,6 +174,6 @@ def test_a_reset_in_mid_drive_begins_the_tour_anew(stack: Stack) -> None:
     stats = stack.control(reset="all", seed=11)
     assert (stats.epoch, stats.seed) == (2, 11)
     assert stack.processes["bringup"].wait(DEADLINE_S) == 0
-    assert sum("the simulation began anew: so does the tour" in line for line in stack.lines) == 1
+    assert sum("simulation restarted; restarting the tour" in line for line in stack.lines) == 1
     assert sum("goal: driving to" in line for line in stack.lines) == 2
     assert sum("goal: reached" in line for line in stack.lines) == 1

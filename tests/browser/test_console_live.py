@@ -205,7 +205,7 @@ def test_a_box_dropped_stands_in_the_world_and_is_removed(live: Opened, url: str
     page.get_by_role("button", name="Box").click()
     page.locator("#message").evaluate("one => { one.textContent = ''; }")
     page.mouse.click(*live.pixel(*middle))
-    assert "reaches" in live.said()
+    assert "penetrates" in live.said()
     assert page.locator("#message.bad").count() == 1
     page.get_by_role("button", name="Remove").click()
     page.locator("#message").evaluate("one => { one.textContent = ''; }")

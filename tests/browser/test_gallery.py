@@ -238,7 +238,7 @@ def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> Non
         expect(page.locator(f"[data-plot=plan] path.way.{which}")).to_be_attached()
         expect(page.locator(f"[data-plot=time] path.line.{which}").first).to_be_attached()
     page.get_by_text("Full output of mazebot diff").click()
-    expect(page.locator(".verdict")).to_contain_text("goes on for another")
+    expect(page.locator(".verdict")).to_contain_text("continues for another")
     expect(page.get_by_role("row", name="simulated time")).to_be_visible()
 
 

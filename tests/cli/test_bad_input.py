@@ -206,7 +206,7 @@ replay file.txt : file.txt|MCAP
 replay . : .|run.mcap|rosbag2
 replay run --service navigation : run|run.mcap
 replay run --service nope : --service|nope|navigation
-replay run --service recorder : recorder|verdict
+replay run --service recorder : recorder|evaluation
 replay run --service '' : --service|empty
 replay run --speed -1 : --speed|-1
 replay run --speed x : --speed|x
@@ -303,12 +303,12 @@ topic pub /cmd_vel "{{twist: {{linear: {{x: fast}}}}}}" : twist.linear.x|fast|nu
 topic pub /cmd_vel "{{twist: {{linear: {{x: true}}}}}}" : twist.linear.x|True|number
 topic pub /cmd_vel "{{twist: {{linear: {{x: .nan}}}}}}" : nan|not finite
 topic pub /cmd_vel "{{twist: {{linear: {{x: .inf}}}}}}" : inf|not finite
-topic pub /cmd_vel "{{header: {{frame_id: 3}}}}" : header.frame_id|3|text
+topic pub /cmd_vel "{{header: {{frame_id: 3}}}}" : header.frame_id|3|string
 topic pub /cmd_vel "{{header: {{stamp: {{nanosec: -1}}}}}}" : stamp.nanosec|-1|integer
 topic pub /cmd_vel "{{header: {{stamp: {{sec: 1.5}}}}}}" : stamp.sec|1.5|integer
 topic pub /initialpose "{{pose: {{covariance: [1]}}}}" : pose.covariance|[1]|36
 topic pub /initialpose "{{pose: {{covariance: 3}}}}" : pose.covariance|3|list
-topic pub /goal_pose "{{pose: {{orientation: {{z: 5}}}}}}" : z|5|unit length
+topic pub /goal_pose "{{pose: {{orientation: {{z: 5}}}}}}" : z|5|normalized
 topic pub /cmd_vel {{}} --rate 0 : --rate|0
 topic pub /cmd_vel {{}} --rate -1 : --rate|-1
 topic pub /cmd_vel {{}} --rate x : --rate|x
@@ -365,16 +365,16 @@ recordings list --sort colour : --sort|colour|'started'
 recordings list --tag : --tag|a value
 recordings list extra : extra
 recordings info : RUN
-recordings info nope : nope|no run
+recordings info nope : nope|no such run
 recordings info ../run : ../run
 recordings info '' : ''|empty
 recordings info run --dir file.txt : --dir|file.txt
 recordings report : RUN
-recordings report nope : nope|no run
-recordings report run nope : nope|no run
+recordings report nope : nope|no such run
+recordings report run nope : nope|no such run
 recordings compare : RUN
 recordings compare run : run|two runs
-recordings compare run nope : nope|no run
+recordings compare run nope : nope|no such run
 recordings compare run broken_run --dir nowhere : --dir|nowhere
 recordings export : --out
 recordings export --out runs.xlsx : --out|runs.xlsx|.parquet
@@ -387,11 +387,11 @@ recordings prune --keep-gb nan : --keep-gb|nan
 recordings prune --keep-gb x : --keep-gb|x
 recordings prune --keep-last 1.5 : --keep-last|1.5
 recordings prune --keep-last 0 --dir nowhere : --dir|nowhere
-recordings repair nope : nope|no run
-recordings repair run : run|ended
+recordings repair nope : nope|no such run
+recordings repair run : run|complete
 recordings repair --dir nowhere : --dir|nowhere
 recordings tag : RUN
-recordings tag nope a : nope|no run
+recordings tag nope a : nope|no such run
 recordings tag run 'a b' : 'a b'|letters
 recordings tag run ../x : '../x'|letters
 recordings tag run --note : --note|a value
@@ -440,7 +440,7 @@ markers make 5000 : 5000
 markers make 5 --out file.txt : file.txt
 markers detect : IMAGE
 markers detect nowhere.png : nowhere.png
-markers detect file.txt : file.txt|picture
+markers detect file.txt : file.txt|image
 markers detect file.txt --size x : --size|x
 markers detect file.txt --dictionary NOPE : --dictionary|NOPE
 """

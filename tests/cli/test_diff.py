@@ -94,11 +94,11 @@ def test_a_run_that_has_not_ended_is_compared_as_far_as_it_went(
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda run: [file.unlink() for file in run.iterdir()], "no folder of a run"),
-        (lambda run: (run / "digests.bin").unlink(), "made without a recording"),
-        (lambda run: (run / "digests.bin").write_bytes(b"\0"), "no digests of a run"),
+        (lambda run: [file.unlink() for file in run.iterdir()], "not a folder of a run"),
+        (lambda run: (run / "digests.bin").unlink(), "run without recording"),
+        (lambda run: (run / "digests.bin").write_bytes(b"\0"), "not a digests file"),
         (lambda run: (run / "config.yaml").write_text("a: ["), "config.yaml"),
-        (lambda run: (run / "summary.json").write_text("[]"), "holds no settings"),
+        (lambda run: (run / "summary.json").write_text("[]"), "contains no settings"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_a_line(

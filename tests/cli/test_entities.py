@@ -76,7 +76,7 @@ def test_what_goes_from_place_to_place(stage: Stage) -> None:
     assert body(stage).path == doc.ScriptedPath(
         waypoints_m=((1.0, 2.0), (1.0, -3.5)), speed_m_s=0.4, loop=True, yields=False
     )
-    assert "2 places, 0.4 m/s, loop" in run("entities")
+    assert "2 waypoints, 0.4 m/s, loop" in run("entities")
 
 
 def test_a_texture_is_put_on_all_that_is_seen(stage: Stage, tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
     run("spawn crate --box 1 1 1 --at 1 2")
     again = "spawn crate --box 1 1 1 --at 3 2"
     done = mazebot(*again.split())
-    assert (done.returncode, done.stderr) == (2, "error: name: 'crate' is there already\n")
+    assert (done.returncode, done.stderr) == (2, "error: name: 'crate' already exists\n")
     assert run(f"{again} --allow-renaming").startswith("crate_1: (3.000")
 
 
@@ -180,7 +180,7 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
         ("spawn crate --box 1 1 1 --at 1", "--at: '1': must be 2 or 3 numbers"),
         ("spawn crate --box 1 1 1 --at 1 2 --yaw 1 --rpy 0 0 0", "--yaw: must not be given with"),
         ("spawn crate --box 1 1 1 --at 1 2 --yaw inf", "--yaw: inf: must be a finite number"),
-        ("spawn crate --box 1 1 1 --at 1 2 --wall wall", "--wall: is for markers"),
+        ("spawn crate --box 1 1 1 --at 1 2 --wall wall", "--wall: only for markers"),
         ("spawn crate --box 1 1 1 --at 1 2 --mass -1", "mass_kg: must be greater than or"),
         ("spawn crate --box 1 1 1 --at 1 2 --colour 1 2 3", "--colour: '1 2 3': must be 0 to 1"),
         (
@@ -207,17 +207,17 @@ def test_a_taken_name_is_refused_or_changed(stage: Stage) -> None:
         ("spawn m --marker 8 --wall wall --side up", "side: must be 'left' or 'right'"),
         ("spawn m --marker 800 --wall wall", "id: 800: must be less than 100 in DICT_4X4_100"),
         ("spawn m --marker 8 --wall wall --dictionary QR", "dictionary: 'QR': must be one of"),
-        ("spawn m --marker 8 --wall wall --height 0.9", "reaches 0.100 m above the top of wall"),
+        ("spawn m --marker 8 --wall wall --height 0.9", "extends 0.100 m above the top of wall"),
         (f"spawn crate --box 1 1 1 --at {FORBIDDEN_X_M + 1} 2", "crate: too far"),
         (
             "move crate --at 1 2",
-            "name: 'crate': there is none of this name: must be one of aruco_7",
+            "name: 'crate': no such entity: must be one of aruco_7",
         ),
         ("move aruco_7", "move: must be given --at, --yaw, --rpy or --wall"),
         ("remove", "remove: must be given names, or --all"),
         ("remove --all crate", "remove: must be given names, or --all"),
-        ("remove crate", "name: 'crate': there is none of this name"),
-        ("remove wall", "name: 'wall': is a part of the world itself"),
+        ("remove crate", "name: 'crate': no such entity"),
+        ("remove wall", "name: 'wall': is part of the world"),
     ],
 )
 def test_a_mistake_is_one_line_and_changes_nothing(stage: Stage, line: str, words: str) -> None:

@@ -192,7 +192,7 @@ class TestCarmen:
         packed.write_bytes(gzip.compress(path.read_bytes()))
         assert [e.stamp_ns for e in read(packed).entries] == [10 * 10**9, 11 * 10**9]
         packed.write_bytes(packed.read_bytes()[:-20])
-        assert "cut short" in refused(packed)
+        assert "truncated" in refused(packed)
 
     def test_what_the_caller_says_holds(self, tmp_path: Path) -> None:
         path = written(tmp_path, flaser(10.0))
@@ -233,7 +233,7 @@ class TestKinds:
             (b"SQLite format 3\0 and so on", "must be the folder"),
             (b"#ROSBAG V2.0\n", "rosbags-convert"),
             (b"\0\1\2\3", "FLASER or ROBOTLASER1"),
-            (b"\x1f\x8b not packed", "damaged gzip"),
+            (b"\x1f\x8b not packed", "corrupt gzip"),
             (b"", "must be 'time_s"),
         ):
             path.write_bytes(content)

@@ -119,10 +119,10 @@ def test_markers_of_another_dictionary_are_hinted_at(here: Path) -> None:
     ("arguments", "words"),
     [
         ("nowhere.png", ["nowhere.png", "No such file"]),
-        ("text.png", ["text.png", "is no picture"]),
-        ("empty.png", ["empty.png", "is no picture"]),
-        ("cut.png", ["cut.png: is damaged"]),
-        ("wrong.png", ["wrong.png: is damaged"]),
+        ("text.png", ["text.png", "is not an image"]),
+        ("empty.png", ["empty.png", "is not an image"]),
+        ("cut.png", ["cut.png: is corrupt"]),
+        ("wrong.png", ["wrong.png: is corrupt"]),
         (".", ["must be a file"]),
         ("wall.png --dictionary DICT_4X4_10", ["--dictionary", "DICT_4X4_10'", "DICT_4X4_100"]),
         ("wall.png --dictionary zzz", ["--dictionary", "zzz", "DICT_APRILTAG_36h11"]),
@@ -136,7 +136,7 @@ def test_markers_of_another_dictionary_are_hinted_at(here: Path) -> None:
         ("wall.png --corner-sigma 0", ["--corner-sigma", "more than 0"]),
         ("wall.png --draw out.txt", ["--draw", "out.txt", ".png"]),
         ("wall.png blank.png --draw out.png", ["--draw", "must be a folder"]),
-        ("wall.png wall.png --draw out", ["--draw", "two of the pictures"]),
+        ("wall.png wall.png --draw out", ["--draw", "two of the images"]),
         ("wall.png --draw text.png/out.png", ["--draw", "text.png/out.png"]),
     ],
 )
@@ -170,7 +170,7 @@ def test_a_calibration_of_ros_or_of_opencv_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"image_width": None}, "image_width: None: must be a whole number"),
+        ({"image_width": None}, "image_width: None: must be an integer"),
         ({"image_height": 0}, "image_height: 0: must be"),
         ({"camera_matrix": {"data": [1.0, 2.0]}}, "camera_matrix.data: must be a list of 9"),
         ({"camera_matrix": {"data": [0.0] * 9}}, "camera_matrix: must be fx 0 cx"),

@@ -130,7 +130,7 @@ def test_a_report_is_made_again(runs: Path) -> None:
     # Also of a run whose recorder was killed.
     (runs / REAL / LOCK).touch()
     told("report", REAL)
-    assert "was cut off" in files[0].read_text()
+    assert "was interrupted" in files[0].read_text()
 
 
 def test_runs_are_compared(runs: Path) -> None:
@@ -206,7 +206,7 @@ def test_killed_runs_are_repaired(runs: Path) -> None:
     for name in (REAL, FAR):
         (runs / name / LOCK).touch()
     assert "interrupted" in told("list")
-    assert told("repair", REAL) == f"recordings/{REAL}: whole again\n"
+    assert told("repair", REAL) == f"recordings/{REAL}: repaired\n"
     assert (runs / REAL / "report.html").is_file()
     assert (runs / FAR / LOCK).exists()
     assert read("repair") == {"repaired": [f"recordings/{FAR}"], "failed": []}
@@ -222,11 +222,14 @@ def test_a_run_whose_messages_are_cut_off_is_repaired_when_named(runs: Path) -> 
     whole = list(read_messages([file]))
     file.write_bytes(file.read_bytes()[:-50])
     assert read("repair") == {"repaired": [], "failed": []}
-    assert "whole again" in told("repair", REAL)
+    assert "repaired" in told("repair", REAL)
     assert scan(file).is_whole
     assert len(whole) == 10
     assert list(read_messages([file])) == whole
-    assert_one_line(mazebot("recordings", "repair", REAL), "has ended properly")
+    assert_one_line(
+        mazebot("recordings", "repair", REAL),
+        "is complete: must be a run whose recorder was killed",
+    )
 
 
 def test_a_run_of_which_nothing_can_be_read_is_not_said_to_be_whole(runs: Path) -> None:
@@ -234,7 +237,7 @@ def test_a_run_of_which_nothing_can_be_read_is_not_said_to_be_whole(runs: Path) 
     (runs / REAL / "run.mcap").write_bytes(b"nothing of a recording" * 100)
     done = mazebot("recordings", "repair", REAL)
     assert done.returncode == 2
-    assert "whole again" not in done.stdout
+    assert "repaired" not in done.stdout
     assert done.stderr.count("\n") == 1
     assert f"recordings/{REAL}/run.mcap: cannot be read" in done.stderr
 

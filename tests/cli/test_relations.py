@@ -63,7 +63,7 @@ class TestErrors:
         inside = (10.0, 11.0, 1.0, 0.0, 0.0)
         errors = relation_errors(TIMES, POSES, relations(inside, inside, (10, 14, 0, 0, 0)))
         assert (errors.used, errors.left_out) == (2, 1)
-        with pytest.raises(ConfigError, match="0 of 1 lie in the log's time, 10"):
+        with pytest.raises(ConfigError, match="0 of 1 are within the time of the log, 10"):
             relation_errors(TIMES, POSES, relations((99, 100, 0, 0, 0)))
 
 

@@ -82,9 +82,9 @@ def test_a_simulation_is_controlled_from_the_command_line(
     opened, endpoint = session
     with physics(endpoint) as process:
         assert wait_until_alive(opened, "physics", DEADLINE_S)
-        assert_one_line(sim(endpoint, "stats"), "no world yet")
-        assert_one_line(sim(endpoint, "reset"), "reset: all: there is no world yet")
-        assert said(endpoint, "pause") == "paused; there is no world yet"
+        assert_one_line(sim(endpoint, "stats"), "no world loaded yet")
+        assert_one_line(sim(endpoint, "reset"), "reset: all: no world loaded yet")
+        assert said(endpoint, "pause") == "paused; no world loaded yet"
         room = world()
         publishers = [publish(opened, WORLD), publish(opened, DESIRED_ENTITIES)]
         publishers[0].put(encode(WORLD, room))
@@ -178,7 +178,7 @@ def _while_running(opened: zenoh.Session, endpoint: str, end: Callable[[], objec
 
 def _cut_short(opened: zenoh.Session, endpoint: str) -> None:
     error = _while_running(opened, endpoint, lambda: said(endpoint, "pause"))
-    assert re.fullmatch(r"cut short at [\d.]+ s by a later request", error)
+    assert re.fullmatch(r"interrupted at [\d.]+ s by a newer request", error)
     assert paused(endpoint)["epoch"] == 3
 
 

@@ -95,7 +95,7 @@ def test_a_urdf_is_a_world_with_one_model(tmp_path: Path) -> None:
     box = "<collision><geometry><box size='{}'/></geometry></collision>"
     file.write_text(f"<robot name='p'><link name='l'>{box.format('1 1 1')}</link></robot>")
     said = mazebot("world", "check", str(file)).stdout
-    assert said.startswith(f"{file}: all well; ")
+    assert said.startswith(f"{file}: no problems; ")
     assert said.endswith("can be reached from the start, and the open floor around it\n")
     file.write_text(f"<robot name='p'><link name='l'>{box.format('1 one 1')}</link></robot>")
     checked = mazebot("world", "check", str(file))
@@ -268,10 +268,10 @@ def test_a_link_or_a_thing_that_is_no_file_is_never_replaced(room: Path, tmp_pat
         ("--out", "pipe", "must be a file"),
         ("--out", "empty", "must be a file"),
         ("--glb", "pipe", "must be a file"),
-        ("--out", "no/plan.png", "there is no folder"),
-        ("--glb", "no/plan.glb", "there is no folder"),
+        ("--out", "no/plan.png", "no such folder"),
+        ("--glb", "no/plan.glb", "no such folder"),
         ("--out", "x" * 300, "cannot be"),
-        ("--out", "room.yaml/x.png", "there is no folder"),
+        ("--out", "room.yaml/x.png", "no such folder"),
     ):
         done = mazebot("world", "preview", str(room), option, str(tmp_path / out))
         assert_one_line(done, option, words)
@@ -299,11 +299,11 @@ def test_names_of_files_are_told_in_one_line(tmp_path: Path, room: Path) -> None
     for name in ("a\nb.yaml", "x" * 300 + ".yaml", "x" * 300):
         assert_one_line(mazebot("world", "show", str(tmp_path / name)), "cannot be read")
     assert_one_line(mazebot("world", "import", str(tmp_path / "a\nb.sdf")), "no such file")
-    assert_one_line(mazebot("world", "show", str(room), "--arg", "x:=1"), "--arg", "no SDF")
-    assert_one_line(mazebot("world", "show", str(room), "--path", "x"), "--path", "no SDF")
+    assert_one_line(mazebot("world", "show", str(room), "--arg", "x:=1"), "--arg", "not an SDF")
+    assert_one_line(mazebot("world", "show", str(room), "--path", "x"), "--path", "not an SDF")
     (tmp_path / "none").mkdir()
     empty = mazebot("world", "list", "--worlds-dir", str(tmp_path / "none"))
-    assert_one_line(empty, "--worlds-dir", "holds no *.yaml")
+    assert_one_line(empty, "--worlds-dir", "contains no *.yaml")
 
 
 def test_files_lie_where_names_have_spaces_and_letters_of_all_kinds(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def load(**nodes: object) -> Nav2Params:
 
 
 def entry_of(params: Nav2Params, said: str) -> Entry:
-    (found,) = [entry for entry in params.entries if entry.said == said]
+    (found,) = [entry for entry in params.entries if entry.full_name == said]
     return found
 
 
@@ -224,7 +224,7 @@ def test_the_name_of_today_wins_over_the_old_one() -> None:
         MODELS,
     )  # fmt: skip
     old = row_of(told, "controller_server.F.desired_linear_vel")
-    assert (old.status, old.note) == ("unsupported", "F.max_linear_vel is given too, and counts")
+    assert (old.status, old.note) == ("unsupported", "F.max_linear_vel is also given, and is used")
 
 
 def test_every_rename_is_of_a_known_node_and_on_the_page() -> None:
@@ -276,7 +276,7 @@ def test_words_for_launch_files_are_false_or_the_default() -> None:
     )  # fmt: skip
     enabled = entry_of(params, "local_costmap.k.enabled")
     assert (enabled.value, enabled.unresolved) == (False, True)
-    assert "filled in by a launch file: taken as false" in enabled.note
+    assert "filled in by a launch file: assumed to be false" in enabled.note
     assert entry_of(params, "bt_navigator.default_nav_to_pose_bt_xml").value is None
     assert entry_of(params, "amcl.max_beams").value == 60
 
@@ -306,21 +306,21 @@ def test_words_for_launch_files_are_false_or_the_default() -> None:
         ("local_costmap: {local_costmap: {ros__parameters: {width: 4.0}}}",
          "local_costmap.width: 4.0: must be an integer"),
         ("global_costmap: {global_costmap: {ros__parameters: {footprint: '[[0, 1], [1, 0]]'}}}",
-         "must be a text of at least 3 points"),
+         "must be a string of at least 3 points"),
         ("controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: "
          "{plugin: 'nav2_mppi_controller::MPPIController', model_dt: 0.05}}}",
          "FollowPath.model_dt: 0.05: must be at least the controller's period, 0.1 s"),
         ("recoveries_server: {ros__parameters: {max_rotational_vel: -1.0}}",
          "recoveries_server.max_rotational_vel: -1.0: must be at least 0"),
-        ("amcl: {alpha1: 0.2}", "my.yaml:1: amcl/alpha1: must be a mapping that holds"),
-        ("ros__parameters: {alpha1: 0.2}", "must stand below the name of a node"),
+        ("amcl: {alpha1: 0.2}", "my.yaml:1: amcl/alpha1: must be a mapping that contains"),
+        ("ros__parameters: {alpha1: 0.2}", "must be below the name of a node"),
         ("amcl: {ros__parameters: [1]}", "amcl: ros__parameters: must be a mapping"),
         ("amcl: {ros__parameters: {alpha1: 0.2", "my.yaml:2: not YAML:"),
         ("", "my.yaml: is empty"),
-        ("- 1", "my.yaml:1: must be a mapping that holds ros__parameters"),
-        ("amcl: {ros__parameters: {[1]: 2}}", "a name must be a text"),
+        ("- 1", "my.yaml:1: must be a mapping that contains ros__parameters"),
+        ("amcl: {ros__parameters: {[1]: 2}}", "a name must be a string"),
         ("a: &a {<<: *a}", "my.yaml:1: <<: must be followed by a mapping"),
-        ("a: &a {b: *a}", "must be a mapping that holds ros__parameters"),
+        ("a: &a {b: *a}", "must be a mapping that contains ros__parameters"),
         ("amcl: {ros__parameters: &a {b: *a}}", "must be nested at most 40 deep"),
     ],
 )  # fmt: skip
@@ -372,7 +372,9 @@ def test_namespaces_anchors_and_doubled_costmaps_are_read() -> None:
     told = report(params, MODELS)
     assert row_of(told, "local_costmap_client.use_sim_time").status == "used"
     assert row_of(told, "/**.use_sim_time").status == "used"
-    assert row_of(told, "/**.speed").note == "is not read for all nodes: must stand below its node"
+    assert (
+        row_of(told, "/**.speed").note == "is not a parameter of all nodes: must be below its node"
+    )
 
 
 def test_a_name_given_twice_is_said_and_the_last_one_counts() -> None:
@@ -381,7 +383,7 @@ def test_a_name_given_twice_is_said_and_the_last_one_counts() -> None:
     )
     (entry,) = params.entries
     assert (entry.value, entry.leaf.line) == (0.3, 2)
-    assert "given twice" in entry.note
+    assert "duplicate" in entry.note
 
 
 def test_a_parameter_is_used_where_its_setting_exists_and_unsupported_where_not() -> None:
@@ -421,7 +423,7 @@ def test_limits_stay_within_the_robots_own() -> None:
         OURS,
     )
     speed = row_of(told, "controller_server.FollowPath.vx_max")
-    assert (speed.status, speed.note) == ("mapped", "taken as 0.46")
+    assert (speed.status, speed.note) == ("mapped", "converted to 0.46")
     assert row_of(told, "controller_server.FollowPath.ax_max").status == "used"
     assert told.settings["navigation"]["mppi"] == {"vx_max": 0.46, "ax_max": 0.8}
     assert told.settings["navigation"]["velocity_smoother"]["max_velocity"] == [0.3, 0.0, 1.9]
@@ -433,7 +435,7 @@ def test_limits_stay_within_the_robots_own() -> None:
 def test_minus_one_leaves_the_lidars_own_range() -> None:
     told = report(load(amcl={"laser_max_range": -1.0}), OURS)
     (row,) = told.rows
-    assert (row.status, row.note) == ("mapped", "the default here has this meaning")
+    assert (row.status, row.note) == ("mapped", "the same as the default here")
     assert told.settings == {}
 
 
@@ -447,7 +449,7 @@ def test_the_class_of_the_controller_chooses_ours() -> None:
     )  # fmt: skip
     plugin = row_of(dwb, "controller_server.FollowPath.plugin")
     assert plugin.status == "unsupported"
-    assert "DWBLocalPlanner is not built in; built in are MPPIController" in plugin.note
+    assert "DWBLocalPlanner is not supported: must be one of MPPIController" in plugin.note
     assert dwb.settings == {"navigation": {"mppi": {"vx_max": 0.22}}}
 
 
@@ -462,7 +464,7 @@ def test_only_the_first_controller_is_taken() -> None:
     assert told.settings["navigation"]["mppi"]["batch_size"] == 500
     fast = row_of(told, "controller_server.Fast.batch_size")
     assert (fast.status, fast.note) == (
-        "unsupported", "only Slow, the first in controller_plugins, is taken",
+        "unsupported", "only Slow, the first in controller_plugins, is used",
     )  # fmt: skip
 
 
@@ -471,7 +473,7 @@ def test_a_plugin_of_the_users_own_is_unsupported_and_not_unknown() -> None:
         load(controller_server={"FollowPath": {"plugin": "mine::Magic", "gain": 3}}), OURS
     )
     row = row_of(told, "controller_server.FollowPath.gain")
-    assert (row.status, row.note) == ("unsupported", "Magic is not built in")
+    assert (row.status, row.note) == ("unsupported", "Magic is not supported")
 
 
 def test_the_rotation_shim_shares_its_namespace_with_the_controller_behind_it() -> None:
@@ -544,7 +546,7 @@ def test_two_values_for_one_setting_are_said() -> None:
     assert told.settings == {"navigation": {"inflation_radius": 0.5}}
     row = row_of(told, "global_costmap.inflation_layer.inflation_radius")
     assert row.status == "unsupported"
-    assert "has its value from local_costmap.inflation_layer.inflation_radius" in row.note
+    assert "is already set by local_costmap.inflation_layer.inflation_radius" in row.note
 
 
 def test_a_name_with_many_meanings_is_not_taken_for_a_setting_of_the_whole_section() -> None:
@@ -568,8 +570,8 @@ def test_a_name_with_many_meanings_is_not_taken_for_a_setting_of_the_whole_secti
 def test_unknown_nodes_and_names_come_with_the_nearest_known_one() -> None:
     told = report(load(amlc={"alpha1": 0.1}, amcl={"sigma_hits": 0.1}, ekf={"f": 1}), OURS)
     notes = {row.node: (row.status, row.note) for row in told.rows}
-    assert notes["amlc"] == ("unknown", "no node of Nav2; did you mean amcl?")
-    assert notes["ekf"] == ("unknown", "no node of Nav2")
+    assert notes["amlc"] == ("unknown", "not a node of Nav2; did you mean amcl?")
+    assert notes["ekf"] == ("unknown", "not a node of Nav2")
     assert notes["amcl"][0] == "unknown"
     assert "did you mean sigma_hit?" in notes["amcl"][1]
 

@@ -26,8 +26,8 @@ def test_the_same_file_is_the_same_picture_in_rgb() -> None:
 def test_a_damaged_file_never_counts_as_the_whole_one() -> None:
     data = _file(8, 20)
     assert png.problem(data) == ""
-    assert "damaged" in png.problem(data[:-20])
-    assert "damaged" in png.problem(data[:-20])
+    assert "corrupt" in png.problem(data[:-20])
+    assert "corrupt" in png.problem(data[:-20])
 
 
 def test_what_is_kept_is_bounded() -> None:

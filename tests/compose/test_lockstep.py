@@ -124,7 +124,7 @@ def test_one_who_dies_is_named_and_the_stack_begins_anew(person: int) -> None:
         assert stack.compose("up", "--detach", DEMO).returncode == 0
         wait_until(lambda: bool(stats) and stats[-1].sim_time_s > 5.0, START_S, "the drive")
         stack.kill("navigation")
-        named = "lockstep: navigation left at"
+        named = "lockstep: navigation disconnected at"
         wait_until(lambda: named in stack.logs("physics"), 20.0, "why physics ended")
         del stats[:]
         wait_until(

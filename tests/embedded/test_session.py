@@ -173,7 +173,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(session: Session) -> None:
         (lambda: session.step(0), "step"),
         (lambda: session.step(10**12), "step"),
         (lambda: session.reset(seed=-1), "seed"),
-        (lambda: session.reset(seed=3, scope="time"), "seed: 3: needs reset: all"),
+        (lambda: session.reset(seed=3, scope="time"), "seed: 3: requires reset: all"),
         (lambda: session.reset(scope="space"), "reset"),  # type: ignore[arg-type]
         (lambda: session.command(math.nan, 0.0), "/cmd_vel: not finite"),
         (lambda: session.remove("nothing"), "nothing"),
@@ -277,7 +277,9 @@ def test_a_robot_is_not_put_down_inside_things(session: Session) -> None:
     )
     assert wall.name == "crate"
     before = session.stats.state_hash
-    with pytest.raises(RefusedError, match=r"^robot_pose: \(0\.8, 0, 0\): reaches .* into crate$"):
+    with pytest.raises(
+        RefusedError, match=r"^robot_pose: \(0\.8, 0, 0\): penetrates crate by .* m$"
+    ):
         session.move_robot(0.8, 0.0)
     with pytest.raises(RefusedError, match="must be within 1000 m"):
         session.move_robot(2e3, 0.0)

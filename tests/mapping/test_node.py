@@ -329,6 +329,6 @@ def test_bad_measurements_are_counted_and_the_map_goes_on() -> None:
         msg.Detection3DArray(msg.header(bench.now_ns, "camera_rgb_optical_frame"), [nameless]),
     )
     bench.drive(0.5)
-    assert bench.rejected(SCAN) == {"later than now": 1}
+    assert bench.rejected(SCAN) == {"stamp in the future": 1}
     assert bench.rejected(DETECTIONS) == {"unknown marker": 1}
     assert bench.error_m() < 0.03

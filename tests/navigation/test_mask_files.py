@@ -65,7 +65,7 @@ def test_what_is_transparent_in_mode_scale_is_unknown(tmp_path: Path) -> None:
         ({"negate": "0.5"}, "negate: 0.5: must be 0 or 1"),
         ({"free_thresh": "0.9"}, "free_thresh: 0.9: must be < occupied_thresh, which is 0.65"),
         ({"image": "none.pgm"}, "image: 'none.pgm': no such file"),
-        ({"image": "mask.yaml"}, "image: 'mask.yaml': must be a PGM, PNG or BMP picture"),
+        ({"image": "mask.yaml"}, "image: 'mask.yaml': must be a PGM, PNG or BMP image"),
         ({"image": "[1]"}, "image: .*: must be a file name"),
         ({"origin": "[0, 0"}, "mask.yaml:5: "),
     ],

@@ -111,7 +111,7 @@ def test_every_message_is_the_same_between_processes_in_lockstep(
         assert stack.processes["physics"].wait(DEADLINE_S) == EXIT_OUT_OF_STEP
         said = (tmp_path / "physics.log").read_text().splitlines()[-1]
     assert re.fullmatch(
-        r"error: lockstep: navigation left at \d+\.\d{3} s of simulation time", said
+        r"error: lockstep: navigation disconnected at \d+\.\d{3} s of simulation time", said
     )
 
 
@@ -155,8 +155,7 @@ def test_one_who_hangs_is_named_and_the_run_ends(tmp_path: Path) -> None:
         assert stack.processes["physics"].wait(DEADLINE_S) == EXIT_OUT_OF_STEP
         said = (tmp_path / "physics.log").read_text().splitlines()[-1]
     assert re.fullmatch(
-        r"error: lockstep: navigation did not answer for \d+\.\d{3} s of simulation time "
-        r"within 1\.5 s",
+        r"error: lockstep: navigation timed out after 1\.5 s, at \d+\.\d{3} s of simulation time",
         said,
     )
 

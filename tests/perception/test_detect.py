@@ -115,7 +115,7 @@ def test_the_perimeter_shrinks_with_range_and_angle_down_to_what_is_readable() -
 
 
 def test_a_dictionary_opencv_does_not_have_is_named() -> None:
-    with pytest.raises(ValueError, match="dictionary: OpenCV has none named 'DICT_9X9'"):
+    with pytest.raises(ValueError, match="dictionary: 'DICT_9X9': unknown to OpenCV"):
         Detector("DICT_9X9", 13, 25.0)
     with pytest.raises(ValueError, match="ArucoDetector"):
         Detector("ArucoDetector", 13, 25.0)

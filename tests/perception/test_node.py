@@ -362,14 +362,14 @@ def test_a_picture_whose_intrinsics_never_come_is_rejected() -> None:
     assert blind.step() == []
     (array,) = blind.look(image(PERIOD_NS))
     assert array.header.stamp == msg.time_from_ns(PERIOD_NS)
-    assert blind.rejected(CAMERA_IMAGE) == {"no camera_info of its stamp": 1}
+    assert blind.rejected(CAMERA_IMAGE) == {"no camera_info with its stamp": 1}
 
 
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
         ({"encoding": "bgr8"}, "encoding is not rgb8"),
-        ({"step": WIDTH}, "rows shorter than the width"),
+        ({"step": WIDTH}, "step smaller than the width"),
         ({"width": WIDTH // 2}, "size is not that of camera_info"),
         ({"height": HEIGHT // 2}, "size is not that of camera_info"),
     ],
@@ -391,7 +391,7 @@ def test_a_picture_that_is_none_is_rejected_with_a_reason(
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
-        ({"k": np.zeros(9)}, "intrinsics of no pinhole camera"),
+        ({"k": np.zeros(9)}, "intrinsics not of a pinhole camera"),
         ({"d": np.zeros(3)}, "unknown number of distortion coefficients"),
         ({"k": np.full(9, np.nan)}, "not finite"),
     ],
@@ -448,7 +448,7 @@ def test_time_going_back_forgets_where_the_robot_was() -> None:
     forward_m = array.detections[0].bbox.center.position.z
     x_m = in_map.detections[0].bbox.center.position.x
     assert x_m == pytest.approx(0.07 + forward_m, abs=1e-6)
-    assert driven.rejected(TF) == {"later than now": 1}
+    assert driven.rejected(TF) == {"stamp in the future": 1}
     assert driven.node.waiting_for() is None
 
 
@@ -472,7 +472,7 @@ def test_it_says_what_it_waits_for() -> None:
     assert starting.node.waiting_for() == "the entities of the world"
     starting.hear(ENTITIES, Entities(world_hash="first"))
     starting.step()
-    assert starting.node.waiting_for() == "a picture"
+    assert starting.node.waiting_for() == "an image"
     starting.look(image(0, NOTHING))
     assert starting.node.waiting_for() is None
 

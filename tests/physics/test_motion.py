@@ -165,7 +165,7 @@ def test_rests_at_once_where_the_one_who_commands_is_gone(
     robot.wait(0.2)
     assert robot.last(SIMULATION_STATS).watchdog_stops == 1
     assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == [
-        "who sent velocity commands is gone: stopping the robot"
+        "publisher of velocity commands is gone: stopping the robot"
     ]
     robot.inbox.come_back("test")
     robot.drive(0.3, 0.0, 1.0)
@@ -181,7 +181,7 @@ def test_one_source_of_commands_holds_the_robot_until_it_is_silent(robot: Driver
             robot.command(-0.4, source="second")
         robot.turn()
     assert robot.speeds[0] == pytest.approx(0.3, abs=0.01)
-    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another source commands": 59}
+    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another publisher is in control": 59}
     for step in range(240):
         if step % 12 == 0:
             robot.command(-0.4, source="second")
@@ -198,7 +198,7 @@ def test_one_that_has_stopped_the_robot_leaves_it_to_others(robot: Driver) -> No
     robot.command(0.0)
     robot.wait(0.15)
     assert robot.speeds[0] == pytest.approx(0.2, abs=0.03)
-    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another source commands": 1}
+    assert robot.inbox.counts[CMD_VEL.name].rejected == {"another publisher is in control": 1}
 
 
 def test_where_the_one_who_commands_is_gone_another_one_may_at_once(robot: Driver) -> None:
@@ -219,7 +219,7 @@ def test_a_command_that_comes_later_than_the_end_of_its_source_moves_nothing(
     robot.command(0.3)
     robot.wait(0.15)
     assert robot.speeds[0] == pytest.approx(0.0, abs=0.01)
-    assert "who sent velocity commands is gone" in caplog.text
+    assert "publisher of velocity commands is gone" in caplog.text
 
 
 def test_keeps_going_while_commands_come(robot: Driver) -> None:
@@ -268,7 +268,7 @@ def test_old_and_future_commands_are_refused(robot: Driver) -> None:
         robot.wait(0.1)
         assert abs(robot.speeds[0]) < 1e-3
     rejected = robot.inbox.counts[CMD_VEL.name].rejected
-    assert rejected == {"stale": 1, "from the future": 1}
+    assert rejected == {"stale": 1, "stamp in the future": 1}
     robot.deliver(CMD_VEL, msg.TwistStamped(header=msg.header(0, ""), twist=twist))
     robot.wait(0.15)
     assert robot.speeds[0] > 0.1

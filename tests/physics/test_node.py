@@ -171,7 +171,7 @@ def test_a_bad_world_leaves_the_old_one_running(
     assert driver.node.world_hash == world().hash
     assert driver.pose.x_m > 0.2
     assert sum(driver.inbox.counts[WORLD.name].rejected.values()) == 1
-    (line,) = [record.message for record in caplog.records if "refused" in record.message]
+    (line,) = [record.message for record in caplog.records if "rejected" in record.message]
     assert "\n" not in line
 
 
@@ -187,7 +187,7 @@ def test_a_damaged_asset_is_not_taken_in() -> None:
     driver.turn()
     assert driver.inbox.counts[ASSETS.name].rejected == {
         "not a PNG of at most 2048 x 2048": 2,
-        "not the file its sha256 names": 1,
+        "does not match its sha256": 1,
     }
 
 
@@ -232,7 +232,7 @@ def test_entities_that_cannot_stand_are_refused_with_a_reason() -> None:
         "floats 0.043 m off Wall_0": panel("off", PANEL_SHA, position_m=(-0.7, -1.916, 0.3)),
         "is buried in Wall_0": panel("in", PANEL_SHA, position_m=(-0.7, -2.0, 0.3)),
         "overlaps good": panel("over", PANEL_SHA, position_m=(-1.1, -1.957, 0.3)),
-        "reaches 0.1": panel("top", PANEL_SHA, position_m=(-0.7, -1.957, 0.9)),
+        "extends 0.1": panel("top", PANEL_SHA, position_m=(-0.7, -1.957, 0.9)),
     }
     told = _desire(driver, good, *bad.values())
     assert told.entities == (good,)

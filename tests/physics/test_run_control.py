@@ -102,7 +102,7 @@ def test_a_run_that_is_cut_short_says_when(driver: Driver, later: dict[str, Any]
     ask(driver, **later)
     turns(driver, 5)
     (reply,) = cut
-    assert reply.error == "cut short at 0.05 s by a later request"
+    assert reply.error == "interrupted at 0.05 s by a newer request"
     assert reply.stats is not None
 
 
@@ -119,11 +119,11 @@ def test_speed_and_questions_cut_nothing_short(driver: Driver) -> None:
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"step": 1, "run_until_s": 5.0}, "step: 1: must not come with run_until_s"),
+        ({"step": 1, "run_until_s": 5.0}, "step: 1: must not be combined with run_until_s"),
         ({"step": 1, "pause": True}, "pause: true"),
         ({"run_until_s": 0.01}, "run_until_s: 0.01: must not be before now, 0.05 s"),
-        ({"seed": 3}, "seed: 3: needs reset: all"),
-        ({"seed": 3, "reset": "time"}, "seed: 3: needs reset: all"),
+        ({"seed": 3}, "seed: 3: requires reset: all"),
+        ({"seed": 3, "reset": "time"}, "seed: 3: requires reset: all"),
         ({"reset": "all", "speed": 3.0, "step": 1, "pause": True}, "pause: true"),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_reset_goes_on_where_it_was_not_paused(driver: Driver) -> None:
 
 def test_before_there_is_a_world_time_is_controlled_and_nothing_reset() -> None:
     driver = Driver(camera_enabled=False)
-    assert answer(driver, reset="all").error == "reset: all: there is no world yet"
+    assert answer(driver, reset="all").error == "reset: all: no world loaded yet"
     assert answer(driver, pause=True).stats is None
     steps = ask(driver, step=5)
     turns(driver, 3)

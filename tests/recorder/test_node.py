@@ -257,7 +257,7 @@ def test_a_folder_that_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> 
 @pytest.mark.parametrize("name", ["summary.json", "run.rrd"])
 def test_an_out_dir_that_holds_a_run_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("")
-    with pytest.raises(ConfigError, match=f"out_dir: .* holds a run already \\({name}\\)"):
+    with pytest.raises(ConfigError, match=f"out_dir: .* already contains a run \\({name}\\)"):
         recorder(tmp_path, out_dir=tmp_path)
 
 
@@ -538,7 +538,7 @@ def test_rings_and_floods_of_frames_are_refused_and_the_recording_is_whole(tmp_p
         flood = frames(*(("map", f"frame {number}") for number in range(first, first + 500)))
         bench.say([(0, table.TF, flood)])
     bench.say(driving(room(), 1.0))
-    assert bench.inbox.counts[table.TF_STATIC.name].rejected == {"frames in a ring": 1}
+    assert bench.inbox.counts[table.TF_STATIC.name].rejected == {"loop in the frame tree": 1}
     assert bench.inbox.counts[table.TF.name].rejected["too many frames"] >= 6
     bench.node.close()
     (run,) = tmp_path.iterdir()

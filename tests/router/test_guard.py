@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from mazebot.bench.parts.loopback_router import free_port, wait_for_router
-from mazebot.router.guard import EXIT_SILENT, PERIOD_S, START_TICKS, Silence, reachable
+from mazebot.router.guard import EXIT_NO_RESPONSE, PERIOD_S, START_TICKS, ResponseTimer, reachable
 
 DEADLINE_S = 45.0
 
@@ -62,10 +62,10 @@ def test_a_router_that_hangs_is_ended(router: tuple[subprocess.Popen[str], int, 
     answered_s = time.monotonic() + 2.0 * PERIOD_S
     wait_until(lambda: time.monotonic() > answered_s)
     os.kill(pid, signal.SIGSTOP)
-    assert guard.wait(DEADLINE_S) == EXIT_SILENT
+    assert guard.wait(DEADLINE_S) == EXIT_NO_RESPONSE
     assert not is_running(pid)
     assert guard.stderr is not None
-    assert guard.stderr.read() == "error: router: no answer for 1 s; ending the process\n"
+    assert guard.stderr.read() == "error: router: no response for 1 s; exiting\n"
 
 
 def test_a_router_without_its_guard_ends(router: tuple[subprocess.Popen[str], int, str]) -> None:
@@ -90,11 +90,11 @@ def test_it_stops_as_it_is_told(router: tuple[subprocess.Popen[str], int, str]) 
 
 
 def test_silence_is_counted_in_ticks_and_a_start_may_take_longer() -> None:
-    silence = Silence(3)
-    assert not any(silence.tick() for _ in range(START_TICKS))
-    assert silence.tick()
-    silence.answered()
-    assert [silence.tick() for _ in range(4)] == [False, False, False, True]
+    timer = ResponseTimer(3)
+    assert not any(timer.tick() for _ in range(START_TICKS))
+    assert timer.tick()
+    timer.responded()
+    assert [timer.tick() for _ in range(4)] == [False, False, False, True]
 
 
 @pytest.mark.parametrize(

@@ -101,20 +101,20 @@ def test_one_bad_marker_is_refused_and_the_others_hang(caplog: pytest.LogCapture
         desired = run(SpawnerNode(SpawnerConfig()), one)[-1][1]
     assert isinstance(desired, Entities)
     assert [entity.name for entity in desired.markers] == ["aruco_2"]
-    reason = "reaches 0.200 m under the floor"
+    reason = "extends 0.200 m below the floor"
     assert [(r.name, r.reason) for r in desired.refused] == [("aruco_1", reason)]
     assert [(r.levelname, r.getMessage()) for r in caplog.records] == [
-        ("ERROR", f"aruco_1 refused: {reason}"), ("INFO", "Spawned 1 of 2 markers"),
+        ("ERROR", f"aruco_1 rejected: {reason}"), ("INFO", "Spawned 1 of 2 markers"),
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("second", "reason"),
     [
-        (marker(id=1, offset_m=1.0), "id: 1: must be unique: it hangs on wall"),
-        (marker(id=1, side="right", dictionary="DICT_4X4_250"), "id: 1: must be unique: it hangs"),
+        (marker(id=1, offset_m=1.0), "id: 1: must be unique: already on wall"),
+        (marker(id=1, side="right", dictionary="DICT_4X4_250"), "id: 1: must be unique: already"),
         (marker(id=2, offset_m=0.1), "overlaps aruco_1"),
-        (marker(id=2, wall="roof"), "wall: 'roof': there is none of this name"),
+        (marker(id=2, wall="roof"), "wall: 'roof': no such wall"),
         (marker(id=200), "id: 200: must be less than 100 in DICT_4X4_100"),
         (marker(id=2, dictionary="QR"), "dictionary: 'QR': must be one of DICT_4X4_100"),
         (marker(id=2, size_m=1e308), "must lie within 10000 m"),
@@ -135,7 +135,7 @@ def test_there_are_no_more_markers_than_a_late_reader_is_given() -> None:
         for id_ in range(MAX_MARKERS + 6)
     ]  # fmt: skip
     assert refusals(many) == [
-        (f"aruco_{id_}", f"there are {MAX_MARKERS} markers already: no more fit")
+        (f"aruco_{id_}", f"too many markers: at most {MAX_MARKERS}")
         for id_ in range(MAX_MARKERS, MAX_MARKERS + 6)
     ]
 

@@ -96,13 +96,13 @@ def test_another_thing_of_a_name_is_refused_or_renamed() -> None:
     stage = Stage()
     stage.spawn(box())
     reply = stage.spawn(box(x_m=3.0))
-    assert reply == doc.EntityReply(error="name: 'box' is there already", name="box")
+    assert reply == doc.EntityReply(error="name: 'box' already exists", name="box")
     renamed = [stage.spawn(box(x_m=float(x)), allow_renaming=True) for x in (3, 4, 3)]
     assert [one and one.name for one in renamed] == ["box_1", "box_2", "box_1"]
     for taken in ("wall", "aruco_7"):
         reply = stage.spawn(box(taken))
         assert reply is not None
-        assert "is there already" in reply.error
+        assert "already exists" in reply.error
 
 
 def test_a_hundred_requests_at_once_for_one_name_make_one_body_and_each_is_answered() -> None:
@@ -113,7 +113,7 @@ def test_a_hundred_requests_at_once_for_one_name_make_one_body_and_each_is_answe
     assert [one.error for one in too_far] == ["too far"] * 9
     different = [doc.SpawnEntity(entity=box("tin", float(x))) for x in range(100)]
     replies = stage.ask_all(SPAWN_ENTITY, *different)
-    assert sorted({one.error for one in replies}) == ["", "name: 'tin' is there already"]
+    assert sorted({one.error for one in replies}) == ["", "name: 'tin' already exists"]
     assert sum(not one.error for one in replies) == 1
     assert stage.names() == ["aruco_7", "box", "tin"]
 
@@ -163,13 +163,13 @@ def test_a_thing_that_is_deleted_is_gone_and_its_name_is_free() -> None:
     assert stage.names() == ["aruco_7"]
     reply = stage.delete("box")
     assert reply is not None
-    assert reply.error == "name: 'box': there is none of this name"
+    assert reply.error == "name: 'box': no such entity"
     again = stage.spawn(box(x_m=2.0))
     assert again is not None
     assert not again.error
     of_the_world = stage.delete("wall")
     assert of_the_world is not None
-    assert of_the_world.error == "name: 'wall': is a part of the world itself"
+    assert of_the_world.error == "name: 'wall': is part of the world"
 
 
 def test_requests_of_one_name_that_come_together_follow_each_other() -> None:
@@ -187,7 +187,7 @@ def test_requests_of_one_name_that_come_together_follow_each_other() -> None:
     stage.transport.ask(SET_ENTITY_STATE, state, told("move"))
     stage.turn(8)
     assert order == [
-        "spawn done", "move done", "delete done", "move name: 'box': there is none of this name"
+        "spawn done", "move done", "delete done", "move name: 'box': no such entity"
     ]  # fmt: skip
     assert stage.names() == ["aruco_7"]
 
@@ -291,24 +291,25 @@ def test_assets_are_sent_once_and_only_whole() -> None:
 @pytest.mark.parametrize(
     ("entity", "assets", "reason"),
     [
-        (textured(png()), {}, "must be among them"),
-        (box(), as_assets(png()), "is named by nothing"),
+        (textured(png()), {}, "must be given: used by the entity"),
+        (box(), as_assets(png()), "is not used by"),
         (textured(png()), {next(iter(as_assets(png()))): "!!"}, "must be base64"),
-        (textured(png()), {next(iter(as_assets(png()))): "AAAA"}, "is not the file that its"),
-        (textured(png()[:-9]), as_assets(png()[:-9]), "is damaged or cut short"),
+        (textured(png()), {next(iter(as_assets(png()))): "AAAA"}, "does not match the"),
+        (textured(png()[:-9]), as_assets(png()[:-9]), "is corrupt or truncated"),
         (textured(b"GIF8"), as_assets(b"GIF8"), "is a GIF, must be a PNG"),
-        (with_mesh(b"no mesh"), as_assets(b"no mesh"), "is no mesh file"),
-        (with_mesh(triangle()[:-40]), as_assets(triangle()[:-40]), "is no mesh file"),
-        (with_mesh(png()), as_assets(png()), "is no mesh file"),
-        (box(""), {}, "name: '': must be 1 to 100 printable letters"),
-        (box(" box"), {}, "must be 1 to 100 printable letters, with no space around"),
+        (with_mesh(b"no mesh"), as_assets(b"no mesh"), "is not a mesh file"),
+        (with_mesh(triangle()[:-40]), as_assets(triangle()[:-40]), "is not a mesh file"),
+        (with_mesh(png()), as_assets(png()), "is not a mesh file"),
+        (box(""), {}, "name: '': must be 1 to 100 printable characters"),
+        (box(" box"), {}, "must be 1 to 100 printable characters, without leading or "
+                          "trailing spaces"),
         (box("a\nb"), {}, "must be 1 to 100 printable"),
         (box("x" * 101), {}, "must be 1 to 100"),
         (box("/map"), {}, "must not begin with a slash"),
         (box(x_m=1e9), {}, "must be within 1000 m"),
         (box(orientation_xyzw=(0.0, 0.0, 0.0, 0.0)), {}, "must be of unit length"),
         (box(materials=()), {}, "material: 'red': must be one of its materials"),
-        (box(materials=box().materials * 2), {}, "materials: must have names of their own"),
+        (box(materials=box().materials * 2), {}, "materials: must have unique names"),
         (
             box(mass_kg=1.0, path=doc.ScriptedPath(waypoints_m=((1.0, 1.0),), speed_m_s=1.0)), {},
             "mass_kg: 1: must be 0: it follows a path",
@@ -332,7 +333,7 @@ def test_there_is_an_end_to_what_can_be_asked_for() -> None:
     requests = [doc.SpawnEntity(entity=box(f"b{i}", i * 0.4)) for i in range(MAX_ASKED_FOR + 5)]
     replies = stage.ask_all(SPAWN_ENTITY, *requests)
     refused = [one.error for one in replies if one.error]
-    assert refused == [f"there are {MAX_ASKED_FOR} things already: no more fit"] * 5
+    assert refused == [f"too many entities: at most {MAX_ASKED_FOR}"] * 5
     assert len(stage.names()) == MAX_ASKED_FOR + 1
 
 
@@ -381,7 +382,7 @@ def test_a_new_world_drops_what_was_asked_of_the_old() -> None:
     other = world([wall()], [marker(id=9)])
     stage.load(other)
     assert len(replies) == 2
-    assert all(one.error == "world 'test' has taken the place of the one asked for"
+    assert all(one.error == "the world was replaced by 'test'"
                for one in replies)  # fmt: skip
     stage.physics.is_away = False
     stage.turn()
@@ -400,7 +401,7 @@ def test_more_requests_than_can_wait_are_refused() -> None:
         stage.turn(1)
     # The first ones are told at once that there is no box.
     errors = {one.error for one in replies}
-    assert errors == {"name: 'box': there is none of this name"}
+    assert errors == {"name: 'box': no such entity"}
     stage.transport.ask(SPAWN_ENTITY, doc.SpawnEntity(entity=box()), replies.append)
     stage.turn(1)
     replies.clear()
@@ -408,7 +409,7 @@ def test_more_requests_than_can_wait_are_refused() -> None:
         for _ in range(MAX_WAITING // 2 + 1):
             stage.transport.ask(DELETE_ENTITY, doc.DeleteEntity(name="box"), replies.append)
         stage.turn(1)
-    assert {one.error for one in replies} == {f"{MAX_WAITING} requests wait already"}
+    assert {one.error for one in replies} == {f"too many requests: {MAX_WAITING} are pending"}
 
 
 def test_more_bytes_than_can_wait_are_refused() -> None:
@@ -420,7 +421,7 @@ def test_more_bytes_than_can_wait_are_refused() -> None:
     stage.transport.ask(SPAWN_ENTITY, doc.SpawnEntity(entity=box()), replies.append)
     stage.turn()
     assert len(replies) == 2
-    assert {one.error[:15] for one in replies} == {"assets: more th"}
+    assert {one.error[:15] for one in replies} == {"assets: too lar"}
 
 
 def test_a_spawner_that_begins_anew_adopts_what_stands() -> None:

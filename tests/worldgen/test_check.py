@@ -59,7 +59,7 @@ def test_every_problem_is_told_at_once_with_its_line(tmp_path: Path) -> None:
         "walls[1].length_m", "walls[2].material", "locations.corner", "locations.den.x_m",
         "markers[1].id", "markers[2]",
     }  # fmt: skip
-    assert by_field["markers[1].id"].must == "must be unique: it hangs on south"
+    assert by_field["markers[1].id"].must == "must be unique: already on south"
     assert "above the top of south" in by_field["markers[2]"].must
     lines = (tmp_path / "room.yaml").read_text().splitlines()
     assert lines[by_field["walls[2].material"].line - 1] == "  material: gold"
@@ -126,7 +126,7 @@ def test_every_problem_is_told_at_once_with_its_line(tmp_path: Path) -> None:
         ({"map": "none.yaml"}, "map: 'none.yaml': "),
         ({"start": {"x_m": 0.0, "y_m": 0.8}}, "start: (0.0, 0.8): must have 0.24 m clear around"),
         ({"maze": {"cell_m": 0.6}, "wall_thickness_m": 0.3}, "maze.cell_m: 0.6: must be at least"),
-        ({"wall_height_m": 0.2}, "markers[0]: 'aruco_3': reaches"),
+        ({"wall_height_m": 0.2}, "markers[0]: 'aruco_3': extends"),
         (
             {"materials": folder.room()["materials"] | {"spare": {"texture": "gone.png"}}},
             "materials.spare.texture: 'gone.png': ",
@@ -169,7 +169,7 @@ def test_what_can_run_all_the_same_is_loaded(tmp_path: Path) -> None:
     recipe = folder.room()
     recipe["markers"][0]["offset_m"] = 5.0
     (found,) = said(tmp_path, recipe)
-    assert found.startswith("markers[0]: 'aruco_3': reaches 3.")
+    assert found.startswith("markers[0]: 'aruco_3': extends 3.")
     assert len(load_world("room", worlds_dir=tmp_path).world.markers) == 1
 
 

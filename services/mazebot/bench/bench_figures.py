@@ -38,7 +38,7 @@ class Figure:
 def figure(group: str, name: str, unit: str, values: Sequence[float], note: str = "") -> Figure:
     """The figure of repeated measurements."""
     if not len(values):
-        return missing(group, name, unit, note or "nothing was measured")
+        return missing(group, name, unit, note or "no measurements")
     p10, median, p90 = (float(value) for value in np.percentile(values, (10, 50, 90)))
     least, most = float(min(values)), float(max(values))
     return Figure(group, name, unit, median, p10, p90, least, most, len(values), note)

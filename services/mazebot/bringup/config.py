@@ -39,7 +39,8 @@ class BringupConfig(ServiceConfig):
         False, description="the robot gets no map: mapping makes one, and localises the robot in it"
     )
     explore: bool = Field(
-        True, description="with slam: explorer drives; false: the goal, or whoever sends goals"
+        True,
+        description="with slam: the explorer drives; false: only `goal`, or goals sent by a client",
     )
     tour: tuple[str, ...] = Field(
         (),
@@ -56,5 +57,6 @@ class BringupConfig(ServiceConfig):
         2.0, gt=0, description="simulation time after which a goal that navigation lost is resent"
     )
     only_ask: bool = Field(
-        False, description="exit after the reply to the request: an error if another world runs"
+        False,
+        description="exit after the reply to the request: an error if another world is running",
     )

@@ -91,7 +91,7 @@ class BringupNode(Node):
         self._evaluation: Evaluation | None = None
         self._tour_end_ns = 0
         self._now_ns = 0
-        self._began_anew = False
+        self._restarted = False
         """Whether no valid navigation status was received since the simulation was reset."""
 
     def waiting_for(self) -> str | None:
@@ -103,9 +103,9 @@ class BringupNode(Node):
             if service in self._unneeded:
                 continue
             if service not in self._waiting:
-                missing.append(f"{service} (not up)")
+                missing.append(f"{service} (not running)")
             elif self._waiting[service]:
-                missing.append(f"{service} (waits for {self._waiting[service]})")
+                missing.append(f"{service} (waiting for {self._waiting[service]})")
         return ", ".join(missing) or "localization and navigation to become active"
 
     @property
@@ -135,7 +135,7 @@ class BringupNode(Node):
             self._requested = True
             outbox.put(WORLD_REQUEST, self._request)
         if now_ns < self._now_ns:
-            self._begin_anew()
+            self._restart()
         self._now_ns = now_ns
         self._listen(now_ns, inbox)
         if self.exit_code is not None or self._world is None:
@@ -149,14 +149,14 @@ class BringupNode(Node):
         if self._config.slam and not self._goals:
             self._await_map(now_ns)
             return
-        evaluation = self._judged()
+        evaluation = self._own_evaluation()
         if evaluation is None or len(evaluation.goals) < len(self._results):
             if now_ns - self._tour_end_ns <= EVALUATION_PATIENCE_S * 1e9:
                 return
         self._finish(evaluation)
 
     def _await_map(self, now_ns: int) -> None:
-        """End when the exploration has; without one, whoever drives ends the run."""
+        """End when the exploration has; without one, the client that drives ends the run."""
         status = self._exploration
         if status is None or status.state not in ("complete", "failed"):
             self._tour_end_ns = now_ns
@@ -166,17 +166,17 @@ class BringupNode(Node):
         if mapping is None or mapping.exploration != status.state:
             if now_ns - self._tour_end_ns <= EVALUATION_PATIENCE_S * 1e9:
                 return
-        said = exploration_table(status, evaluation)
+        table = exploration_table(status, evaluation)
         if status.state == "complete":
-            _LOG.info("exploration complete\n%s", said)
+            _LOG.info("exploration complete\n%s", table)
         else:
-            _LOG.error("exploration failed: %s\n%s", status.reason, said)
+            _LOG.error("exploration failed: %s\n%s", status.reason, table)
         self.exit_code = 0 if status.state == "complete" else EXIT_NOT_REACHED
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         """Restart the tour: the goals so far belong to another run."""
         if self._world is not None:
-            _LOG.info("the simulation began anew: so does the tour")
+            _LOG.info("simulation restarted; restarting the tour")
         self._exploration = None
         self._clock_seen_ns = None
         self._goal_index = 0
@@ -185,7 +185,7 @@ class BringupNode(Node):
         self._navigation = NavigationStatus(localization_active=False, navigation_active=False)
         self._results.clear()
         self._evaluation = None
-        self._began_anew = True
+        self._restarted = True
 
     def _listen(self, now_ns: int, inbox: Inbox) -> None:
         for status in inbox.new(WORLD_STATUS):
@@ -213,16 +213,16 @@ class BringupNode(Node):
                 values = {value.key: value.value for value in status_of.values}
                 self._waiting[status_of.name] = values.get(WAITING_KEY, "")
         for navigation in inbox.new(NAVIGATION_STATUS):
-            if self._began_anew and navigation.localization_active:
+            if self._restarted and navigation.localization_active:
                 # From before the reset: navigation restarts without localisation.
                 continue
-            self._began_anew = False
+            self._restarted = False
             self._navigation = navigation
             if navigation.goal is not None:
                 self._goal_sign_ns = now_ns
         self._evaluation = inbox.latest(EVALUATION) or self._evaluation
         for exploration in inbox.new(EXPLORATION_STATUS):
-            if self._request.explores and not self._began_anew:
+            if self._request.explores and not self._restarted:
                 self._exploration = exploration
 
     def _enter(self, world: World, grid: msg.OccupancyGrid | None) -> None:
@@ -289,12 +289,12 @@ class BringupNode(Node):
                 taken_s = result.end_time_s - result.start_time_s
                 _LOG.info("%s: reached after %.1f s", name, taken_s)
             return
-        silent_ns = now_ns - self._goal_sign_ns
-        lost = self._navigation.goal is None and silent_ns > self._config.resend_after_s * 1e9
+        idle_ns = now_ns - self._goal_sign_ns
+        lost = self._navigation.goal is None and idle_ns > self._config.resend_after_s * 1e9
         ready = self._navigation.localization_active and self._navigation.navigation_active
         if self._goal_stamp_ns is not None and not (lost and ready):
             return
-        again = " again: navigation does not know it" if self._goal_stamp_ns is not None else ""
+        again = " (resent: navigation has no goal)" if self._goal_stamp_ns is not None else ""
         _LOG.info(
             "%s: driving to (%.2f, %.2f, %.2f)%s", name, goal.x_m, goal.y_m, goal.yaw_rad, again
         )
@@ -306,7 +306,7 @@ class BringupNode(Node):
             ),
         )
 
-    def _judged(self) -> Evaluation | None:
+    def _own_evaluation(self) -> Evaluation | None:
         """The recorder's evaluation, reduced to this node's goals, because others may send goals
         too.
         """
@@ -328,13 +328,13 @@ class BringupNode(Node):
         if evaluation is not None and goals:
             _LOG.info("tour finished\n%s", tour_table(evaluation))
         else:
-            _LOG.warning("tour finished; the recorder has not judged it")
-        judged = {goal.goal_stamp_ns for goal in goals}
-        others = [result for result in self._results if result.goal_stamp_ns not in judged]
+            _LOG.warning("tour finished; no evaluation received from the recorder")
+        evaluated = {goal.goal_stamp_ns for goal in goals}
+        others = [result for result in self._results if result.goal_stamp_ns not in evaluated]
         for result in others if goals else ():
             ended = f"error {result.error_code}" if result.error_code else "reached"
             _LOG.warning(
-                "not judged by the recorder: (%.2f, %.2f) %s after %.1f s",
+                "not evaluated by the recorder: (%.2f, %.2f) %s after %.1f s",
                 *(result.goal.x_m, result.goal.y_m, ended),
                 result.end_time_s - result.start_time_s,
             )

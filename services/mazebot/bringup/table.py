@@ -24,14 +24,17 @@ def tour_table(evaluation: Evaluation) -> str:
     with console.capture() as capture:
         console.print(table)
     lines = [line.rstrip() for line in capture.get().splitlines() if line.strip()]
-    said = [*failure_lines(evaluation.goals), *error_lines(evaluation)]
-    return "\n".join([*lines, *(f" {line}" for line in said)])
+    notes = [*failure_lines(evaluation.goals), *error_lines(evaluation)]
+    return "\n".join([*lines, *(f" {line}" for line in notes)])
 
 
 def exploration_table(status: ExplorationStatus, evaluation: Evaluation | None) -> str:
     """How an exploration ended, and the map it made, as lines of text."""
     rows = [
-        ("explored", f"{status.seen_share:.1%} of the reachable floor, as the explorer sees it"),
+        (
+            "explored",
+            f"{status.seen_share:.1%} of the reachable floor, as estimated by the explorer",
+        ),
         ("driven", f"{status.driven_m:.1f} m to {status.goals} view points"),
         (
             "frontiers",
@@ -40,7 +43,7 @@ def exploration_table(status: ExplorationStatus, evaluation: Evaluation | None) 
     ]
     mapping = None if evaluation is None else evaluation.mapping
     if evaluation is None or mapping is None:
-        rows.append(("map", "the recorder has not judged it"))
+        rows.append(("map", "not evaluated by the recorder"))
     else:
         rows += mapping_rows(mapping)
         rows += [("", line) for line in error_lines(evaluation)]

@@ -50,7 +50,9 @@ def tour_goals(
     for name in names:
         if name not in places:
             known = ", ".join(places)
-            raise ValueError(f"tour: {name!r} is no location of {world.name}; it has {known}")
+            raise ValueError(
+                f"tour: {name!r}: no such location in {world.name}: must be one of {known}"
+            )
     return [
         (name, Planar(x_m=places[name].x_m, y_m=places[name].y_m, yaw_rad=places[name].yaw_rad))
         for name in names or places
@@ -74,7 +76,8 @@ def default_tour(world: World, cells: NDArray[np.int8], origin: SE2, seed: int) 
         apart_m = np.minimum(apart_m, portable.hypot_each(*(points - chosen[-1]).T))
     if not chosen:
         raise NoLocationsError(
-            f"tour: {world.recipe} has no locations, and no floor to drive to: add `locations:` to "
+            f"tour: {world.recipe} has no locations, and no free floor to drive to: add "
+            "`locations:` to "
             "it, or give one goal (--goal x y yaw)"
         )
     goals: Goals = []

@@ -71,15 +71,15 @@ def params(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="a nav2_params.yaml of Nav2")],
     as_json: Json = False,
     as_settings: Annotated[
-        bool, typer.Option("--settings", help="print the settings that come of it, for --config")
+        bool, typer.Option("--settings", help="print the resulting settings, for --config")
     ] = False,
 ) -> None:
-    """Say of each parameter of a Nav2 file whether it is used, mapped, unsupported or unknown."""
-    from mazebot.cli.params import tell_params  # noqa: PLC0415
+    """Report each parameter of a Nav2 file as used, mapped, unsupported or unknown."""
+    from mazebot.cli.params import print_params  # noqa: PLC0415
 
     if as_json and as_settings:
         raise ConfigError("--settings: prints YAML: must be given without --json")
-    tell_params(file, as_json, as_settings)
+    print_params(file, as_json, as_settings)
 
 
 @app.command()
@@ -103,14 +103,14 @@ def goal(
     yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
     timeout_s: Annotated[
         float | None,
-        typer.Option("--timeout", min=0.1, help="seconds until the goal is cancelled"),
+        typer.Option("--timeout", min=0.1, help="timeout in seconds; then the goal is canceled"),
     ] = None,
     as_json: Json = False,
     connect: Connect = _ROUTER,
 ) -> None:
     """Send the robot of a running stack to a pose in the map, and wait for the result.
 
-    Ctrl-C cancels the goal, and so does the end of --timeout: the robot stops.
+    Ctrl-C or the end of --timeout cancels the goal: the robot stops.
     """
     from mazebot.cli.drive.goal import send_goal  # noqa: PLC0415
 
@@ -140,16 +140,16 @@ def topic_list(
 @topics_app.command("info")
 def topic_info(name: TopicName, as_json: Json = False, connect: Connect = _ROUTER) -> None:
     """Print a topic's type, publishers and subscribers, and which of them are running."""
-    from mazebot.cli.topics.topic import tell_topic  # noqa: PLC0415
+    from mazebot.cli.topics.topic import print_topic  # noqa: PLC0415
 
-    tell_topic(connect, name, as_json)
+    print_topic(connect, name, as_json)
 
 
 @topics_app.command("hz")
 def topic_hz(
     name: TopicName,
     connect: Connect = _ROUTER,
-    window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to count")] = 5.0,
+    window_s: Annotated[float, typer.Option("--window", min=0.5, help="seconds to measure")] = 5.0,
     as_json: Json = False,
 ) -> None:
     """Measure the rate of a topic."""

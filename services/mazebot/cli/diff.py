@@ -38,10 +38,10 @@ def diff_runs(directory: Path, first: str, second: str, as_json: bool = False) -
             for name in dict.fromkeys((*one, *other))
             if one.get(name) != other.get(name)
         }
-        told = {"same": not code, "settings": differing, "not_ended": still}
-        print_json(told | dataclasses.asdict(comparison))
+        summary = {"same": not code, "settings": differing, "not_ended": still}
+        print_json(summary | dataclasses.asdict(comparison))
         return code
-    lines = [*_told(*settings), *comparison_lines(comparison)]
+    lines = [*_setting_lines(*settings), *comparison_lines(comparison)]
     for which, open_still in zip(("first", "second"), still, strict=True):
         if open_still:
             lines.append(f"the {which} run has not ended, or its recorder was killed")
@@ -55,10 +55,10 @@ def _find(directory: Path, name: str) -> Path:
     for folder in (Path(name), directory / name):
         if any((folder / file).is_file() for file in (DIGESTS, SUMMARY)):
             return folder
-    raise ConfigError(f"diff: {name!r} is no folder of a run, and no run in {directory}")
+    raise ConfigError(f"diff: {name!r}: no such run in {directory}, and not a folder of a run")
 
 
-def _told(one: dict[str, Any], other: dict[str, Any]) -> Iterator[str]:
+def _setting_lines(one: dict[str, Any], other: dict[str, Any]) -> Iterator[str]:
     """The differences in the runs' settings."""
     same = True
     for name in dict.fromkeys((*one, *other)):

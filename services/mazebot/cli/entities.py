@@ -82,7 +82,7 @@ def spawn(
         float | None, typer.Option(help="kg; 0: static [default: 0, or the model's]")
     ] = None,
     colour: Annotated[str | None, typer.Option(metavar="R G B", help="0 to 1 each")] = None,
-    texture: Annotated[Path | None, typer.Option(help="PNG, once over each face")] = None,
+    texture: Annotated[Path | None, typer.Option(help="PNG, stretched over each face")] = None,
     path: Annotated[
         str | None,
         typer.Option(metavar="X Y X Y ...", help="waypoints of a path to follow repeatedly"),
@@ -95,7 +95,7 @@ def spawn(
         bool, typer.Option("--yield/--no-yield", help="stop while the robot blocks the path")
     ] = True,
     allow_renaming: Annotated[
-        bool, typer.Option("--allow-renaming", help="if the name is taken, use a similar one")
+        bool, typer.Option("--allow-renaming", help="if the name is in use, use a similar one")
     ] = False,
     timeout_s: Timeout = 10.0,
     as_json: Json = False,
@@ -124,17 +124,17 @@ def spawn(
         with ZenohRobot(connect) as robot:
             panel, assets = on_panel.entity(name, pose, place, robot, timeout_s)
             reply = _ask_spawn(robot, panel, assets, allow_renaming, timeout_s)
-            _tell(reply, as_json, is_marker=True)
+            _print_pose(reply, as_json, is_marker=True)
         return
     if wall is not None:
-        raise ConfigError("--wall: is for markers: must be --at")
+        raise ConfigError("--wall: only for markers: must be --at")
     made = _painted(made or _primitive(box, cylinder, sphere), colour, texture)
     route = None if path is None else _route(path, speed, loop, yields)
     if mass is not None or route is not None:
         made = replace(made, mass_kg=mass or 0.0)
     entity = _body(name, made, pose, route)
     with ZenohRobot(connect) as robot:
-        _tell(_ask_spawn(robot, entity, made.assets, allow_renaming, timeout_s), as_json)
+        _print_pose(_ask_spawn(robot, entity, made.assets, allow_renaming, timeout_s), as_json)
 
 
 def _check_one(kinds: Mapping[str, object]) -> None:
@@ -174,7 +174,7 @@ def move(
             raise ConfigError(f"name: {name!r:.60}: {_none_of(standing)}")
         if wall is not None:
             if not isinstance(entity, doc.MarkerEntity):
-                raise ConfigError("--wall: is for markers: must be --at")
+                raise ConfigError("--wall: only for markers: must be --at")
             place = _WallPlace(wall, side, offset, height)
             matrix = place.map_from_panel(running_world(robot, timeout_s), entity.marker_size_m)
         else:
@@ -185,7 +185,7 @@ def move(
             name=name, position_m=position_m, orientation_xyzw=orientation_xyzw,
         )  # fmt: skip
         reply = robot.ask(SET_ENTITY_STATE, state, timeout_s)
-        _tell(reply, as_json, isinstance(entity, doc.MarkerEntity))
+        _print_pose(reply, as_json, isinstance(entity, doc.MarkerEntity))
 
 
 def remove(
@@ -224,7 +224,7 @@ def entities(
     timeout_s: Timeout = 10.0,
     connect: Connect = ROUTER,
 ) -> None:
-    """List the entities in the world of a running stack, and those that were refused."""
+    """List the entities in the world of a running stack, and those that were rejected."""
     from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.messages.topics import GET_ENTITIES  # noqa: PLC0415
 
@@ -242,7 +242,7 @@ def entities(
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
     for refusal in standing.refused:
-        sys.stdout.write(f"refused: {refusal.name}: {refusal.reason}\n")
+        sys.stdout.write(f"rejected: {refusal.name}: {refusal.reason}\n")
 
 
 def register(app: typer.Typer) -> None:
@@ -379,9 +379,7 @@ def _marker_of_model(noted: dict[str, str]) -> _MarkerAsked:
             int(noted.get("quiet_zone_modules", "1")),
         )
     except (KeyError, ValueError) as error:
-        raise ConfigError(
-            "--model: is a marker's, but does not say of which size and id"
-        ) from error
+        raise ConfigError("--model: is a marker model without its size and id") from error
 
 
 def _from_files(
@@ -492,7 +490,7 @@ def _ask_spawn(
 
 def _none_of(standing: doc.Entities) -> str:
     names = ", ".join(one.name for one in standing.entities)
-    return f"there is none of this name: must be one of {names:.300}" if names else "nothing stands"
+    return f"no such entity: must be one of {names:.300}" if names else "no entities"
 
 
 def _heading(orientation_xyzw: doc.Quaternion, is_marker: bool) -> float:
@@ -512,14 +510,14 @@ def _row(entity: doc.Entity) -> tuple[str, ...]:
     else:
         mass = f"{entity.mass_kg:g}"
         if entity.path is not None:
-            kind = "loop" if entity.path.loop else "to and fro"
+            kind = "loop" if entity.path.loop else "back and forth"
             count = len(entity.path.waypoints_m)
-            path = f"{count} place{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
+            path = f"{count} waypoint{'s' * (count > 1)}, {entity.path.speed_m_s:g} m/s, {kind}"
     place = map(_short, (*entity.position_m, yaw_rad))
     return (entity.name, what, *place, mass, path)
 
 
-def _tell(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
+def _print_pose(reply: doc.EntityReply, as_json: bool, is_marker: bool = False) -> None:
     """Print an entity's pose. Raises ConfigError where the request failed."""
     if reply.error:
         named = reply.error.startswith("name:")

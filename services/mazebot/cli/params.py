@@ -17,25 +17,25 @@ from mazebot.common.settings.load import read_nav2_params, sections
 
 _WIDEST = 28
 _HEADS = {
-    "used": "used: as they stand",
+    "used": "used: unchanged",
     "mapped": "mapped: under another name, or with another value",
     "unsupported": "unsupported: parameters of Nav2 that change nothing here",
-    "unknown": "unknown: no parameters of Nav2, which ignores them too",
+    "unknown": "unknown: not parameters of Nav2, which also ignores them",
 }
 
 
-def tell_params(path: Path, as_json: bool, as_settings: bool) -> None:
+def print_params(path: Path, as_json: bool, as_settings: bool) -> None:
     """Print what becomes of each parameter of a file of Nav2, or the settings that come of it.
 
     Raises ConfigError where the file cannot be read, or holds a value that is not valid.
     """
-    told = report(read_nav2_params(path), models_of_all())
+    found = report(read_nav2_params(path), models_of_all())
     if as_settings:
-        sys.stdout.write(yaml.safe_dump(dict(told.settings), sort_keys=False))
+        sys.stdout.write(yaml.safe_dump(dict(found.settings), sort_keys=False))
     elif as_json:
-        print_json(in_json(told))
+        print_json(in_json(found))
     else:
-        sys.stdout.write("\n".join(_lines(told)) + "\n")
+        sys.stdout.write("\n".join(_lines(found)) + "\n")
 
 
 def models_of_all() -> dict[str, type[BaseModel]]:
@@ -43,26 +43,26 @@ def models_of_all() -> dict[str, type[BaseModel]]:
     return {section: model_of(section) for section in sections()}
 
 
-def in_json(told: Report) -> dict[str, object]:
+def in_json(found: Report) -> dict[str, object]:
     """The report for programs."""
     return {
-        "file": told.name,
-        "parameters": len(told.rows),
-        "counts": told.counts,
-        "rows": [dataclasses.asdict(row) | {"value": _plain(row.value)} for row in told.rows],
-        "settings": _plain(dict(told.settings)),
+        "file": found.name,
+        "parameters": len(found.rows),
+        "counts": found.counts,
+        "rows": [dataclasses.asdict(row) | {"value": _plain(row.value)} for row in found.rows],
+        "settings": _plain(dict(found.settings)),
     }
 
 
-def _lines(told: Report) -> Iterator[str]:
+def _lines(found: Report) -> Iterator[str]:
     for status in STATUSES:
-        rows = [row for row in told.rows if row.status == status]
+        rows = [row for row in found.rows if row.status == status]
         if rows:
             yield f"{_HEADS[status]} ({len(rows)})"
             yield from _table(rows, status)
             yield ""
-    counts = ", ".join(f"{count} {status}" for status, count in told.counts.items())
-    yield f"{told.name}: {len(told.rows)} parameters: {counts}"
+    counts = ", ".join(f"{count} {status}" for status, count in found.counts.items())
+    yield f"{found.name}: {len(found.rows)} parameters: {counts}"
 
 
 def _table(rows: list[Row], status: Status) -> Iterator[str]:

@@ -40,11 +40,12 @@ def plan(
     goal: Annotated[str, typer.Option(metavar="X,Y[,YAW]", help="in the map, metres and radians")],
     radius: Annotated[
         float | None,
-        typer.Option(min=0.0, max=100.0, help="m, of a round robot [default: a waffle]"),
+        typer.Option(min=0.0, max=100.0, help="m, radius of the robot [default: a waffle]"),
     ] = None,
     planner: Annotated[
         str,
-        typer.Option(help="any_angle, a_star, or yours: my_package.my_module:Class, FILE.py:Class"),
+        typer.Option(help="any_angle, a_star, or your own: my_package.my_module:Class, "
+                          "FILE.py:Class"),
     ] = "any_angle",
     tolerance: Annotated[
         float, typer.Option(min=0.0, max=100.0, help="m, how far from the goal the path may end")
@@ -60,10 +61,11 @@ def plan(
         typer.Option(min=0.0, max=100.0, help="weight of the cost; 0: the shortest path"),
     ] = 1.0,
     allow_unknown: Annotated[
-        bool, typer.Option("--allow-unknown", help="lead through unknown cells too")
+        bool, typer.Option("--allow-unknown", help="allow paths through unknown cells")
     ] = False,
     allow_reverse: Annotated[
-        bool, typer.Option("--allow-reverse", help="drive backwards where nothing else is possible")
+        bool, typer.Option("--allow-reverse", help="allow driving backwards where nothing "
+                                                   "else is possible")
     ] = False,
     keepout: Annotated[
         Path | None,
@@ -114,7 +116,7 @@ def plan(
         _fail(error, as_json)
     if draw is not None:
         _draw(draw, costmap, start_pose, goal_pose, path, None)
-    _tell(path, taken_s, planner, as_json, _slow(path, zones))
+    _print_path(path, taken_s, planner, as_json, _slow(path, zones))
 
 
 def _pose(option: str, text: str) -> tuple[float, float, float]:
@@ -162,12 +164,12 @@ def _masks(keepout: Path | None, speed: Path | None) -> Masks:
     from mazebot.navigation.mask_files import masks_of  # noqa: PLC0415
 
     given = {"keepout_mask": keepout, "speed_mask": speed}
-    paths = {name: str(file) for name, file in given.items() if file is not None}
+    files = {name: str(file) for name, file in given.items() if file is not None}
     try:
-        return masks_of(NavigationConfig.model_validate(paths))
+        return masks_of(NavigationConfig.model_validate(files))
     except ConfigError as error:
-        setting, colon, problem = str(error).partition(":")
-        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{problem}") from error
+        setting, colon, reason = str(error).partition(":")
+        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{reason}") from error
 
 
 def _zones(frame: GridFrame, masks: Masks) -> Zones | None:
@@ -219,7 +221,7 @@ def _slow(path: PlannedPath, zones: Zones | None) -> dict[float, float]:
     return dict(sorted(lengths.items()))
 
 
-def _tell(
+def _print_path(
     path: PlannedPath, taken_s: float, planner: str, as_json: bool, slow: dict[float, float]
 ) -> None:
     poses = np.column_stack([path.points_m, path.yaws_rad])

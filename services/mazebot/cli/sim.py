@@ -27,7 +27,7 @@ ALL_DAY_S = 86_400.0
 RATES_WINDOW_S = 1.0
 """Time between two readings of the clock, and the period of /diagnostics."""
 RATES_PATIENCE_S = 0.5
-PAUSED = "the simulation is paused: let it go on with `mazebot sim resume`"
+PAUSED = "the simulation is paused: resume it with `mazebot sim resume`"
 SPEEDS = {"real_time": 1.0, "fast": 0.0}
 
 app = App(help="Control the time of a running stack's simulation.")
@@ -95,7 +95,7 @@ def stats(
     as_json: Json = False,
     connect: Connect = ROUTER,
 ) -> None:
-    """Print time, real time factor, hashes and the rates of the sensors."""
+    """Print time, real-time factor, hashes and the rates of the sensors."""
     from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415 - loads Zenoh
     from mazebot.common.client.subscription import Subscription  # noqa: PLC0415
     from mazebot.common.messages.topics import DIAGNOSTICS  # noqa: PLC0415
@@ -123,7 +123,7 @@ def stats_now(robot: Robot, who: str) -> SimulationStats:
     """
     found = _asked(robot, who, SimulationControl(), PATIENCE_S)
     if found is None:
-        raise ConfigError(f"{who}: the simulation has no world yet")
+        raise ConfigError(f"{who}: no world loaded yet")
     return found
 
 
@@ -166,7 +166,7 @@ def _asked(
 def _state(now: SimulationStats | None, request: SimulationControl) -> str:
     """The state of the simulation after a request, in one line."""
     if now is None:
-        return "paused; there is no world yet" if request.pause else "there is no world yet"
+        return "paused; no world loaded yet" if request.pause else "no world loaded yet"
     state = "paused" if now.paused else f"running {_pace(now.speed)}"
     return f"{state} at {now.sim_time_s:.6g} s, step {now.iterations}, epoch {now.epoch}"
 
@@ -199,12 +199,12 @@ def _rates(diagnostics: Subscription) -> dict[str, float]:
 
 
 def _table(now: SimulationStats, factor: float | None, rates_hz: dict[str, float]) -> str:
-    measured = "began anew meanwhile" if factor is None else f"{factor:.3g}"
+    measured = "not measured: simulation reset" if factor is None else f"{factor:.3g}"
     rows = {
         "simulation time": f"{now.sim_time_s:.6g} s",
-        "real time factor": f"{measured} (asked for: {now.speed:g})"
+        "real-time factor": f"{measured} (requested: {now.speed:g})"
         if now.speed
-        else f"{measured} (asked for: as fast as possible)",
+        else f"{measured} (requested: as fast as possible)",
         "paused": "yes" if now.paused else "no",
         "step": f"{now.iterations} of {now.step_size_s * 1e3:.4g} ms",
         "epoch": str(now.epoch),

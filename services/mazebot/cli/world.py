@@ -72,7 +72,7 @@ def list_worlds(worlds_dir: WorldsDir = None, as_json: Json = False) -> None:
     rows, wrong = [], []
     known = known_worlds(folder)
     if not known:
-        raise ConfigError(f"--worlds-dir: {folder}: holds no *.yaml")
+        raise ConfigError(f"--worlds-dir: {folder}: contains no *.yaml")
     for name in known:
         try:
             world = load_world(name, worlds_dir=folder).world
@@ -123,7 +123,7 @@ def show(
         else:
             rows = [_frame(frame) for frame in sdf.frames]
             _print_table([{**row, **{k: _short(v) for k, v in row.items()}} for row in rows])
-        _tell_errors(sdf.report)
+        _print_errors(sdf.report)
         return
     loaded = _loaded(world, overrides, arguments, path, worlds_dir)
     if as_json:
@@ -165,7 +165,7 @@ def check(
                 sys.stderr.write(f"{problem}\n")
             count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
             floor = f"; {reach}" if reach else ""
-            sys.stdout.write(f"{world}: {count if problems else 'all well'}{floor}\n")
+            sys.stdout.write(f"{world}: {count if problems else 'no problems'}{floor}\n")
     if as_json:
         print_json(found)
     if any(found.values()):
@@ -189,7 +189,7 @@ def build(
     if count > 1:
         loaded = _loaded(world, overrides, None, None, worlds_dir)
         if loaded.recipe is None or loaded.recipe.maze is None:
-            raise ConfigError(f"--count: {count}: {world} has no maze, whose seed could count")
+            raise ConfigError(f"--count: {count}: {world} has no maze, so no seed to count")
         first = loaded.recipe.maze.seed
         variants = [(*variants[0], f"maze.seed={seed}") for seed in range(first, first + count)]
     console = Console(stderr=True)
@@ -213,7 +213,9 @@ def import_world(
     path: Roots = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="recipe to write, e.g. worlds/house.yaml; textures and meshes beside it"),
+        typer.Option(
+            help="recipe to write, e.g. worlds/house.yaml; textures and meshes next to it"
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -238,12 +240,12 @@ def import_world(
     elif report.models or report.includes or not report.errors:
         # Else the file could not be read, and there is nothing to report.
         _print_report(report)
-    _tell_errors(report)
+    _print_errors(report)
     if out is not None and imported is not None:
         write_recipe(imported, out)
         # With --json, standard output is JSON only.
-        told = sys.stderr if as_json else sys.stdout
-        told.write(f"{out}: made of {file}\n")
+        stream = sys.stderr if as_json else sys.stdout
+        stream.write(f"{out}: converted from {file}\n")
 
 
 @app.command("export")
@@ -322,7 +324,7 @@ def refuse_unused(world: str, arguments: list[str] | None, path: list[Path] | No
     """Raises ConfigError for options that do not apply to a recipe."""
     for option, given in (("--arg", arguments), ("--path", path)):
         if given and not _is_sdf(world):
-            raise ConfigError(f"{option}: {given[0]}: {world} is no SDF, URDF or xacro file")
+            raise ConfigError(f"{option}: {given[0]}: {world} is not an SDF, URDF or xacro file")
 
 
 def _read_sdf(file: Path, arguments: list[str] | None, path: list[Path] | None) -> SdfWorld:
@@ -355,16 +357,16 @@ def _refuse_no_recipe(file: Path) -> None:
     except ValidationError:
         named = False
     if not named:
-        must = "must be called NAME.yaml, NAME of letters, digits, _, - and points"
+        must = "must be called NAME.yaml, NAME of letters, digits, _, - and dots"
         raise ConfigError(f"--out: {file}: {must}")
     _writable("--out", file, new_folder=True)
 
 
-def _tell_errors(report: ImportReport) -> None:
+def _print_errors(report: ImportReport) -> None:
     """Print the errors of an import, one a line, and exit if there are any."""
     for error in report.errors:
-        said = f"{error.where}: {error.kind}: {error.message}"
-        sys.stderr.write(f"error: {' '.join(said.split())}\n")
+        text = f"{error.where}: {error.kind}: {error.message}"
+        sys.stderr.write(f"error: {' '.join(text.split())}\n")
     if report.errors:
         raise typer.Exit(FOUND_SOMETHING)
 
@@ -474,13 +476,13 @@ def _new_folder(folder: Path) -> Iterator[Path]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         making = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     except OSError as error:
-        raise ConfigError(f"--out: {folder}: cannot be made: {error.strerror}") from error
+        raise ConfigError(f"--out: {folder}: cannot be created: {error.strerror}") from error
     try:
         yield making
         making.chmod(0o755)
         making.replace(folder)
     except OSError as error:
-        raise ConfigError(f"--out: {folder}: cannot be made: {error.strerror}") from error
+        raise ConfigError(f"--out: {folder}: cannot be created: {error.strerror}") from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
 
@@ -495,16 +497,16 @@ def _writable(option: str, file: Path, new_folder: bool = False, suffix: str = "
     try:
         target = file.resolve()
         if not target.name or (target.exists() and not target.is_file()):
-            raise ConfigError(f"{option}: {file}: must be a file, or not there yet")
+            raise ConfigError(f"{option}: {file}: must be a file, or a path that does not exist")
         if suffix and file.suffix.lower() != suffix:
             kind = suffix[1:].upper()
             raise ConfigError(f"{option}: {file}: is written as {kind}, must end with {suffix}")
         if not (new_folder or target.parent.is_dir()):
-            raise ConfigError(f"{option}: {file}: there is no folder {file.parent}")
+            raise ConfigError(f"{option}: {file}: no such folder: {file.parent}")
     # Circular links.
     except (OSError, RuntimeError) as error:
-        said = getattr(error, "strerror", None) or "the links lead in a circle"
-        raise ConfigError(f"{option}: {file}: cannot be written: {said}") from error
+        reason = getattr(error, "strerror", None) or "too many symbolic links"
+        raise ConfigError(f"{option}: {file}: cannot be written: {reason}") from error
     return target
 
 

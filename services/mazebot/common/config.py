@@ -51,9 +51,9 @@ def one_line(error: ValidationError, source: Callable[[str], str] = lambda _: ""
     return "; ".join(parts)
 
 
-def must(said: str) -> str:
+def must(message: str) -> str:
     """A message of pydantic, rephrased as what the value must be."""
-    text = said.removeprefix("Value error, ").replace("Input should be", "must be")
+    text = message.removeprefix("Value error, ").replace("Input should be", "must be")
     # For a text that is not a number, the part after the comma adds nothing.
     return " ".join(text.partition(", unable to")[0].split())
 

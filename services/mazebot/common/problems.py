@@ -38,8 +38,8 @@ class Problem(BaseModel):
     def __str__(self) -> str:
         """`worlds/house.yaml:12: walls[3].length_m: -1: must be > 0`."""
         place = f"{self.file}:{self.line}" if self.line else self.file
-        said = ": ".join(part for part in (place, self.field, self.value, self.must) if part)
-        return words(said)
+        text = ": ".join(part for part in (place, self.field, self.value, self.must) if part)
+        return words(text)
 
 
 class WorldError(ConfigError):
@@ -80,7 +80,7 @@ def shown_value(value: object) -> str:
     try:
         text = _SHORT.repr(value)
     except (ValueError, RecursionError):
-        return "a number of more digits than Python prints"
+        return "a number with more digits than Python prints"
     text = words(text)
     return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 3] + "..."
 

@@ -140,7 +140,7 @@ def robot_nodes(
     """
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
-    told = {**seed, **camera, **physics}
+    settings = {**seed, **camera, **physics}
     navigation = {**seed, "controller": options.controller}
     mappers: list[Node] = []
     if not slam:
@@ -151,7 +151,7 @@ def robot_nodes(
         mappers.append(ExplorerNode(_configured(options, ExplorerConfig, "explorer", seed)))
     return [
         WorldgenNode(_worldgen_config(options), load_world),
-        PhysicsNode(_configured(options, PhysicsConfig, "physics", told)),
+        PhysicsNode(_configured(options, PhysicsConfig, "physics", settings)),
         SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
         PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
         NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
@@ -161,7 +161,7 @@ def robot_nodes(
 
 def bringup_config(options: DemoOptions) -> BringupConfig:
     """The world and the goals of a run. Raises ConfigError."""
-    told = {
+    settings = {
         "seed": options.seed,
         "world_name": options.world_name,
         "use_aruco": options.use_aruco,
@@ -171,37 +171,39 @@ def bringup_config(options: DemoOptions) -> BringupConfig:
         "explore": options.explore,
         "only_ask": None if options.tour else True,
     }
-    return _configured(options, BringupConfig, "bringup", told)
+    return _configured(options, BringupConfig, "bringup", settings)
 
 
 def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
-    told = {
+    settings = {
         "seed": options.seed,
         "texture_base": options.texture_base,
         "worlds_dir": options.worlds_dir,
         "map_file": options.map_file,
     }
-    return _configured(options, WorldgenConfig, "worldgen", told)
+    return _configured(options, WorldgenConfig, "worldgen", settings)
 
 
-def _configured(options: DemoOptions, kind: type[C], service: str, told: Mapping[str, object]) -> C:
+def _configured(
+    options: DemoOptions, kind: type[C], service: str, settings: Mapping[str, object]
+) -> C:
     """A service's configuration: the options over environment, file and defaults."""
-    given = {name: value for name, value in told.items() if value is not None}
+    given = {name: value for name, value in settings.items() if value is not None}
     return load(kind, service, config_flag(options.settings, options.params), given)
 
 
 def beside_run(console: ConsoleConfig, recorder: RecorderConfig) -> ConsoleConfig:
-    """The configuration of the console beside a run: where it was told nothing else, it shows the
-    folder in which the run is, and the live data of its recorder only.
+    """The configuration of the console beside a run: unless it is configured otherwise, it
+    shows the run's folder and only the live data of the run's recorder.
     """
     folder = recorder.out_dir.parent if recorder.out_dir else recorder.recordings_dir
     its = {
         "recordings_dir": folder,
         "live_data_port": recorder.grpc_port if recorder.live else 0,
     }
-    told = console.model_fields_set
+    configured = console.model_fields_set
     return console.model_copy(
-        update={name: value for name, value in its.items() if name not in told}
+        update={name: value for name, value in its.items() if name not in configured}
     )
 
 
@@ -246,17 +248,20 @@ def _check_repeats(options: DemoOptions, bringup: BringupConfig, loaded: LoadedW
     if options.settings is None:
         return
     if bringup.only_ask:
-        said = "only_ask: true: a program led this run (Session): there is no tour to repeat"
-        raise ConfigError(f"{options.settings}: bringup.{said}")
+        reason = (
+            "only_ask: true: this run was controlled by a program (Session): there is no "
+            "tour to repeat"
+        )
+        raise ConfigError(f"{options.settings}: bringup.{reason}")
     world = (
         options.world_name, options.use_aruco, options.texture_base, options.worlds_dir,
         options.overrides or None,
     )  # fmt: skip
     was = world_hash_of_run(options.settings)
-    if was and was != loaded.world.hash and all(told is None for told in world):
+    if was and was != loaded.world.hash and all(option is None for option in world):
         raise ConfigError(
             f"{options.settings}: world_hash: {was}: must be that of {loaded.world.name}, "
-            f"{loaded.world.hash}: its recipe has changed since, or lies elsewhere (--worlds-dir)"
+            f"{loaded.world.hash}: its recipe has changed, or is in another folder (--worlds-dir)"
         )
 
 
@@ -318,9 +323,9 @@ def run(options: DemoOptions) -> int:
             executive.close()
     if bringup.recording:
         folder = Path(bringup.recording)
-        _tell_json(folder, code) if options.as_json else _tell(console, folder)
+        _print_json(folder, code) if options.as_json else _print_summary(console, folder)
     if code is None:
-        console.print("interrupted; the recording is closed")
+        console.print("interrupted; recording closed")
         return EXIT_INTERRUPTED
     return code
 
@@ -335,14 +340,14 @@ def _doing(bringup: BringupNode) -> tuple[int, int, str]:
     return round(100.0 * status.seen_share), 100, f"{status.state}, {frontiers}"
 
 
-def _tell_json(folder: Path, code: int | None) -> None:
+def _print_json(folder: Path, code: int | None) -> None:
     """Print the run's summary, with its folder and the exit code, as one JSON object."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    told = {"folder": str(folder), "exit_code": EXIT_INTERRUPTED if code is None else code}
-    sys.stdout.write(json.dumps(told | summary, indent=2, allow_nan=False) + "\n")
+    result = {"folder": str(folder), "exit_code": EXIT_INTERRUPTED if code is None else code}
+    sys.stdout.write(json.dumps(result | summary, indent=2, allow_nan=False) + "\n")
 
 
-def _tell(console: Console, folder: Path) -> None:
+def _print_summary(console: Console, folder: Path) -> None:
     """Print the speed, the recording's folder and how to view it."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     sim_s, factor = summary["sim_time_s"] or 0.0, summary["real_time_factor"]
@@ -355,14 +360,14 @@ def _tell(console: Console, folder: Path) -> None:
     if (folder / "run.rrd").is_file():
         lines += [
             f"recording: {folder / 'run.rrd'}",
-            f"look at it: .venv/bin/mazebot recordings view {folder}",
+            f"view it:   .venv/bin/mazebot recordings view {folder}",
         ]
     if (folder / TO_COMPRESS).exists():
         if console.is_terminal:
             start(folder)
-            lines.append("its pictures become a video now, in the background")
+            lines.append("compressing its images to a video in the background")
         else:
-            lines.append(f"make it smaller: .venv/bin/mazebot recordings compress {folder}")
+            lines.append(f"compress it: .venv/bin/mazebot recordings compress {folder}")
     console.print("\n".join(lines), markup=False, highlight=False)
 
 

@@ -237,7 +237,7 @@ class Session(Robot):
 
     def move_robot(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
         """Put the robot down at another pose in the map, at rest, as if it had been carried there:
-        neither odometry nor navigation is told.
+        neither odometry nor navigation is notified.
 
         Raises RefusedError where it would reach into something.
         """
@@ -395,7 +395,7 @@ class Session(Robot):
         """
         answers: list[A] = []
         if not self._transport.ask(query, message, answers.append):
-            raise RefusedError(f"{query.name}: too many requests wait")
+            raise RefusedError(f"{query.name}: too many pending requests")
         self._turn_until(lambda: bool(answers), query.name)
         return answers[0]
 
@@ -404,11 +404,11 @@ class Session(Robot):
         turns, now_ns = 0, self._executive.now_ns
         while not done():
             if not self._executive.turn() and not done():
-                raise StalledError(f"{what}: the simulation stands still")
+                raise StalledError(f"{what}: the simulation is stalled")
             turns = turns + 1 if self._executive.now_ns == now_ns else 0
             now_ns = self._executive.now_ns
             if turns > _MAX_TURNS:
-                raise StalledError(f"{what}: no answer")
+                raise StalledError(f"{what}: no response")
 
 
 def _built(kind: type[Q], **fields: object) -> Q:

@@ -37,14 +37,14 @@ class PerceptionConfig(ServiceConfig):
     )
     second_pass: bool = Field(
         True,
-        description="look again, with the second window and contrast, where no marker of the world "
-        "is found",
+        description="run a second pass, with the second window and contrast, if no marker of the "
+        "world is found",
     )
     second_pass_every: int = Field(
         3,
         ge=1,
         le=100,
-        description="images from a second pass that found nothing to the next one",
+        description="number of images between a second pass that found nothing and the next one",
     )
     second_window_px: Window = Field(
         23, ge=3, le=255, description="side of the second pass's window; odd"
@@ -57,7 +57,7 @@ class PerceptionConfig(ServiceConfig):
         ge=0.0,
         le=100.0,
         description="least ratio of the difference between a marker's white and black modules to "
-        "the scatter about them; what is below is taken for texture; 0: not checked",
+        "the scatter about them; anything below is treated as texture; 0: not checked",
     )
     max_range_m: float = Field(
         6.0, gt=0.0, le=100.0, description="distance up to which a marker must be found"

@@ -95,7 +95,7 @@ class Detector:
         """
         if isinstance(dictionary, str):
             if not dictionary_exists(dictionary):
-                raise ValueError(f"dictionary: OpenCV has none named {dictionary!r}")
+                raise ValueError(f"dictionary: {dictionary!r}: unknown to OpenCV")
             dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
         # The order of work, and so the result, must not depend on the machine's processors.
         cv2.setNumThreads(1)

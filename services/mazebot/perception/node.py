@@ -73,7 +73,7 @@ class PerceptionNode(Node):
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
         """The world's own"""
         self._slam = False
-        """Whether nobody knows which markers hang where."""
+        """Whether the poses of the markers are unknown."""
         self._ignored: dict[str, int] = {}
         """How often, by key in /diagnostics"""
         self._infos: dict[int, msg.CameraInfo] = {}
@@ -113,7 +113,7 @@ class PerceptionNode(Node):
                 # Its intrinsics may still arrive.
                 self._image = image
             else:
-                inbox.reject(CAMERA_IMAGE, "no camera_info of its stamp")
+                inbox.reject(CAMERA_IMAGE, "no camera_info with its stamp")
 
     def facts(self) -> dict[str, str]:
         """How often each marker was ignored that is not of the world, or not in its place."""
@@ -127,7 +127,7 @@ class PerceptionNode(Node):
             return "the entities of the world"
         if self._published:
             return None
-        return "a picture" if self._image is None else "the camera's intrinsics"
+        return "an image" if self._image is None else "the camera's intrinsics"
 
     def _take_world(self, inbox: Inbox) -> None:
         world = inbox.latest(WORLD)
@@ -179,7 +179,7 @@ class PerceptionNode(Node):
         book = self._dictionaries.get(name)
         if book is None and not dictionary_exists(name):
             inbox.reject(ENTITIES, "unknown dictionary")
-            _log.warning("MarkerEntity %s: dictionary: OpenCV has none named %r", entity.name, name)
+            _log.warning("MarkerEntity %s: dictionary: %r: unknown to OpenCV", entity.name, name)
             return
         map_from_marker = None if self._slam else pose_matrix(entity)
         self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker, book)
@@ -198,7 +198,7 @@ class PerceptionNode(Node):
                     stamp_ns = msg.ns_from_time(entry.header.stamp)
                     if stamp_ns > latest_ns:
                         # From a simulation that has ended since.
-                        inbox.reject(TF, "later than now")
+                        inbox.reject(TF, "stamp in the future")
                         continue
                     self._odom_from_base.add(stamp_ns, msg.matrix_from_transform(entry.transform))
                 elif pair == (MAP_FRAME, ODOM_FRAME):
@@ -206,7 +206,7 @@ class PerceptionNode(Node):
 
     def _take_info(self, info: msg.CameraInfo, inbox: Inbox) -> None:
         if not (info.k[0] > 0.0 and info.k[4] > 0.0 and info.k[8] == 1.0):
-            inbox.reject(CAMERA_INFO, "intrinsics of no pinhole camera")
+            inbox.reject(CAMERA_INFO, "intrinsics not of a pinhole camera")
         elif len(info.d) and len(info.d) not in _DISTORTION_LENGTHS:
             inbox.reject(CAMERA_INFO, "unknown number of distortion coefficients")
         else:
@@ -224,7 +224,7 @@ class PerceptionNode(Node):
             inbox.reject(CAMERA_IMAGE, "size is not that of camera_info")
             return
         if image.step < 3 * image.width or image.width * image.height == 0:
-            inbox.reject(CAMERA_IMAGE, "rows shorter than the width")
+            inbox.reject(CAMERA_IMAGE, "step smaller than the width")
             return
         self._publish_photo(image, outbox)
         found = self._find(image, info)

@@ -18,6 +18,6 @@ def png_from_rgb(data: NDArray[np.uint8], height: int, width: int, step: int) ->
     """
     rows = np.asarray(data, np.uint8)[: height * step].reshape(height, step)
     rgb = rows[:, : 3 * width].reshape(height, width, 3)
-    # A quick compression: the control period of nobody waits for the smallest file.
+    # Fast compression: the smallest file is not worth the time.
     _, png = cv2.imencode(".png", rgb[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return np.asarray(png, np.uint8).reshape(-1)

@@ -41,7 +41,7 @@ class Assets:
             return "too many assets"
         data = message.data.tobytes()
         if hashlib.sha256(data).hexdigest() != sha256:
-            return "not the file its sha256 names"
+            return "does not match its sha256"
         if message.format == "png":
             try:
                 png.decode(data)
@@ -78,7 +78,7 @@ def meshes_of(things: Iterable[Thing], files: Mapping[str, bytes]) -> dict[str, 
     meshes = {}
     for sha256 in mesh_sha256s(things):
         if sha256 not in files:
-            raise ValueError(f"mesh {sha256:.12} is not there")
+            raise ValueError(f"mesh {sha256:.12} is missing")
         try:
             meshes[sha256] = decoded_mesh(sha256, files[sha256])
         except ValueError as error:
@@ -90,7 +90,7 @@ def meshes_of(things: Iterable[Thing], files: Mapping[str, bytes]) -> dict[str, 
 def decoded_mesh(sha256: str, data: bytes) -> TriangleMesh:
     """The mesh in a file, cached. Raises ValueError as `mesh_from_bytes` does."""
     if hashlib.sha256(data).hexdigest() != sha256:
-        raise ValueError("does not have that sha256")
+        raise ValueError("does not match its sha256")
     return mesh_from_bytes(data)
 
 
@@ -98,7 +98,7 @@ def decoded_mesh(sha256: str, data: bytes) -> TriangleMesh:
 def decoded_png(sha256: str, data: bytes) -> NDArray[np.uint8] | str:
     """The image, or the error; cached, since each entity added or removed needs it again."""
     if hashlib.sha256(data).hexdigest() != sha256:
-        return "does not have that sha256"
+        return "does not match its sha256"
     try:
         return png.decode(data)
     except ValueError as error:

@@ -113,7 +113,7 @@ class PhysicsConfig(ServiceConfig):
         1.7e-2, ge=0.0, le=10.0, description="standard deviation of each axis of the accelerometer"
     )
     scan_profile: Literal["lds01", "lds02", "gazebo"] = Field(
-        "lds01", description="lidar that gives the values of the scan_ fields that are not set"
+        "lds01", description="lidar model: defaults of the scan_ fields"
     )
     scan_rate_hz: float = Field(
         _LDS01.scan_rate_hz, gt=0.0, description="scans a second; must divide 240"
@@ -159,7 +159,7 @@ class PhysicsConfig(ServiceConfig):
         ),
     )
     camera_profile: Literal["d435i", "waffle", "small"] = Field(
-        "d435i", description="camera that gives the values of the camera_ fields that are not set"
+        "d435i", description="camera model: defaults of the camera_ fields"
     )
     camera_rate_hz: float = Field(
         _D435I.camera_rate_hz, gt=0.0, description="images a second; must divide 240"
@@ -179,14 +179,14 @@ class PhysicsConfig(ServiceConfig):
         le=1.0,
         description="standard deviation of a colour as a share of full scale; 0: none",
     )
-    camera_depth_enabled: bool = Field(True, description="publish depth images too")
+    camera_depth_enabled: bool = Field(True, description="also publish depth images")
     camera_depth_min_m: float = Field(
         _D435I.camera_depth_min_m, ge=0.0, le=10.0, description="nearer depths are published as 0"
     )
     camera_depth_max_m: float = Field(
         _D435I.camera_depth_max_m, gt=0.0, le=FAR_M, description="farther depths are published as 0"
     )
-    camera_compressed_enabled: bool = Field(False, description="publish images as JPEG too")
+    camera_compressed_enabled: bool = Field(False, description="also publish images as JPEG")
     camera_jpeg_quality: int = Field(80, ge=1, le=100, description="quality of the JPEG images")
 
     @model_validator(mode="before")

@@ -50,7 +50,7 @@ from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.placement import Placement
 from mazebot.common.world.surfaces import Surface, surfaces
 from mazebot.physics.assets import Assets, meshes_of
-from mazebot.physics.bodies.entities import establish, told_changes
+from mazebot.physics.bodies.entities import change_text, establish
 from mazebot.physics.bodies.robot_model import ModelError, robot_model_from_urdf
 from mazebot.physics.bodies.world_limits import MAX_LENGTH_M
 from mazebot.physics.camera.camera import Intrinsics
@@ -205,7 +205,7 @@ class PhysicsNode(ClockNode):
         ended = self._control.ended(self._steps)
         if ended is not None:
             self._answer(ended, "")
-            self._tell_stats(outbox)
+            self._publish_stats(outbox)
 
     def _take_in_past(self, inbox: Inbox, outbox: Outbox) -> None:
         """Continue the epoch count of the previous process."""
@@ -214,7 +214,7 @@ class PhysicsNode(ClockNode):
             self._epoch = max(self._epoch, past)
         elif past >= self._epoch:
             self._epoch = past + 1
-            self._tell_stats(outbox)
+            self._publish_stats(outbox)
 
     def close(self) -> None:
         """Close PyBullet and the renderer."""
@@ -228,7 +228,7 @@ class PhysicsNode(ClockNode):
         stops = simulation.watchdog_stops
         contacts = simulation.step(now_ns)
         if contacts is None:
-            self._begin_anew(simulation, outbox)
+            self._respawn_entities(simulation, outbox)
         else:
             for contact in contacts:
                 _log.info("%s touches %s", contact.robot_link, contact.body)
@@ -236,18 +236,18 @@ class PhysicsNode(ClockNode):
         if simulation.watchdog_stops > stops:
             timeout_s = self._config.cmd_vel_timeout_s
             if self._commander is None:
-                _log.warning("who sent velocity commands is gone: stopping the robot")
+                _log.warning("publisher of velocity commands is gone: stopping the robot")
             else:
                 _log.warning("no velocity command for %g s: stopping the robot", timeout_s)
         for report in self._schedule[self._steps % len(self._schedule)]:
             report(simulation, now_ns, outbox)
 
-    def _begin_anew(self, simulation: Simulation, outbox: Outbox) -> None:
+    def _respawn_entities(self, simulation: Simulation, outbox: Outbox) -> None:
         """Report that PyBullet's state was not physical, and respawn the entities."""
-        _log.error("a body's state was not physical: world '%s' built anew", self._name())
+        _log.error("invalid state of a body: rebuilt world '%s'", self._name())
         self._epoch += 1
         self._place_entities(simulation.world, outbox)
-        self._tell_stats(outbox)
+        self._publish_stats(outbox)
 
     def _take_in_control(self, request: ControlRequest, inbox: Inbox, outbox: Outbox) -> None:
         asked = request.message
@@ -262,11 +262,11 @@ class PhysicsNode(ClockNode):
             return
         cut = self._control.apply(request, self._steps)
         if cut is not None:
-            self._answer(cut, f"cut short at {asked_s:.6g} s by a later request")
+            self._answer(cut, f"interrupted at {asked_s:.6g} s by a newer request")
         if not self._control.running(request):
             self._answer(request, "")
         if asked.model_dump(exclude_none=True):
-            self._tell_stats(outbox)
+            self._publish_stats(outbox)
         if asked.reset is not None:
             # The schedule publishes none while time is stopped.
             outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(0)))
@@ -275,7 +275,7 @@ class PhysicsNode(ClockNode):
         """Reset everything or only the clock to time 0; returns an error in one line, or empty."""
         old = self._simulation
         if old is None:
-            return f"reset: {asked.reset}: there is no world yet"
+            return f"reset: {asked.reset}: no world loaded yet"
         seed = self._seed if asked.seed is None else asked.seed
         if asked.reset == "time":
             self._read_out(old)
@@ -292,7 +292,7 @@ class PhysicsNode(ClockNode):
         self._steps = 0
         self._epoch += 1
         outbox.now_ns = 0
-        _log.info("world '%s' begins again: %s, seed %d", old.world.name, asked.reset, seed)
+        _log.info("world '%s' reset: %s, seed %d", old.world.name, asked.reset, seed)
         if self._simulation is not None and self._simulation is not old:
             self._place_entities(old.world, outbox)
             # Nothing else publishes the moving bodies' poses while time is stopped.
@@ -303,15 +303,15 @@ class PhysicsNode(ClockNode):
 
     def _move_robot(self, pose: Planar) -> str:
         """Put the robot down at another pose; returns an error in one line, or empty."""
-        said = f"robot_pose: ({pose.x_m:g}, {pose.y_m:g}, {pose.yaw_rad:g}): "
+        prefix = f"robot_pose: ({pose.x_m:g}, {pose.y_m:g}, {pose.yaw_rad:g}): "
         if self._simulation is None:
-            return said + "there is no world yet"
+            return prefix + "no world loaded yet"
         if max(abs(pose.x_m), abs(pose.y_m)) > MAX_LENGTH_M:
-            return said + f"must be within {MAX_LENGTH_M:g} m"
+            return prefix + f"must be within {MAX_LENGTH_M:g} m"
         reason = self._simulation.bodies.move_robot(pose.se2())
         if not reason:
             _log.info("robot moved to (%g, %g, %g)", pose.x_m, pose.y_m, pose.yaw_rad)
-        return said + reason if reason else ""
+        return prefix + reason if reason else ""
 
     def _read_out(self, simulation: Simulation) -> None:
         """Update the sensors that measure changes with the change since their last message."""
@@ -333,7 +333,7 @@ class PhysicsNode(ClockNode):
         stats = None if self._simulation is None else self._stats(self._simulation)
         request.respond(SimulationControlReply(error=error, stats=stats))
 
-    def _tell_stats(self, outbox: Outbox) -> None:
+    def _publish_stats(self, outbox: Outbox) -> None:
         if self._simulation is not None:
             outbox.put(SIMULATION_STATS, self._stats(self._simulation))
 
@@ -349,9 +349,9 @@ class PhysicsNode(ClockNode):
             stamp_ns = ns_from_time(command.header.stamp)
             # A zero stamp comes from a sender without a clock and counts as now.
             if stamp_ns and abs(now_ns - stamp_ns) > self._timeout_ns:
-                inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "from the future")
+                inbox.reject(CMD_VEL, "stale" if stamp_ns < now_ns else "stamp in the future")
             elif self._is_held_against(envelope.source, inbox):
-                inbox.reject(CMD_VEL, "another source commands")
+                inbox.reject(CMD_VEL, "another publisher is in control")
             else:
                 self._commander = envelope.source
                 drive.command(command.twist.linear.x, command.twist.angular.z, now_ns)
@@ -380,7 +380,7 @@ class PhysicsNode(ClockNode):
         if self._simulation is not None:
             self._place_entities(self._simulation.world, outbox)
         if self._epoch != epoch:
-            self._tell_stats(outbox)
+            self._publish_stats(outbox)
 
     def _take_in_desired(self, desired: Entities, outbox: Outbox) -> None:
         """Keep the newest set of each of the last few worlds."""
@@ -406,8 +406,10 @@ class PhysicsNode(ClockNode):
         if world.hash == self.world_hash:
             self._next_world = None
         elif world.content_hash() != world.hash:
-            inbox.reject(WORLD, "hash does not match")
-            _log.error("world '%s' refused: hash: %s is not that of it", world.name, world.hash)
+            inbox.reject(WORLD, "hash mismatch")
+            _log.error(
+                "world '%s' rejected: hash: %s does not match its content", world.name, world.hash
+            )
         else:
             self._next_world = world
 
@@ -442,7 +444,7 @@ class PhysicsNode(ClockNode):
                 raise
         except ValueError as error:
             inbox.reject(WORLD, "cannot be built")
-            _log.error("world '%s' refused: %s", world.name, error)
+            _log.error("world '%s' rejected: %s", world.name, error)
             return
         if self._simulation is not None:
             self._simulation.close()
@@ -480,12 +482,12 @@ class PhysicsNode(ClockNode):
                 for problem in scene.problems:
                     _log.warning("%s", problem)
                 self._renderer.set_scene(scene)
-            told = told_changes(before, entities)
-            if told:
-                _log.info("world '%s': %s", world.name, told)
+            changes = change_text(before, entities)
+            if changes:
+                _log.info("world '%s': %s", world.name, changes)
         for refusal in entities.refused:
             if before is None or refusal not in before.refused:
-                _log.warning("entity '%s' refused: %s", refusal.name, refusal.reason)
+                _log.warning("entity '%s' rejected: %s", refusal.name, refusal.reason)
         outbox.put(ENTITIES, entities)
 
     def _name(self) -> str:

@@ -35,11 +35,11 @@ class RunControl:
     def problem(self, asked: SimulationControl, steps_done: int) -> str:
         """Why a request is refused, in one line; empty if it is not."""
         if asked.seed is not None and asked.reset != "all":
-            return f"seed: {asked.seed}: needs reset: all, with which the random streams begin"
+            return f"seed: {asked.seed}: requires reset: all, which restarts the random streams"
         if asked.step is not None and asked.run_until_s is not None:
-            return f"step: {asked.step}: must not come with run_until_s: they say the same"
+            return f"step: {asked.step}: must not be combined with run_until_s"
         if asked.pause and (asked.step is not None or asked.run_until_s is not None):
-            return "pause: true: must not come with step or run_until_s, which leave it paused"
+            return "pause: true: must not be combined with step or run_until_s, which end paused"
         if asked.run_until_s is not None:
             begin = 0 if asked.reset is not None else steps_done
             if first_step_at(asked.run_until_s) < begin:

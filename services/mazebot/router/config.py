@@ -17,5 +17,5 @@ class RouterConfig(ServiceConfig):
         6.0,
         ge=1.0,
         le=3600.0,
-        description="wall time without a response after which the router is ended, to be restarted",
+        description="wall time without a response after which the router exits, to be restarted",
     )

@@ -22,7 +22,7 @@ from mazebot.common.config import ConfigError, fail
 from mazebot.common.settings.load import load
 from mazebot.router.config import RouterConfig
 
-EXIT_SILENT = 70
+EXIT_NO_RESPONSE = 70
 PERIOD_S = 1.0
 START_TICKS = 30
 """Periods within which a router that was just started must first respond."""
@@ -32,14 +32,14 @@ STOPS = {signal.SIGTERM, signal.SIGINT}
 _PREFIX = "MAZEBOT_BUS_PREFIX"
 
 
-class Silence:
+class ResponseTimer:
     """Counts the guard's own ticks since the last response: time while paused does not count."""
 
     def __init__(self, patience_ticks: int) -> None:
         self._patience_ticks = patience_ticks
         self._left = max(START_TICKS, patience_ticks)
 
-    def answered(self) -> None:
+    def responded(self) -> None:
         """The router has responded."""
         self._left = self._patience_ticks
 
@@ -59,20 +59,18 @@ def main(arguments: list[str]) -> NoReturn:
         fail(str(error))
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     router = subprocess.Popen([sys.executable, "-m", "mazebot.router.process", *arguments])
-    silence = Silence(round(config.silence_s / PERIOD_S))
-    asking = threading.Thread(target=_ask, args=(reachable(config.listen), silence), daemon=True)
+    timer = ResponseTimer(round(config.silence_s / PERIOD_S))
+    asking = threading.Thread(target=_ask, args=(reachable(config.listen), timer), daemon=True)
     asking.start()
     while signal.sigtimedwait(STOPS, PERIOD_S) is None:
         code = router.poll()
         if code is not None:
             _end(code if code >= 0 else 128 - code)
-        if silence.tick():
-            sys.stderr.write(
-                f"error: router: no answer for {config.silence_s:g} s; ending the process\n"
-            )
+        if timer.tick():
+            sys.stderr.write(f"error: router: no response for {config.silence_s:g} s; exiting\n")
             router.kill()
             router.wait()
-            _end(EXIT_SILENT)
+            _end(EXIT_NO_RESPONSE)
     router.terminate()
     try:
         _end(router.wait(STOP_S))
@@ -86,14 +84,14 @@ def reachable(listen: str) -> str:
     return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", listen)
 
 
-def _ask(endpoint: str, silence: Silence) -> None:
-    """Query the router periodically. A call that never returns counts as silence, too."""
+def _ask(endpoint: str, timer: ResponseTimer) -> None:
+    """Query the router periodically. A call that never returns counts as no response, too."""
     session: zenoh.Session | None = None
     while True:
         try:
             session = session or open_client(endpoint)
             if token_stands(session, "router", os.environ.get(_PREFIX, "")):
-                silence.answered()
+                timer.responded()
         except zenoh.ZError:
             session = None
         time.sleep(PERIOD_S)

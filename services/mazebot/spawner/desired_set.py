@@ -145,10 +145,10 @@ class DesiredSet:
             if isinstance(message, SpawnEntity):
                 return self._spawn(message)
             if message.name in self._fixed:
-                raise _RefusedError(f"name: {message.name!r:.60}: is a part of the world itself")
+                raise _RefusedError(f"name: {message.name!r:.60}: is part of the world")
             thing, change = self._things.get(message.name), self._changes.get(message.name)
             if thing is None and change is None:
-                raise _RefusedError(f"name: {message.name!r:.60}: there is none of this name")
+                raise _RefusedError(f"name: {message.name!r:.60}: no such entity")
             if isinstance(message, DeleteEntity):
                 if change is not None:
                     return (Later if change.after is not None else Waits)(message.name)
@@ -177,7 +177,7 @@ class DesiredSet:
             elif (entity is None) == (change.after is None):
                 replies[name] = EntityReply(name=name) if entity is None else reply_of(entity)
             else:
-                replies[name] = EntityReply(error="the physics did not do it", name=name)
+                replies[name] = EntityReply(error="not applied by physics", name=name)
             if replies[name].error:
                 self._put(name, change.before)
                 self._is_stale = True
@@ -197,7 +197,7 @@ class DesiredSet:
             if not message.allow_renaming:
                 if change is not None:
                     return Later(name)
-                raise _RefusedError(f"name: {name!r:.60} is there already")
+                raise _RefusedError(f"name: {name!r:.60} already exists")
         size = len(entity.model_dump_json())
         self._check_room(size)
         _refuse(entity_problems(entity))
@@ -208,9 +208,11 @@ class DesiredSet:
         except ValueError as error:
             raise _RefusedError(str(error)) from None
         if len(self._files) + len(files) > MAX_ASSETS:
-            raise _RefusedError(f"assets: there would be more than {MAX_ASSETS} of all things")
+            raise _RefusedError(f"assets: too many: at most {MAX_ASSETS} for all entities")
         if sum(map(len, (*self._files.values(), *files.values()))) > MAX_ASSET_BYTES:
-            raise _RefusedError(f"assets: there would be more than {MAX_ASSET_BYTES} bytes of all")
+            raise _RefusedError(
+                f"assets: too large: at most {MAX_ASSET_BYTES} bytes for all entities"
+            )
         self._files |= files
         return self._change(name, _Thing(entity, entity, size))
 
@@ -256,16 +258,17 @@ class DesiredSet:
             raise _RefusedError(f"entity: {size} bytes of JSON: must be at most {MAX_ENTITY_BYTES}")
         sizes = [thing.json_bytes for thing in self._things.values() if thing.json_bytes]
         if len(sizes) >= MAX_ASKED_FOR:
-            raise _RefusedError(f"there are {MAX_ASKED_FOR} things already: no more fit")
+            raise _RefusedError(f"too many entities: at most {MAX_ASKED_FOR}")
         if sum(sizes) + size > MAX_SET_BYTES:
             raise _RefusedError(
-                f"entity: {size} bytes of JSON: all things must have at most {MAX_SET_BYTES}"
+                f"entity: {size} bytes of JSON: all entities together must have at most "
+                f"{MAX_SET_BYTES}"
             )
 
     def _check_marker(self, entity: MarkerEntity) -> None:
         markers = [one for one in self._entities() if isinstance(one, MarkerEntity)]
         if len(markers) >= MAX_MARKERS:
-            raise _RefusedError(f"there are {MAX_MARKERS} markers already: no more fit")
+            raise _RefusedError(f"too many markers: at most {MAX_MARKERS}")
         if not 0 <= entity.marker_id <= 100_000:
             raise _RefusedError(f"marker_id: {entity.marker_id}: must be 0 to 100000")
         problem = identity_problem(
@@ -275,7 +278,7 @@ class DesiredSet:
         )  # fmt: skip
         same = next((one.name for one in markers if one.marker_id == entity.marker_id), "")
         if not problem and same:
-            problem = f"marker_id: {entity.marker_id}: must be unique: {same!r:.60} has it"
+            problem = f"marker_id: {entity.marker_id}: must be unique: already used by {same!r:.60}"
         if problem:
             raise _RefusedError(problem)
         self._check_place(entity)

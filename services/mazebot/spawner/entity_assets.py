@@ -22,19 +22,19 @@ def decoded(assets: Mapping[str, str], entity: Entity, known: Container[str]) ->
     wanted = assets_of(entity)
     for sha256 in assets:
         if sha256 not in wanted:
-            raise ValueError(f"assets: {sha256!r:.20}: is named by nothing in the entity")
+            raise ValueError(f"assets: {sha256!r:.20}: is not used by the entity")
     files: dict[str, bytes] = {}
     for sha256, form in wanted.items():
         if sha256 in known:
             continue
         if sha256 not in assets:
-            raise ValueError(f"assets: {sha256!r:.20}: must be among them: the entity names it")
+            raise ValueError(f"assets: {sha256!r:.20}: must be given: used by the entity")
         try:
             data = base64.b64decode(assets[sha256], validate=True)
         except (binascii.Error, ValueError):
             raise ValueError(f"assets: {sha256:.16}: must be base64") from None
         if hashlib.sha256(data).hexdigest() != sha256:
-            raise ValueError(f"assets: {sha256:.16}: is not the file that its sha256 names")
+            raise ValueError(f"assets: {sha256:.16}: does not match the sha256 of the file")
         problem = png.problem(data) if form == "png" else _mesh_problem(data)
         if problem:
             raise ValueError(f"assets: {sha256:.16}: {problem}")

@@ -94,7 +94,7 @@ class SpawnerNode(Node):
             if self._next_world is None:
                 self._files = {}
             self._gather(self._desired, outbox)
-        self._tell_what_stands(inbox)
+        self._take_poses(inbox)
 
     def waiting_for(self) -> str | None:
         """The missing part of a world and its meshes."""
@@ -121,7 +121,7 @@ class SpawnerNode(Node):
     def _furnish(self, world: World, outbox: Outbox) -> None:
         """Start a world's set with its markers."""
         if self.world_hash:
-            self._refuse_all(f"world '{world.name}' has taken the place of the one asked for")
+            self._refuse_all(f"the world was replaced by '{world.name}'")
         meshes = {}
         for sha256 in mesh_sha256s(world.bodies):
             try:
@@ -136,7 +136,7 @@ class SpawnerNode(Node):
         self._standing, self._poses, self._is_settled = None, {}, False
         self._send(self._desired, outbox)
         for refusal in hung.refused:
-            _log.error("%s refused: %s", refusal.name, refusal.reason)
+            _log.error("%s rejected: %s", refusal.name, refusal.reason)
         _log.info("Spawned %d of %d markers", len(hung.entities), len(world.markers))
 
     def _take_in_standing(self, standing: Entities, inbox: Inbox) -> None:
@@ -169,12 +169,13 @@ class SpawnerNode(Node):
         for request in requests:
             waiting_bytes += _asset_bytes(request)
             if len(self._waiting) >= MAX_WAITING:
-                request.respond(EntityReply(error=f"{MAX_WAITING} requests wait already"))
+                request.respond(EntityReply(error=f"too many requests: {MAX_WAITING} are pending"))
             elif waiting_bytes > MAX_WAITING_BYTES:
                 waiting_bytes -= _asset_bytes(request)
                 request.respond(
                     EntityReply(
-                        error=f"assets: more than {MAX_WAITING_BYTES} bytes of requests would wait"
+                        error=f"assets: too large: at most {MAX_WAITING_BYTES} bytes for "
+                        "all pending requests"
                     )
                 )
             else:
@@ -212,7 +213,7 @@ class SpawnerNode(Node):
             missing = []
         outbox.put(DESIRED_ENTITIES, desired.entities())
 
-    def _tell_what_stands(self, inbox: Inbox) -> None:
+    def _take_poses(self, inbox: Inbox) -> None:
         if self._standing is None or self._desired is None or not self._getting:
             return
         self._follow(inbox)

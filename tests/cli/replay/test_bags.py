@@ -39,7 +39,7 @@ def test_what_fits_is_replayed_with_stamps_from_zero_and_the_rest_is_named(
         assert counts[name] == written[name], name
     assert counts["/world"] == 1
     assert recording.left_out == {
-        "/battery_state": "no topic of Mazebot",
+        "/battery_state": "not a topic of Mazebot",
         "/cmd_vel": "is geometry_msgs/msg/Twist: must be geometry_msgs/msg/TwistStamped",
     }
     assert not recording.unfit
@@ -117,4 +117,4 @@ def test_damaged_messages_are_counted_and_skipped(messages: list[Replayed], tmp_
 
     runs.write_bag(tmp_path / "bag", map(spoilt, messages), StoragePlugin.MCAP)
     done = mazebot("replay", str(tmp_path / "bag"), "--service", "localization")
-    assert "left out: /odom: 7 messages: quaternion not of unit length" in done.stdout
+    assert "left out: /odom: 7 messages: quaternion not normalized" in done.stdout

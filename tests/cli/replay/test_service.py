@@ -184,10 +184,13 @@ def test_jpeg_pictures_are_unpacked_and_said_to_have_a_loss(
 
     folder = rewritten(run_folder, tmp_path / "jpeg", change)
     done = mazebot("replay", str(folder), "--service", "perception")
-    assert "recorded with pictures: jpeg; perception can only be compared exactly" in done.stdout
-    assert "still waits for the camera's intrinsics" in done.stdout
+    assert (
+        "recorded with compressed images (jpeg); perception can only be compared exactly"
+        in done.stdout
+    )
+    assert "is still waiting for the camera's intrinsics" in done.stdout
     told = mazebot("replay", str(run_folder), "--service", "perception").stdout
-    assert "recorded without pictures" in told
+    assert "recorded without images" in told
 
 
 @pytest.mark.slow

@@ -319,7 +319,7 @@ def test_a_service_that_nobody_hears_opens_its_session_anew(
     try:
         assert process.stdout is not None
         for line in process.stdout:
-            if "opened the session anew" in line:
+            if "session reopened" in line:
                 break
         else:
             pytest.fail("it never did")

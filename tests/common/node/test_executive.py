@@ -84,7 +84,7 @@ def test_a_simulation_that_stands_still_says_who_waits_for_what() -> None:
     physics = Physics(log)
     physics.running = False
     executive = Executive([physics, Navigation(log)], MemoryTransport())
-    with pytest.raises(StalledError, match="navigation waits for a scan on /scan"):
+    with pytest.raises(StalledError, match="navigation is waiting for a scan on /scan"):
         executive.run()
 
 
@@ -93,7 +93,7 @@ def test_a_paused_simulation_is_said_to_be_paused() -> None:
     physics = Physics(log)
     physics.running, physics.paused = False, True
     executive = Executive([physics, Navigation(log)], MemoryTransport())
-    with pytest.raises(StalledError, match="physics is paused, and nobody is left to resume it"):
+    with pytest.raises(StalledError, match="physics is paused and no other node can resume it"):
         executive.run()
 
 

@@ -13,7 +13,7 @@ def tree(*edges: tuple[str, str]) -> msg.TFMessage:
 def test_what_would_close_a_ring_with_what_came_before_changes_nothing() -> None:
     frames = FrameTree()
     assert frames.add(tree(("base", "camera"), ("camera", "optical"))) == ""
-    assert frames.add(tree(("optical", "base"), ("base", "lidar"))) == "frames in a ring"
+    assert frames.add(tree(("optical", "base"), ("base", "lidar"))) == "loop in the frame tree"
     assert frames.chain("base", "optical") is not None
     assert frames.chain("base", "lidar") is None
     assert frames.add(tree(("base", "lidar"))) == ""

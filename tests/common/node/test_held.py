@@ -45,7 +45,7 @@ def test_only_what_the_gone_have_said_is_handed_over_and_of_it_the_newest() -> N
     held.keep(WORLD.name, b"new", envelope("a", 1))
     held.keep(WORLD.name, b"other", envelope("b"))
     held.keep(NAVIGATION_STATUS.name, b"status", envelope("a"))
-    gone = held.said_by([WORLD.name, NAVIGATION_STATUS.name, "/none"], {"a"}.__contains__)
+    gone = held.kept_from([WORLD.name, NAVIGATION_STATUS.name, "/none"], {"a"}.__contains__)
     assert [(message.topic, message.data) for message in gone] == [(WORLD, b"new")]
 
 
@@ -53,7 +53,7 @@ def test_publishers_without_number_leave_no_more_than_there_is_room_for() -> Non
     held: HeldMessages[Envelope] = HeldMessages("navigation")
     for number in range(100):
         held.keep(WORLD.name, b"x", envelope(f"{number}"))
-    kept = held.said_by([WORLD.name], lambda _: True)
+    kept = held.kept_from([WORLD.name], lambda _: True)
     assert [message.envelope.source for message in kept] == [f"{n}" for n in range(84, 100)]
 
 

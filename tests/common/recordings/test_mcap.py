@@ -183,7 +183,7 @@ def test_what_is_no_mcap_is_said_in_a_line_and_left_as_it_is(tmp_path: Path, dat
     path = tmp_path / "run.mcap"
     path.write_bytes(data)
     for use in (lambda: list(read_messages([path])), lambda: repair(path, {})):
-        with pytest.raises(McapError, match="no MCAP file") as told:
+        with pytest.raises(McapError, match="not an MCAP file") as told:
             use()
         assert "\n" not in str(told.value)
     assert path.read_bytes() == data
@@ -196,7 +196,7 @@ def test_a_damaged_chunk_is_told_of(path: Path) -> None:
     path.write_bytes(data)
     messages = read_messages([path])
     assert [next(messages) for _ in TOPICS] == recorded([0])
-    with pytest.raises(McapError, match=f"a chunk is damaged, at byte {chunk.offset}"):
+    with pytest.raises(McapError, match=f"corrupt chunk, at byte {chunk.offset}"):
         next(messages)
 
 

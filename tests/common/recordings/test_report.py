@@ -208,11 +208,11 @@ def test_a_run_that_goes_on_has_a_report(run: Path) -> None:
     lock = RunFolder(run)
     assert "This run has not ended" in report_of(run)
     lock.let_go()
-    assert "This run was cut off" in report_of(run)
+    assert "This run was interrupted" in report_of(run)
 
 
 def test_no_run_has_no_report(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="holds no run"):
+    with pytest.raises(ConfigError, match="contains no run"):
         write_report(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

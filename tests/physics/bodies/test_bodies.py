@@ -284,7 +284,7 @@ def test_a_thing_whose_state_goes_bad_is_built_anew(caplog: pytest.LogCaptureFix
     driver.wait(0.1)
     assert simulation.bodies is not bodies
     assert simulation.bodies.map_from_movers()[0][:3, 3] == pytest.approx((1, 0, 0.2), abs=0.01)
-    assert "built anew" in caplog.text
+    assert "rebuilt world" in caplog.text
     driver.node.close()
 
 
@@ -345,7 +345,7 @@ def shaped(geometry: Any, **changes: Any) -> Body:
 @pytest.mark.parametrize(
     ("bodies", "words"),
     [
-        ((body("a"), body("a")), "'a' is there twice"),
+        ((body("a"), body("a")), "'a' is not unique"),
         ((body(position_m=(1e4, 0, 0)),), "position_m: .* must be within 1000 m"),
         ((body().model_copy(update={"position_m": (math.nan, 0, 0)}),), "position_m"),
         ((body(orientation_xyzw=(0, 0, 0, 0)),), "orientation_xyzw: .* must be of unit length"),
@@ -356,11 +356,11 @@ def shaped(geometry: Any, **changes: Any) -> Body:
         ((shaped(Sphere.model_construct(radius_m=math.nan)),), "radius_m: nan: must be"),
         ((body(mass_kg=1e-6),), "mass_kg: 1e-06: must be 0, or 0.001 to 1e"),
         ((body(mass_kg=1.0).model_copy(update={"mass_kg": math.nan}),), "mass_kg: nan"),
-        ((body("base_link", mass_kg=1.0),), "name: is that of a frame of the robot"),
+        ((body("base_link", mass_kg=1.0),), "name: is a frame of the robot"),
         ((body(geometry=Plane(size_m=(1, 1)), mass_kg=1.0),), "plane: must not be solid"),
-        ((body(geometry=Mesh(sha256="e" * 64)),), "mesh eeeeeeeeeeee is not there"),
+        ((body(geometry=Mesh(sha256="e" * 64)),), "mesh eeeeeeeeeeee is missing"),
         ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 0, 1))),), "scale: .* none may be zero"),
-        ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 1e5, 1))),), "reach beyond 1000 m"),
+        ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 1e5, 1))),), "extend beyond 1000 m"),
         ((body(geometry=Mesh(sha256="0" * 64)),), "has no triangles"),
         (
             (body(geometry=Mesh(sha256="f" * 64), mass_kg=1.0),),
@@ -387,7 +387,7 @@ def test_what_cannot_be_simulated_is_refused_in_one_line(
 
 def test_a_body_may_not_have_the_name_of_a_wall() -> None:
     of = world_of(body("W"), walls=[("W", 1.0, 3.0, 0.0, 0.0)])
-    with pytest.raises(ValueError, match="bodies: 'W' is there twice"):
+    with pytest.raises(ValueError, match="bodies: 'W' is not unique"):
         check(of, {})
 
 

@@ -105,7 +105,7 @@ def test_what_is_put_where_another_was_moved_to_in_the_same_set_is_refused(stage
     stage.desire(crate())
     told = stage.desire(crate(x_m=3.0), crate("old place"), crate("new place", 3.0))
     assert names(told) == ["crate", "old place"]
-    assert reasons(told) == {"new place": "position_m: reaches 0.300 m into crate"}
+    assert reasons(told) == {"new place": "position_m: penetrates crate by 0.300 m"}
 
 
 def test_another_thing_of_the_same_name_takes_its_place(stage: Stage) -> None:
@@ -178,14 +178,14 @@ STAR = tuple((math.cos(0.01 * n), math.sin(0.01 * n)) for n in range(600))
 @pytest.mark.parametrize(
     ("entity", "words"),
     [
-        (crate(x_m=0.1), "reaches 0.102 m into the robot"),
-        (crate(x_m=0.5, y_m=-1.8), "reaches 0.02.* m into Wall"),
-        (crate(x_m=3.2), "reaches 0.200 m into post"),
-        (crate(z_m=0.2, mass_kg=1.0), "reaches 0.050 m into the floor"),
-        (crate("Wall"), "name: 'Wall': is that of something in the world"),
-        (crate("base_link", mass_kg=1.0), "name: is that of a frame of the robot"),
-        (crate("odom", path=path((2.0, 0.0))), "name: is that of a frame of the robot"),
-        (crate(""), "name: '': must be 1 to 100 printable letters"),
+        (crate(x_m=0.1), "penetrates the robot by 0.102 m"),
+        (crate(x_m=0.5, y_m=-1.8), "penetrates Wall.* by 0.02.* m"),
+        (crate(x_m=3.2), "penetrates post by 0.200 m"),
+        (crate(z_m=0.2, mass_kg=1.0), "penetrates the floor by 0.050 m"),
+        (crate("Wall"), "name: 'Wall': is already used in the world"),
+        (crate("base_link", mass_kg=1.0), "name: is a frame of the robot"),
+        (crate("odom", path=path((2.0, 0.0))), "name: is a frame of the robot"),
+        (crate(""), "name: '': must be 1 to 100 printable characters"),
         (crate("a\nb"), r"name: 'a\\nb': must be"),
         (crate("n" * 1000), "name: 'n.*: must be 1 to 100"),
         (crate(x_m=1e5), "position_m: .* must be within 1000 m"),
@@ -194,26 +194,29 @@ STAR = tuple((math.cos(0.01 * n), math.sin(0.01 * n)) for n in range(600))
         (crate(geometry=Sphere(radius_m=1e5)), "radius_m: 100000.0: must be"),
         (crate(mass_kg=1e12), "mass_kg: 1000000000000.0: must be 0, or"),
         (crate(mass_kg=1.0, path=path((2.0, 0.0))), "mass_kg: 1: must be 0: it follows a path"),
-        (crate(path=path((1.0, 0.0))), "path: waypoints_m: lead nowhere"),
+        (crate(path=path((1.0, 0.0))), "path: waypoints_m: must contain a waypoint"),
         (crate(path=path((1e4, 0.0))), "path: waypoints_m: .* must be within 1000 m"),
-        (crate(path=path((400.0, 0.0))), "path: waypoints_m: make a way of .* m: at most 200 m"),
-        (crate(y_m=-1.0, path=path((1.0, -3.0))), "path: waypoints_m: at .* reaches .* into Wall"),
-        (crate(path=path((4.0, 0.0))), "path: waypoints_m: at .* it reaches .* m into post"),
+        (crate(path=path((400.0, 0.0))), "path: waypoints_m: path length of .* m: at most 200 m"),
+        (
+            crate(y_m=-1.0, path=path((1.0, -3.0))),
+            "path: waypoints_m: at .* it penetrates Wall.* by .* m",
+        ),
+        (crate(path=path((4.0, 0.0))), "path: waypoints_m: at .* it penetrates post by .* m"),
         (crate(materials=()), "shape 'all': material: 'paint': must be one of its materials"),
-        (crate(materials=(RED, RED)), "materials: must have names of their own"),
+        (crate(materials=(RED, RED)), "materials: must have unique names"),
         (
             crate(materials=(RED.model_copy(update={"diffuse": (2.0, 0.0, 0.0, 1.0)}),)),
             "material 'paint': diffuse: .* must be 0 to 1",
         ),
         (
             crate(materials=(RED.model_copy(update={"texture_sha256": "f" * 64}),)),
-            "material 'paint': texture_sha256: there is no asset 'ffffffffffffffff'",
+            "material 'paint': texture_sha256: 'ffffffffffffffff': no such asset",
         ),
         (
             crate(materials=(RED.model_copy(update={"texture_side_m": 1e-9}),)),
             "material 'paint': texture_side_m: 1e-09: must be 0, or",
         ),
-        (crate(geometry=Mesh(sha256="e" * 64)), "mesh eeeeeeeeeeee is not there"),
+        (crate(geometry=Mesh(sha256="e" * 64)), "mesh eeeeeeeeeeee is missing"),
         (crate(shapes=crate().shapes * 101), "shapes: 101 of them: must be 1 to 100"),
         (crate(geometry=Polyline(polygons_m=(STAR,) * 9, height_m=1.0)), "5400 corners"),
         (crate(mass_kg=1.0, geometry=Polyline(polygons_m=(BENT[:2],), height_m=1.0)), "shapes:"),
@@ -262,7 +265,7 @@ def test_of_a_hundred_of_one_name_one_stands(stage: Stage) -> None:
     told = stage.desire(*(crate(x_m=1.0 + n) for n in range(100)))
     assert told.entities == (crate(x_m=1.0),)
     assert len(told.refused) == 99
-    assert {refusal.reason for refusal in told.refused} == {"name: 'crate' is there already"}
+    assert {refusal.reason for refusal in told.refused} == {"name: 'crate' already exists"}
     assert list(stage.bodies.entities) == ["crate"]
     assert len(stage.bodies._names) == len(OPEN.walls) + 2
 
@@ -280,7 +283,7 @@ def test_no_more_bodies_than_fit(stage: Stage, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(entities_module, "MAX_BODIES", 3)
     things = [crate(f"c{n}", 1.0 + n) for n in range(4)]
     assert list(reasons(stage.desire(*things))) == ["c3"]
-    assert reasons(stage.desire(*things))["c3"] == "there are 3 bodies already: no more fit"
+    assert reasons(stage.desire(*things))["c3"] == "too many bodies: at most 3"
     assert names(stage.desire(*things[1:])) == ["c1", "c2", "c3"]
 
 
@@ -493,9 +496,9 @@ def test_the_log_names_what_came_went_and_changed() -> None:
         bodies = tuple(crate(name, x_m) for name, x_m in named)
         return Entities(world_hash="abc", entities=bodies)
 
-    told = entities_module.told_changes
+    told = entities_module.change_text
     first = entities(("a", 0.0), ("b", 0.0))
-    assert told(None, first) == "2 entities stand"
+    assert told(None, first) == "2 entities in the world"
     assert told(first, entities(("a", 1.0), ("c", 0.0))) == "spawned: c; deleted: b; changed: a"
     many = entities(*((f"box_{number}", 0.0) for number in range(12)))
     assert told(entities(), many).endswith("box_9 and 2 more")

@@ -803,9 +803,9 @@ def damaged_pngs() -> list[tuple[bytes, str]]:
     return [
         (b"", "is not a picture, must be a PNG"),
         (b"\xff\xd8\xff\xe0 a JPEG", "is a JPEG, must be a PNG"),
-        (whole[:-20], "is damaged or cut short, must be a whole PNG"),
-        (whole[:8], "is damaged or cut short, must be a whole PNG"),
-        (bytes(flipped), "is damaged or cut short, must be a whole PNG"),
+        (whole[:-20], "is corrupt or truncated, must be a complete PNG"),
+        (whole[:8], "is corrupt or truncated, must be a complete PNG"),
+        (bytes(flipped), "is corrupt or truncated, must be a complete PNG"),
         (header_of(4096), "is 4096 x 4 pixels, must be at most 2048 a side"),
     ]
 

@@ -171,7 +171,7 @@ def test_a_file_that_cannot_be_made_is_told_of(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="No such file or directory"):
         log_of(tmp_path / "gone")
     (tmp_path / "run.mcap").write_text("something else")
-    with pytest.raises(RecordingError, match="no MCAP file"):
+    with pytest.raises(RecordingError, match="not an MCAP file"):
         log_of(tmp_path)
     assert (tmp_path / "run.mcap").read_text() == "something else"
 

@@ -169,22 +169,22 @@ def test_a_bad_field_is_told_in_one_line(
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "must be a PGM, PNG or BMP picture"),
-        (b"P5\n4 4\n255\nabc", "is cut short or damaged"),
+        (b"", "must be a PGM, PNG or BMP image"),
+        (b"P5\n4 4\n255\nabc", "is truncated or corrupt"),
         (
             b"P5\n40000 40000\n255\nabc",
             "must have at most 16000000 pixels",
         ),
         (b"P5\n5000 4000\n255\nabc", "has 5000 x 4000 pixels: must have at least 1 and at most"),
         (b"P2\n40000 40000\n255\n1 2 3", "has 40000 x 40000 pixels"),
-        (b"P2\n2 2\n255\n1 2 3", "is cut short or damaged"),
-        (b"P2\n2 2\n255\n1 2 3 x", "is cut short or damaged"),
-        (b"P2\n2 2\n255\n1 2 3 256", "is cut short or damaged"),
+        (b"P2\n2 2\n255\n1 2 3", "is truncated or corrupt"),
+        (b"P2\n2 2\n255\n1 2 3 x", "is truncated or corrupt"),
+        (b"P2\n2 2\n255\n1 2 3 256", "is truncated or corrupt"),
         (b"P2\n2 2\n65535\n1 2 3 4", "must have 8 bits a channel"),
         (b"P2\n0 2\n255\n1", "has 0 x 2 pixels"),
-        (b"P2\n99999999999999999999 2\n255\n1", "is cut short or damaged"),
+        (b"P2\n99999999999999999999 2\n255\n1", "is truncated or corrupt"),
         (b"P5\n1 2\n65535\nabcd", "must have 8 bits a channel"),
-        (b"GIF89a", "must be a PGM, PNG or BMP picture"),
+        (b"GIF89a", "must be a PGM, PNG or BMP image"),
     ],
 )
 def test_a_bad_picture_is_told_in_one_line(tmp_path: Path, data: bytes, message: str) -> None:
@@ -213,7 +213,7 @@ def test_no_picture_is_read_from_elsewhere(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=r"image: .*must lie in the folder of the YAML file"):
             read_map(inner / "m.yaml")
     (inner / "m.yaml").write_text(yaml.safe_dump({**META, "image": "none.pgm"}))
-    with pytest.raises(ConfigError, match=r"none.pgm.*: no such file beside the YAML file"):
+    with pytest.raises(ConfigError, match=r"none.pgm.*: no such file next to the YAML file"):
         read_map(inner / "m.yaml")
 
 
@@ -227,7 +227,7 @@ def test_what_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(ConfigError, match="must be"):
             write_map(tmp_path, name, cells, 0.05, ORIGIN, mode, image_format)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="must be rows and columns"):
+    with pytest.raises(ConfigError, match="must have at least one row"):
         write_map(tmp_path, "m", cells[:0], 0.05, ORIGIN)
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
 

@@ -209,9 +209,9 @@ def test_a_dictionary_of_ones_own_as_opencv_writes_it(tmp_path: Path, suffix: st
         ("a: 1\nb", "neither YAML nor JSON nor XML"),
         ("{" * 5000, "neither YAML nor JSON nor XML"),
         ("<a><b></a>", "neither YAML nor JSON nor XML"),
-        (json.dumps({**OWN, "nmarkers": -1}), "nmarkers: -1: must be a whole number"),
-        (json.dumps({**OWN, "nmarkers": True}), "nmarkers: True: must be a whole number"),
-        (as_yaml({**OWN, "nmarkers": 10**9}), "must be a whole number"),
+        (json.dumps({**OWN, "nmarkers": -1}), "nmarkers: -1: must be an integer"),
+        (json.dumps({**OWN, "nmarkers": True}), "nmarkers: True: must be an integer"),
+        (as_yaml({**OWN, "nmarkers": 10**9}), "must be an integer"),
         (as_yaml({**OWN, "nmarkers": 3}), "marker_2: is missing"),
         (as_yaml({**OWN, "markersize": 5}), "marker_0: '1011010010011100': must be 25 digits"),
         (as_yaml({**OWN, "markersize": 1}), "markersize: 1: must be from 2 to 16"),
@@ -270,7 +270,7 @@ def test_a_model_is_replaced_and_nothing_else(tmp_path: Path) -> None:
     assert bytes_of(folder) != before
     (folder / "notes.txt").write_text("mine")
     kept = bytes_of(folder)
-    with pytest.raises(ConfigError, match=r"aruco_id_7: holds notes\.txt"):
+    with pytest.raises(ConfigError, match=r"aruco_id_7: contains notes\.txt"):
         write_marker_model(tmp_path, 7)
     assert bytes_of(folder) == kept
     assert [entry.name for entry in tmp_path.iterdir()] == ["aruco_id_7"]

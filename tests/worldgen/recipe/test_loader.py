@@ -140,15 +140,15 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, spoil: Spoil, said: str)
     ("text", "said"),
     [
         ("walls: [", ":2: not YAML: column 1: a value that is missing, or a bracket"),
-        ("a: 1\na: 2", ":2: not YAML: column 1: key 'a' given twice"),
+        ("a: 1\na: 2", ":2: not YAML: column 1: key 'a' is a duplicate"),
         ("a: &b {}\nc: *b", ":2: not YAML: column 4: an alias"),
-        ("a: 2001-99-99", ": not YAML: a value that cannot be: month must be in 1..12"),
+        ("a: 2001-99-99", ": not YAML: an invalid value: month must be in 1..12"),
         ("!!python/object:os.system x", ":1: not YAML: column 1: a tag (!name): must be left out"),
         ("a: !!int x", ": not YAML: "),
         ("a: !!seq x", ":1: not YAML: column 4: must be a list"),
         (
             f"name: 0x{'f' * 5000}",
-            ":1: name: a number of more digits than Python prints: must be a string",
+            ":1: name: a number with more digits than Python prints: must be a string",
         ),
         ("[" * 1000, ":1: not YAML: column 41: must be at most 40 levels deep"),
         (f"a: {'x' * 7000}", ":1: not YAML: column 4: must have values of at most 6000 char"),
@@ -174,7 +174,7 @@ def test_a_file_of_too_many_values_is_named(
 ) -> None:
     monkeypatch.setattr(yaml_source, "MAX_NODES", 1000)
     folder.make(tmp_path, "[" + "1," * 1000 + "1]")
-    said = ":1: not YAML: column 2000: must hold at most 1000 values"
+    said = ":1: not YAML: column 2000: must contain at most 1000 values"
     assert mistake(tmp_path) == f"{tmp_path}/room.yaml{said}"
 
 
@@ -270,8 +270,8 @@ def claims(width: int, height: int) -> bytes:
         (b"", "is not a picture, must be a PNG"),
         (b"garbage" * 100, "is not a picture, must be a PNG"),
         (b"\xff\xd8\xff\xe0JFIF", "is a JPEG, must be a PNG"),
-        (folder.png()[:-20], "is damaged or cut short, must be a whole PNG"),
-        (damaged(), "is damaged or cut short, must be a whole PNG"),
+        (folder.png()[:-20], "is corrupt or truncated, must be a complete PNG"),
+        (damaged(), "is corrupt or truncated, must be a complete PNG"),
         (folder.png(4096, 4), "is 4096 x 4 pixels, must be at most 2048 a side"),
         (claims(65536, 65536), "is 65536 x 65536 pixels, must be at most 2048 a side"),
         (claims(0, 16), "is 0 x 16 pixels, must be at most 2048 a side"),

@@ -197,7 +197,7 @@ def test_a_former_export_is_replaced_and_nothing_else(loaded: LoadedWorld, tmp_p
     assert sorted(path.name for path in target.iterdir()) == [MANIFEST, "sim_house.sdf"]
     (target / "mine.sdf").write_text("mine")
     before = file.stat().st_mtime_ns
-    with pytest.raises(ConfigError, match=r"sdf: holds mine\.sdf, which") as error:
+    with pytest.raises(ConfigError, match=r"sdf: contains mine\.sdf, which") as error:
         export_world(loaded, target)
     assert "\n" not in str(error.value)
     assert file.stat().st_mtime_ns == before
@@ -211,6 +211,6 @@ def test_a_folder_that_cannot_be_is_one_line(loaded: LoadedWorld, tmp_path: Path
         with pytest.raises(ConfigError) as error:
             export_world(loaded, target)
         assert str(error.value).startswith(str(target))
-    with pytest.raises(ConfigError, match=r"holds file"):
+    with pytest.raises(ConfigError, match=r"contains file"):
         export_world(loaded, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -66,13 +66,13 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="NAME",
-        help="a scenario or a group of them; again for more; all by default",
+        help="a scenario or a group of scenarios; repeatable; default: all",
     )
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--seeds", type=int, help="seeds of each scenario")
-    parser.add_argument("--full", action="store_true", help="all seeds: hours")
-    parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
-    parser.add_argument("--no-camera", action="store_true", help="lidar alone everywhere")
+    parser.add_argument("--full", action="store_true", help="all seeds: takes hours")
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel processes")
+    parser.add_argument("--no-camera", action="store_true", help="only the lidar, no camera")
     parser.add_argument("--settings", type=Path, help="settings file for all services")
     parser.add_argument("--json", type=Path, help="output file")
     parser.add_argument("--plots", type=Path, help="folder for pictures")
@@ -112,9 +112,9 @@ def main(arguments: list[str] | None = None) -> int:
         console.print(ratio_table(summaries, baseline))
     measured = _parts(asked.scenario, asked.seed, asked.full, options, console)
     if asked.json is not None:
-        told = {"seed": asked.seed, "camera": options.camera, "full": asked.full,
+        settings = {"seed": asked.seed, "camera": options.camera, "full": asked.full,
                 "took_s": round(time.perf_counter() - start_s, 1)}  # fmt: skip
-        _write(asked.json, as_json(rows, told) | measured)
+        _write(asked.json, as_json(rows, settings) | measured)
         console.print(f"figures: {asked.json}", soft_wrap=True)
     if asked.plots is not None:
         try:
@@ -150,11 +150,11 @@ def _run(
         for number, (unit, ran) in enumerate(run_units(units, options, jobs), 1):
             rows[unit.scenario] += ran.rows
             console.print(
-                f"{number}/{len(units)} {_told(unit, ran)}",
+                f"{number}/{len(units)} {_progress_line(unit, ran)}",
                 style="dim", markup=False, highlight=False, soft_wrap=True,
             )  # fmt: skip
     except KeyboardInterrupt:
-        console.print("interrupted: these are the figures of what was done", style="red")
+        console.print("interrupted: partial results", style="red")
     for found in rows.values():
         found.sort(key=lambda row: (row.seed, row.trial))
     return rows
@@ -180,7 +180,7 @@ def _parts(
     return measured
 
 
-def _told(unit: Unit, ran: Ran) -> str:
+def _progress_line(unit: Unit, ran: Ran) -> str:
     """How a unit ended, with its processor time and the first error of its trials."""
     good = sum(row.success for row in ran.rows)
     broke = next((row.error_msg for row in ran.rows if row.error_msg and not row.success), "")

@@ -22,8 +22,8 @@ _EVERY = 3
 """Of the true poses, 30 a second, those for clearances and plots"""
 
 
-class Told(Protocol):
-    """What was heard of localisation: see Witness."""
+class LocalizationStatuses(Protocol):
+    """The received states of localisation: see Witness."""
 
     claims: list[tuple[float, ...]]
     statuses: list[tuple[float, bool, bool]]
@@ -87,7 +87,7 @@ def _of_localisation(row: Row, leg: Leg, truth: Array, witness: Witness) -> None
     row.alarms = alarm_count(leg, truth, witness)
 
 
-def alarm_count(leg: Leg, truth: Array, witness: Told) -> int:
+def alarm_count(leg: Leg, truth: Array, witness: LocalizationStatuses) -> int:
     """Times that localisation became inactive although all it had claimed for a while was near the
     truth.
     """

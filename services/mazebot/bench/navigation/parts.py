@@ -62,7 +62,7 @@ def times(drives: Sequence[tuple[RunSeed, str]], options: Options) -> list[Figur
 
 def _figure(probe: Probe, taken_ms: list[float], absent: bool) -> Figure:
     if absent:
-        return missing(_GROUP, probe.name, "ms", "not there yet")
+        return missing(_GROUP, probe.name, "ms", "not implemented")
     if not taken_ms:
         return missing(_GROUP, probe.name, "ms", "not called in these drives")
     note = f"p99 {np.percentile(taken_ms, 99.0):.3g}"
@@ -117,6 +117,6 @@ def perception(pictures: int, seed: int) -> tuple[dict[str, Any], list[Table]]:
     try:
         bench = importlib.import_module("mazebot.bench.parts.perception_bench")
     except ImportError:
-        return {}, tables([missing("perception", "detection of markers", "", "not there yet")])
+        return {}, tables([missing("perception", "detection of markers", "", "not implemented")])
     figures = bench.perception_figures(pictures, seed)
     return figures, list(bench.perception_tables(figures))

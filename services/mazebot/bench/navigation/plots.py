@@ -105,14 +105,14 @@ def overview(summaries: Mapping[str, Summary]) -> Image.Image:
         draw.text((_MARGIN_PX, y + 4), name, fill=_INK, font=font)
         trials = found.get("trials", 0)
         draw.rectangle((left, y + 4, left + bar, y + _LINE_PX - 4), fill=_SKIPPED)
-        said = str(found.get("skipped", ""))
+        text = str(found.get("skipped", ""))
         if trials:
             share = found["successes"] / trials
             if share > 0.0:
                 right_px = left + round(bar * share)
                 draw.rectangle((left, y + 4, right_px, y + _LINE_PX - 4), fill=_GOOD)
-            said = f"{found['successes']} of {trials}, {found['contacts_robot']} contacts"
-        draw.text((left + bar + 8, y + 4), said[:36], fill=_INK, font=font)
+            text = f"{found['successes']} of {trials}, {found['contacts_robot']} contacts"
+        draw.text((left + bar + 8, y + 4), text[:36], fill=_INK, font=font)
     y = _MARGIN_PX + len(summaries) * _LINE_PX + 4
     draw.text((left, y), "share of trials that succeeded", fill=_INK, font=font)
     return picture

@@ -81,12 +81,12 @@ def _extras(rows: Iterable[Row]) -> Summary:
         for name, value in row.extra.items():
             if isinstance(value, int | float) and not isinstance(value, bool):
                 values.setdefault(name, []).append(float(value))
-    told: Summary = {}
+    parts: Summary = {}
     for name, found in values.items():
-        told[f"{name}_median"] = percentile(np.array(found), 50.0)
-        told[f"{name}_p95"] = percentile(np.array(found), 95.0)
-        told[f"{name}_count"] = len(found)
-    return told
+        parts[f"{name}_median"] = percentile(np.array(found), 50.0)
+        parts[f"{name}_p95"] = percentile(np.array(found), 95.0)
+        parts[f"{name}_count"] = len(found)
+    return parts
 
 
 def _consistency(rows: Iterable[Row]) -> float | None:
@@ -132,8 +132,8 @@ def read_summaries(path: Path) -> dict[str, Summary]:
     except OSError as error:
         raise ConfigError(f"--baseline: {path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        said = "must be the JSON of a run of this benchmark"
-        raise ConfigError(f"--baseline: {path}: {said} ({error})") from error
+        reason = "must be the JSON of a run of this benchmark"
+        raise ConfigError(f"--baseline: {path}: {reason} ({error})") from error
 
 
 def table(summaries: Mapping[str, Summary]) -> Table:
@@ -170,13 +170,13 @@ def table(summaries: Mapping[str, Summary]) -> Table:
 def _more(found: Summary) -> str:
     """The medians of what only this scenario measures."""
     count = found["trials"]
-    told = []
+    parts = []
     for name, value in found.items():
         if name.endswith("_median") and name != "time_s_median" and value is not None:
             what = name.removesuffix("_median")
             of = found[f"{what}_count"]
-            told.append(f"{what} {value:.3g}" + (f" in {of}/{count}" if of < count else ""))
-    return ", ".join(told)
+            parts.append(f"{what} {value:.3g}" + (f" in {of}/{count}" if of < count else ""))
+    return ", ".join(parts)
 
 
 def ratio_table(summaries: Mapping[str, Summary], baseline: Mapping[str, Summary]) -> Table:

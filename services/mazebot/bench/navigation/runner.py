@@ -1,6 +1,6 @@
 """Runs seeds of scenarios, in several processes.
 
-A process that is started anew cannot find what stands in a package's `__main__`.
+A newly started process cannot find what stands in a package's `__main__`.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def _rows_of(unit: Unit, options: Options) -> list[Row]:
     try:
         return BY_NAME[unit.scenario].run(unit.scenario, unit.seed, options)
     except Exception as error:
-        # It is told in the table, and the other trials go on.
+        # It is reported in the table, and the other trials continue.
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        return [Row(unit.scenario, "", unit.seed, 0, error_msg=f"the trial broke off: {text}")]
+        return [Row(unit.scenario, "", unit.seed, 0, error_msg=f"trial failed: {text}")]
 
 
 def run_units(units: Sequence[Unit], options: Options, jobs: int) -> Iterator[tuple[Unit, Ran]]:

@@ -80,7 +80,7 @@ class Witness:
         for tree in self._frames:
             self._take_frames(tree)
         for contact in self._contacts:
-            self.contacts.append(self._judged(contact))
+            self.contacts.append(self._attributed(contact))
         for seen in (self._truths, self._claims, self._ended, self._frames, self._statuses):
             seen.clear()
         self._contacts.clear()
@@ -107,7 +107,7 @@ class Witness:
                 post.times_s.append(msg.ns_from_time(frame.header.stamp) * 1e-9)
                 post.places_m.append((at.x, at.y))
 
-    def _judged(self, contact: Contact) -> ContactSeen:
+    def _attributed(self, contact: Contact) -> ContactSeen:
         """By who moved into whom. Of a post it is the robot's if it came nearer by its own motion
         alone: the post is held where it was at the contact, and the robot's outline is followed
         back. Of a thing that stands it is the robot's unless a post pushes the robot.

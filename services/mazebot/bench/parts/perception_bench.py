@@ -146,13 +146,13 @@ def _measure_views(
                     start_s = time.thread_time()
                     found = finder.find(changed, camera, viewer.base_from_optical).found
                     taken_ms[name].append((time.thread_time() - start_s) * 1e3)
-                    some, strange = _judge(view, found)
+                    some, strange = _evaluate(view, found)
                     rows[name] += some
                     wrong += strange
     return rows, wrong, taken_ms
 
 
-def _judge(view: View, found: Sequence[Found]) -> tuple[list[_Row], int]:
+def _evaluate(view: View, found: Sequence[Found]) -> tuple[list[_Row], int]:
     """A row for each marker in view, and the number of detections that are none of these."""
     wrong = sum(one.marker_id not in view.partly for one in found)
     by_id = {one.marker_id: one for one in found}
@@ -278,18 +278,18 @@ def perception_tables(figures: Figures) -> list[Table]:
         taken = (f"{ms:.1f}" for ms in figures["detect_ms"][name])
         conditions.add_row(name, *_cells(one), *taken)
     wrong = figures["wrong_ids"]
-    blank = Table("pictures without markers", "number", "wrong ids used", "unknown", "misplaced",
+    blank = Table("images without markers", "number", "wrong ids used", "unknown", "misplaced",
                   box=box.SIMPLE_HEAD)  # fmt: skip
     for kind, one in wrong["by_kind"].items():
         blank.add_row(kind, *(str(value) for value in one.values()))
     both = " and ".join(f"{ms:.1f}" for ms in wrong["detect_ms"])
-    blank.caption = f"{both} ms of processor time for a picture, median and p90"
+    blank.caption = f"{both} ms of processor time per image, median and p90"
     total = (
         figures["pictures_without_markers"],
         *(wrong[key] for key in ("used", "unknown_to_the_world", "misplaced")),
     )
     blank.add_row("all", *(str(value) for value in total))
-    blank.add_row("wrong in pictures with markers", "", str(wrong["in_pictures_with_markers"]))
+    blank.add_row("wrong in images with markers", "", str(wrong["in_pictures_with_markers"]))
     return [bins, conditions, blank]
 
 

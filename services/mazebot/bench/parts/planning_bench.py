@@ -54,8 +54,10 @@ class Answer(NamedTuple):
 def main(
     map_file: Annotated[Path | None, typer.Option("--map", help="a MovingAI .map file")] = None,
     scen_file: Annotated[Path | None, typer.Option("--scen", help="its .scen file")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="few questions on small maps")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the figures here")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="few queries on small maps")] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="output file of the figures")
+    ] = None,
 ) -> None:
     """Print the figures."""
     if (map_file is None) != (scen_file is None):
@@ -96,7 +98,9 @@ def on_made_maps(sides: tuple[int, ...], count: int) -> list[Figure]:
             label = f"{kind} {side} x {side}"
             figures += _compared(label, costmap, possible, None)
             taken_ms = [_refused_ms(Planner(_PARAMS), costmap, one) for one in impossible]
-            figures.append(figure(label, "impossible goal", "ms", taken_ms[1:], "none on this map"))
+            figures.append(
+                figure(label, "impossible goal", "ms", taken_ms[1:], "no such goal on this map")
+            )
     return figures
 
 
@@ -172,7 +176,7 @@ def _refused_ms(planner: Planner, costmap: Costmap, asked: Question) -> float:
         planner.plan(costmap, *asked)
     except NavigationError:
         return (time.perf_counter() - begun_s) * 1e3
-    raise AssertionError(f"a path from {asked[0]} to {asked[1]}, which are apart")
+    raise AssertionError(f"a path from {asked[0]} to {asked[1]}, which are not connected")
 
 
 if __name__ == "__main__":

@@ -263,7 +263,9 @@ def main(
     ] = None,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="mazes of each kind")] = 5,
     quick: Annotated[bool, typer.Option("--quick", help="one maze of each kind")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="write the figures here")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="output file of the figures")
+    ] = None,
 ) -> None:
     """Print the figures of each world, and in the mean of each kind."""
     for name in world or ():

@@ -117,8 +117,8 @@ def main() -> int:
             for policy in options.policy.split(","):
                 one = explore(world, seed, policy, options)
                 runs.append(one)
-                said = "; ".join(one.failures()) or "well"
-                console.print(f"{world} {seed} {policy}: {said}", style="dim", highlight=False)
+                verdict = "; ".join(one.failures()) or "ok"
+                console.print(f"{world} {seed} {policy}: {verdict}", style="dim", highlight=False)
                 if options.json is not None:
                     rows = [asdict(run) | {"failures": run.failures()} for run in runs]
                     options.json.write_text(json.dumps(rows, indent=1), encoding="utf-8")
@@ -138,8 +138,8 @@ def explore(world: str, seed: int, policy: str, options: argparse.Namespace) -> 
         settings["physics"] = {key: value for key, value in physics.items() if value}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        told = folder / "settings.yaml"
-        told.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        settings_file = folder / "settings.yaml"
+        settings_file.write_text(yaml.safe_dump(settings), encoding="utf-8")
         out_dir = folder / "run"
         if options.keep is not None:
             out_dir = options.keep / f"{world}_{seed}_{policy}"
@@ -147,7 +147,7 @@ def explore(world: str, seed: int, policy: str, options: argparse.Namespace) -> 
             DemoOptions(
                 world_name=name, seed=seed, out_dir=out_dir, record=options.record,
                 camera=options.camera, overrides=tuple(one.format(seed=seed) for one in overrides),
-                slam=True, settings=told,
+                slam=True, settings=settings_file,
             )
         )  # fmt: skip
         taken_ms = _timed(nodes)

@@ -78,7 +78,7 @@ def wire(repeats: int) -> list[Figure]:
         capture_output=True, text=True, check=False, timeout=_WIRE_DEADLINE_S, cwd=ROOT,
     )  # fmt: skip
     if done.returncode:
-        why = (done.stderr.strip().splitlines() or ["no answer"])[-1]
+        why = (done.stderr.strip().splitlines() or ["no result"])[-1]
         return [missing("wire", "there and back through a router", "ms", why)]
     measured = json.loads(done.stdout.splitlines()[-1])
     return [

@@ -190,9 +190,9 @@ def _start_s(environment: dict[str, str], signs: list[str]) -> list[float]:
             if len(taken_s) == len(signs):
                 break
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=_DEADLINE_S)
+        output, _ = process.communicate(timeout=_DEADLINE_S)
     if len(taken_s) < len(signs):
-        raise RuntimeError(f"mazebot demo did not start: {said.strip().splitlines()[-1:]}")
+        raise RuntimeError(f"mazebot demo did not start: {output.strip().splitlines()[-1:]}")
     return taken_s
 
 

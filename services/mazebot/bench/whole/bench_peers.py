@@ -109,7 +109,7 @@ def _build(world: World, client: int) -> int:
             0.0, shape, seen, [wall.x_m, wall.y_m, half[2]],
             pybullet.getQuaternionFromEuler([0.0, 0.0, wall.yaw_rad]), physicsClientId=client,
         )  # fmt: skip
-    with _silence():
+    with _quiet():
         robot: int = pybullet.loadURDF(
             str(ROOT / "models" / "turtlebot3_waffle" / "model.urdf"),
             [world.start.x_m, world.start.y_m, 0.01],
@@ -120,7 +120,7 @@ def _build(world: World, client: int) -> int:
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
+def _quiet() -> Iterator[None]:
     """PyBullet's C code prints a warning for every link without inertia."""
     sys.stdout.flush()
     kept = os.dup(1)

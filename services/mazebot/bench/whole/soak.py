@@ -116,7 +116,7 @@ class Drive:
         if slope is not None and slope[0] > SLOPE_LIMIT_MB_H:
             faults.append(f"memory grows by {slope[0]:.2f} MB per simulated hour")
         if self.stuck:
-            faults.append(f"no goal has ended for {_NOTHING_NEW_S:g} s of simulation")
+            faults.append(f"no goal finished for {_NOTHING_NEW_S:g} s of simulation")
         return faults
 
 
@@ -170,7 +170,7 @@ def reachable_goals(loaded: LoadedWorld, seed: int) -> Iterator[Planar]:
     here = map_from_grid.inverse() @ loaded.world.start.se2()
     rows, columns = np.nonzero(roomy)
     if not len(rows):
-        raise ValueError(f"world: {loaded.world.name}: has no room to drive in")
+        raise ValueError(f"world: {loaded.world.name}: has no free space to drive in")
     near = np.argmin((columns - here.x_m / side_m) ** 2 + (rows - here.y_m / side_m) ** 2)
     mine = regions[rows, columns] == regions[rows[near], columns[near]]
     rows, columns = rows[mine], columns[mine]
@@ -273,8 +273,8 @@ def _table(done: Drive) -> Table:
             table.add_row("", f"{math.degrees(radians.p95):.2f} deg")
     first, last = done.samples[0].memory_mb, done.samples[-1].memory_mb
     table.add_row("memory at first and last", f"{first:.1f} MB, {last:.1f} MB")
-    told = "too short to tell" if slope is None else f"{slope[0]:+.2f} MB/h over {slope[1]:.2f} h"
-    table.add_row("its slope after warm-up", told)
+    slope_text = "run too short" if slope is None else f"{slope[0]:+.2f} MB/h over {slope[1]:.2f} h"
+    table.add_row("its slope after warm-up", slope_text)
     table.add_row("state hash", done.state_hash)
     return table
 

@@ -36,12 +36,13 @@ def localize(
         bool,
         typer.Option(
             "--global",
-            help="start from nothing; without --map and --log: the robot of a running stack",
+            help="global localization, without a start pose; without --map and --log: for "
+            "the robot of a running stack",
         ),
     ] = False,
     start: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="x, y (m) and yaw (rad) in the map at the log's begin"),
+        typer.Option(help="x, y (m) and yaw (rad) in the map at the start of the log"),
     ] = None,
     draw: Annotated[
         Path | None, typer.Option(help="a PNG of map, trajectory and 95 % ellipses")
@@ -56,7 +57,9 @@ def localize(
     odom_topic: OdomTopic = "/odom",
     timeout_s: Annotated[
         float | None,
-        typer.Option("--timeout", min=0.1, help="seconds to wait for a running robot's pose"),
+        typer.Option(
+            "--timeout", min=0.1, help="timeout in seconds for the pose of a running robot"
+        ),
     ] = None,
     as_json: Json = False,
     connect: Connect = ROUTER,
@@ -81,19 +84,19 @@ def localize(
         raise typer.Exit(find_robot(connect, timeout_s, as_json))
     if map_file is None or log_file is None:
         missing, given = ("--map", "--log") if map_file is None else ("--log", "--map")
-        raise ConfigError(f"{missing}: must be given beside {given}")
+        raise ConfigError(f"{missing}: must be given with {given}")
     if timeout_s is not None:
         raise ConfigError("--timeout: must be given without --map and --log")
     from mazebot.common.world.map_files import read_map  # noqa: PLC0415 - loads images
 
     if everywhere and start is not None:
-        raise ConfigError("--global: start from nothing, or at --start: not both")
+        raise ConfigError("--global: must not be given with --start")
     form = scan_form(angle_min, angle_increment, range_min, range_max)
     chart = read_map(map_file)
     begin = None if start is None else finite_pose("--start", start)
     base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
     if draw is not None and not draw.parent.is_dir():
-        raise ConfigError(f"--draw: {draw}: {draw.parent} is no folder")
+        raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
     fixes = list(run(chart, log, begin, base_from_scan, seed))
     if not fixes:

@@ -58,7 +58,7 @@ def read(path: Path, topics: Topics) -> Log:
     except ConfigError:
         raise
     except (ReaderError, OSError, AssertionError, ValueError, KeyError, RuntimeError) as error:
-        raise ConfigError(f"--log: {path}: is no MCAP file that can be read: {error}") from error
+        raise ConfigError(f"--log: {path}: is not a readable MCAP file: {error}") from error
     odometry = found.odometry or found.transforms
     if not found.scans:
         raise ConfigError(_missing(path, of, topics.scan, _SCAN, "--scan-topic"))
@@ -89,7 +89,7 @@ def _decoded(path: Path, connection: Any, data: bytes) -> Any:
         return msg.TYPESTORE.deserialize_cdr(data, connection.msgtype)
     except Exception as error:
         raise ConfigError(
-            f"--log: {path}: a message on {connection.topic} is damaged: {error}"
+            f"--log: {path}: a message on {connection.topic} is corrupt: {error}"
         ) from error
 
 

@@ -147,7 +147,7 @@ def _readings(where: Where, words: list[str], at: int) -> tuple[NDArray[np.float
         raise where.wrong(f"num_readings: {words[at]!r:.40}: must be 1 to {_MOST_BEAMS}")
     texts = words[at + 1 : at + 1 + int(count)]
     if len(texts) < count:
-        raise where.wrong(f"{len(texts)} readings: must be {int(count)}, as num_readings says")
+        raise where.wrong(f"{len(texts)} readings: must be {int(count)} (num_readings)")
     try:
         return np.array(texts, np.float32), words[at + 1 + int(count) :]
     except ValueError:

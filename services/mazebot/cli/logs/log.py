@@ -109,6 +109,6 @@ class Where:
     path: Path
     line: int = field(default=1)
 
-    def wrong(self, said: str) -> ConfigError:
+    def wrong(self, problem: str) -> ConfigError:
         """The error to raise about this line."""
-        return ConfigError(f"--log: {self.path}:{self.line}: {said}")
+        return ConfigError(f"--log: {self.path}:{self.line}: {problem}")

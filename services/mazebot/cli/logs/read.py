@@ -1,4 +1,4 @@
-"""Reads a recorded log; its content tells which format it has."""
+"""Reads a recorded log; its content determines the format."""
 
 from __future__ import annotations
 
@@ -34,11 +34,12 @@ def read_log(path: Path, form: ScanForm, topics: Topics | None = None) -> Log:
         return _read_bag(path, topics)
     if begin.startswith(_SQLITE):
         raise ConfigError(
-            f"--log: {path}: is one file of rosbag2: must be the folder that holds it"
+            f"--log: {path}: is one file of rosbag2: must be the folder that contains it"
         )
     if begin.startswith(_ROSBAG_1):
         raise ConfigError(
-            f"--log: {path}: is a bag of ROS 1: must be rosbag2's, as rosbags-convert makes of it"
+            f"--log: {path}: is a bag of ROS 1: must be converted to rosbag2, for example "
+            "by rosbags-convert"
         )
     if begin.startswith(_GZIP):
         begin, packed = _unpacked(path, begin), True
@@ -70,7 +71,7 @@ def _unpacked(path: Path, begin: bytes) -> bytes:
     try:
         return zlib.decompressobj(wbits=31).decompress(begin, _BEGIN_BYTES)
     except zlib.error as error:
-        raise ConfigError(f"--log: {path}: is a damaged gzip file") from error
+        raise ConfigError(f"--log: {path}: is a corrupt gzip file") from error
 
 
 def _lines(path: Path, file: IO[bytes]) -> Iterator[str]:
@@ -78,6 +79,6 @@ def _lines(path: Path, file: IO[bytes]) -> Iterator[str]:
         for line in file:
             yield line.decode("utf-8", "replace")
     except EOFError as error:
-        raise ConfigError(f"--log: {path}: is a gzip file that is cut short") from error
+        raise ConfigError(f"--log: {path}: is a truncated gzip file") from error
     except (OSError, zlib.error) as error:
-        raise ConfigError(f"--log: {path}: cannot be read to its end: {error}") from error
+        raise ConfigError(f"--log: {path}: cannot be read completely: {error}") from error

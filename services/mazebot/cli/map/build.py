@@ -49,7 +49,7 @@ def build(
         Path | None,
         typer.Option(
             help="known relations of poses, timestamp1 timestamp2 x y z roll pitch yaw: print the "
-            "trajectory's error by them"
+            "trajectory's error against them"
         ),
     ] = None,
     params: Annotated[
@@ -73,7 +73,7 @@ def build(
     base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
     _check_folder(out)
     if draw is not None and not draw.parent.is_dir():
-        raise ConfigError(f"--draw: {draw}: {draw.parent} is no folder")
+        raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     known = None if relations is None else read_relations(relations)
     slam_params = _params(params)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
@@ -118,7 +118,7 @@ def _check_folder(out: Path) -> None:
     """Raises ConfigError where no files can be written: before the work, not after it."""
     there = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists())
     if not there.is_dir():
-        raise ConfigError(f"--out: {out}: must be a folder, or a new one in one")
+        raise ConfigError(f"--out: {out}: must be a folder, or a new folder in an existing one")
     if not os.access(there, os.W_OK):
         raise ConfigError(f"--out: {out}: cannot be written: Permission denied")
 

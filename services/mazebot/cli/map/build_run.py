@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mazebot.mapping.params import SlamParams
     from mazebot.mapping.slam import Slam
 
-_TOLD_EVERY = 50
+_PROGRESS_EVERY = 50
 
 
 @dataclass(frozen=True)
@@ -99,9 +99,10 @@ def run(
     log: Log,
     params: SlamParams,
     base_from_scan: SE2 | None = None,
-    told: Callable[[int, int, Slam], None] = lambda *_: None,
+    on_progress: Callable[[int, int, Slam], None] = lambda *_: None,
 ) -> Built:
-    """Map a log; `told` hears of the scans done, of all scans, and the state, now and then.
+    """Map a log; `on_progress` is called now and then with the numbers of scans done and of
+    all scans, and the state.
 
     Raises ConfigError where no scan could be used.
     """
@@ -128,8 +129,8 @@ def run(
             stamps_ns.append(step.stamp_ns)
             anchors.append(slam.anchor())
         done += 1
-        if done % _TOLD_EVERY == 0:
-            told(done, scans, slam)
+        if done % _PROGRESS_EVERY == 0:
+            on_progress(done, scans, slam)
     if not stamps_ns:
         raise ConfigError("--log: has no scan with odometry at its time")
     graph = slam.document(stamps_ns[-1])

@@ -103,7 +103,8 @@ def relation_errors(times_s: Array, poses: Array, relations: Relations) -> Relat
     used = int(within.sum())
     if used < 2:
         raise ConfigError(
-            f"--relations: {used} of {len(within)} lie in the log's time, {times_s[0]:.3f} to "
+            f"--relations: {used} of {len(within)} are within the time of the log, "
+            f"{times_s[0]:.3f} to "
             f"{times_s[-1]:.3f} s: must be at least 2"
         )
     a = _at(times_s, poses, relations.from_s[within])

@@ -77,7 +77,7 @@ def _content(file: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: must be a text in UTF-8") from error
+        raise ConfigError(f"{file}: must be UTF-8 text") from error
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{file}: must have at most {MAX_BYTES} bytes")
     # OpenCV starts its files with a directive that YAML does not know: %YAML:1.0
@@ -85,9 +85,9 @@ def _content(file: Path) -> Mapping[str, Any]:
     try:
         content = yaml.load(f"\n{rest}" if head.startswith("%YAML") else text, _Loader)
     except yaml.YAMLError as error:
-        line, said = line_and_words(error)
+        line, reason = line_and_words(error)
         place = f"{file}:{line}" if line else str(file)
-        raise ConfigError(f"{place}: not YAML: {said}") from error
+        raise ConfigError(f"{place}: not YAML: {reason}") from error
     except (RecursionError, ValueError) as error:
         raise ConfigError(f"{file}: not YAML: {error!s:.120}") from error
     if not isinstance(content, dict):
@@ -100,7 +100,7 @@ def _side(file: Path, content: Mapping[str, Any], key: str) -> int:
         raise ConfigError(f"{file}: {key}: is missing")
     value = content[key]
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 100_000:
-        raise ConfigError(f"{file}: {key}: {value!r:.40}: must be a whole number of pixels")
+        raise ConfigError(f"{file}: {key}: {value!r:.40}: must be an integer number of pixels")
     return value
 
 

@@ -15,7 +15,7 @@ from mazebot.common.messages.documents import DICTIONARY_FILES
 
 KINDS = ("panel", "cube")
 
-app = App(help="Make models of ArUco markers, and detect markers in pictures.")
+app = App(help="Make models of ArUco markers, and detect markers in images.")
 
 
 @app.command()
@@ -70,11 +70,11 @@ def detect(
     ] = 0.3,
     draw: Annotated[
         Path | None,
-        typer.Option(help="draw outlines, ids and axes in this picture; a folder for several"),
+        typer.Option(help="draw outlines, ids and axes in this image; a folder for several images"),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find the markers in pictures: ids, corners and, with a camera, poses in its optical frame."""
+    """Detect the markers in images: ids, corners and, with a camera, poses in its optical frame."""
     from mazebot.cli.markers.markers_detect import detect_markers  # noqa: PLC0415 - loads OpenCV
 
     detect_markers(images, dictionary, camera, size_m, corner_sigma_px, as_json, draw)

@@ -73,7 +73,7 @@ def detect_markers(
         height, width = picture.shape[:2]
         if camera is not None and (width, height) != (camera.width_px, camera.height_px):
             raise ConfigError(
-                f"--camera: {camera_file}: is for pictures of {camera.width_px} x "
+                f"--camera: {camera_file}: is for images of {camera.width_px} x "
                 f"{camera.height_px}: {file} has {width} x {height}"
             )
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
@@ -108,7 +108,7 @@ def read_book(dictionary: str) -> cv2.aruco.Dictionary:
         )
         names = dict.fromkeys(by_name[one] for one in near)
         hint = f"did you mean {', '.join(names)}?" if names else _families()
-        raise ConfigError(f"--dictionary: {dictionary!r:.60}: OpenCV has none of this name: {hint}")
+        raise ConfigError(f"--dictionary: {dictionary!r:.60}: unknown to OpenCV: {hint}")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
@@ -137,9 +137,9 @@ def _outputs(images: Sequence[Path], draw: Path | None) -> list[Path]:
         names = [file.with_suffix(".png").name for file in images]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise ConfigError(f"--draw: {draw}: two of the pictures would be {twice} there")
+            raise ConfigError(f"--draw: {draw}: two of the images would be written to {twice}")
         if draw.suffix.lower() in PICTURE_FILES or (draw.exists() and not draw.is_dir()):
-            raise ConfigError(f"--draw: {draw}: must be a folder for several pictures")
+            raise ConfigError(f"--draw: {draw}: must be a folder for several images")
         return [draw / name for name in names]
     if draw.suffix.lower() not in PICTURE_FILES:
         raise ConfigError(f"--draw: {draw}: must end in {', '.join(PICTURE_FILES)}")
@@ -167,11 +167,11 @@ def _read_picture(file: Path) -> Picture:
                 upright = ImageOps.exif_transpose(opened_picture)
                 rgb = _eight_bits(upright)
     except UnidentifiedImageError as error:
-        raise ConfigError(f"{file}: is no picture: must be {', '.join(FORMATS)}") from error
+        raise ConfigError(f"{file}: is not an image: must be {', '.join(FORMATS)}") from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise ConfigError(f"{file}: has too many pixels") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:
-        raise ConfigError(f"{file}: is damaged: {error!s:.80}") from error
+        raise ConfigError(f"{file}: is corrupt: {error!s:.80}") from error
     return np.ascontiguousarray(rgb[..., ::-1])
 
 
@@ -241,7 +241,7 @@ def _pose_words(marker: PhotoMarker) -> str:
     sigma_x, sigma_y, sigma_z = np.sqrt(np.diagonal(best.covariance)[:3]).tolist()
     range_m = float(np.linalg.norm(place))
     angle_deg = math.degrees(math.acos(min(max(-float(normal @ place) / range_m, -1.0), 1.0)))
-    sure = "one pose only"
+    sure = "only one pose"
     if marker.ambiguity is not None:
         sure = f"ambiguity {marker.ambiguity:.1f}"
         sure += " (either of two poses)" if marker.ambiguity < 2.0 else ""

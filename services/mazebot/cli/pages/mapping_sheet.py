@@ -62,7 +62,7 @@ _PLOT_PX, _PLOT_MARGIN_PX = (1052, 420), 56
 
 @dataclass(frozen=True, eq=False)
 class Explored:
-    """What was told during one exploration."""
+    """The messages of one exploration."""
 
     world: World
     maps: list[msg.OccupancyGrid]
@@ -101,7 +101,7 @@ def _followed(session: Session) -> Explored:
     ):
         while not statuses or statuses[-1].state not in ("complete", "failed"):
             if session.now_s > _MOST_S:
-                raise TimeoutError(f"the exploration does not end within {_MOST_S:g} s")
+                raise TimeoutError(f"exploration timed out after {_MOST_S:g} s")
             session.run_for(1.0)
         world, graph = session.latest(WORLD), session.latest(POSE_GRAPH)
     if world is None or graph is None:

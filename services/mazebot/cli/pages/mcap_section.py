@@ -14,12 +14,13 @@ MCAP_SECTION = f"""
 ## {MESSAGES}
 
 Every message that the recorder received, in the order in which they were sent; `recorded` in
-`{SUMMARY}` counts them by topic. What the recorder itself says on `/evaluation` is in `{SUMMARY}`.
+`{SUMMARY}` counts them by topic. What the recorder itself publishes on `/evaluation` is in
+`{SUMMARY}`.
 
 | part | what |
 | --- | --- |
 | profile | `ros2`: schemas `ros2msg` with all definitions that a type needs, messages as CDR |
-| log time | simulation time of sending, in ns; of a sender that does not tell it, of receiving |
+| log time | simulation time of sending, in ns; of receiving if the sender does not provide it |
 | publish time | simulation time of sending, in ns |
 | sequence | number of the message at its source, on its topic |
 | channel | one for each topic, publisher and world. Metadata: `{SOURCE}` (the publisher), \
@@ -40,8 +41,8 @@ the channel's metadata, and with `pictures: raw` as they were. Only then a repla
 the same to the last bit. Depth images are always as they were.
 
 What is written can be read at any time. A chunk is written every 0.4 s, so a killed recorder loses
-at most 0.5 s; its successor goes on in the same file, or gives it its end. A full disk is told of
-in `/diagnostics` within 1 s, and the recording goes on when there is room.
+at most 0.5 s; its successor continues the same file, or completes it. A full disk is reported in
+`/diagnostics` within 1 s, and the recording continues when there is space.
 
 ### Open it
 

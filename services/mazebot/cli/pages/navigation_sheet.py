@@ -69,7 +69,7 @@ _MOST_S = 30.0
 
 @dataclass(frozen=True)
 class Scene:
-    """What was told at one moment of the drive."""
+    """The messages at one moment of the drive."""
 
     truth: SE2
     estimate: SE2
@@ -170,7 +170,7 @@ def _run_until(session: Session, done: Callable[[], bool]) -> None:
     end_s = session.now_s + _MOST_S
     while not done():
         if session.now_s > end_s:
-            raise TimeoutError(f"the drive is not as expected after {_MOST_S:g} s")
+            raise TimeoutError(f"the drive timed out after {_MOST_S:g} s")
         session.run_for(0.05)
 
 
@@ -191,25 +191,25 @@ def _scene(session: Session, frames: Sequence[msg.TFMessage]) -> Scene:
     turn = of_odom.rotation
     return Scene(
         truth=session.ground_truth(),
-        estimate=msg.se2_from_pose(_told(session, AMCL_POSE).pose.pose),
+        estimate=msg.se2_from_pose(_latest(session, AMCL_POSE).pose.pose),
         map_from_odom=SE2(
             of_odom.translation.x, of_odom.translation.y, 2.0 * math.atan2(turn.z, turn.w)
         ),
-        chart=_told(session, MAP),
-        global_costmap=_told(session, GLOBAL_COSTMAP),
-        local_costmap=_told(session, LOCAL_COSTMAP),
-        cloud=_told(session, PARTICLE_CLOUD),
-        scan=_told(session, SCAN),
-        plan=_told(session, PLAN),
-        rollouts=_told(session, TRAJECTORIES),
-        tree=_told(session, BEHAVIOR_TREE),
+        chart=_latest(session, MAP),
+        global_costmap=_latest(session, GLOBAL_COSTMAP),
+        local_costmap=_latest(session, LOCAL_COSTMAP),
+        cloud=_latest(session, PARTICLE_CLOUD),
+        scan=_latest(session, SCAN),
+        plan=_latest(session, PLAN),
+        rollouts=_latest(session, TRAJECTORIES),
+        tree=_latest(session, BEHAVIOR_TREE),
     )
 
 
-def _told(session: Session, topic: Topic[M]) -> M:
+def _latest(session: Session, topic: Topic[M]) -> M:
     message = session.latest(topic)
     if message is None:
-        raise RuntimeError(f"{topic.name}: nothing was published")
+        raise RuntimeError(f"{topic.name}: no message received")
     return message
 
 
@@ -291,7 +291,7 @@ def pictures() -> dict[str, Picture]:
     small_px, large_px = _PANEL_PX / 50.0, 16.0
     tree = tree_panel("behaviour: the tree", scene.tree, small_px)
     follows = tree_panel("the path is followed", scene.tree, large_px)
-    waits = tree_panel("the way is shut", shut(), large_px)
+    waits = tree_panel("the way is blocked", shut(), large_px)
     return {
         "navigation.png": stacked(
             beside(localisation_panel(scene), planning), beside(control, tree)

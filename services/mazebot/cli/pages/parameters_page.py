@@ -56,7 +56,7 @@ UNITS = {
 }
 """Suffixes of field names and their units, longer suffixes first."""
 
-_TOLD = re.compile(r"(m/s2|rad/s2|m/s|rad/s|1/m|m|rad|s)(?:; |$)")
+_UNIT = re.compile(r"(m/s2|rad/s2|m/s|rad/s|1/m|m|rad|s)(?:; |$)")
 """A unit at the start of a description: names taken from Nav2 contain none."""
 
 _HEAD = """# Parameters
@@ -133,9 +133,9 @@ def unit_and_meaning(name: str, description: str) -> tuple[str, str]:
 
     The unit is "" where there is none.
     """
-    told = _TOLD.match(description)
-    if told:
-        return told[1].replace("s2", "s²"), description[told.end() :]
+    match = _UNIT.match(description)
+    if match:
+        return match[1].replace("s2", "s²"), description[match.end() :]
     for ending, unit in UNITS.items():
         if name.endswith(f"_{ending}"):
             return unit, description

@@ -15,7 +15,7 @@ Generated from `services/mazebot/worldgen/recipe_model.py` by `make generate`; d
 How worlds are made and used: [worlds.md](worlds.md).
 
 A recipe is a YAML file in `worlds/`. Everything is in the frame `map`: metres, radians, x and y on
-the floor, z up. Unknown fields and non-finite numbers are refused. A field without a default is
+the floor, z up. Unknown fields and non-finite numbers are rejected. A field without a default is
 required.
 """
 

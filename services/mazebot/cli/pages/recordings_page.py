@@ -102,37 +102,38 @@ _COMMANDS = (
     (
         "list",
         "lists the runs, newest first; `--world`, `--tag`, `--failed`, `--since 7d` choose some, "
-        "`--sort error` sorts them. A summary that cannot be read is told of in its row",
+        "`--sort error` sorts them. A summary that cannot be read is reported in its row",
     ),
     ("info RUN", "prints the figures of a run, its changed settings and its files"),
     ("view RUN", "shows a run in the browser, by default the newest one"),
     (
         "report RUN...",
         f"writes `{REPORT}` and `{THUMBNAIL}` again: of a run without a recording, of one that "
-        "goes on, or of one whose recorder was killed",
+        "is in progress, or of one whose recorder was killed",
     ),
     (
         "compare RUN RUN...",
         "prints the settings that differ, the figures of each run with their differences from the "
-        "first one's, and what [`mazebot diff`](simulation.md) says of their messages",
+        "first one's, and the result of [`mazebot diff`](simulation.md) for their messages",
     ),
     (
         "export --out FILE",
-        "writes one table of all runs as Parquet, CSV or JSON: a row a run, nested names joined by "
+        "writes one table of all runs as Parquet, CSV or JSON: one row per run, nested "
+        "names joined by "
         "dots (`localisation_error_m.p95`, `settings.navigation.controller`); with `--goals` a row "
         "a goal",
     ),
     (
         "prune",
         "deletes the runs beyond `--keep-days`, `--keep-gb` and `--keep-last`, after asking; "
-        f"`--dry-run` only names them. A run that has not ended, or with the tag `{KEEP}`, stays. "
+        f"`--dry-run` only lists them. A run that has not ended, or with the tag `{KEEP}`, stays. "
         "The recorder does the same by itself with `keep_days` and `keep_gib` "
         "([parameters](parameters.md))",
     ),
     (
         "repair [RUN]",
-        "makes the recordings of killed recorders whole, as the next recorder would; of a named "
-        "run also messages that are cut off, as when copying them was broken off",
+        "repairs the recordings of killed recorders, as the next recorder would; of a named "
+        "run also truncated messages, for example by an interrupted copy",
     ),
     (
         "tag RUN TAG...",
@@ -172,7 +173,7 @@ _TABS = (
     ),
     ("Behavior tree", "the tree that runs, each node marked with its newest answer"),
     ("Camera, Depth", "the camera's images; detected markers are outlined"),
-    ("Events", "what one may want to jump to: goals, contacts, recoveries, new markers, faults"),
+    ("Events", "events to jump to: goals, contacts, recoveries, new markers, faults"),
     ("Log", "each line of `/rosout` and each change of `/diagnostics`"),
     ("States", "the state of each service, of localisation and of navigation over time"),
     (
@@ -222,26 +223,26 @@ def recordings_page() -> str:
     commands = [f"| `mazebot recordings {name}` | {about} |\n" for name, about in _COMMANDS]
     tabs = [f"| {name} | {about} |\n" for name, about in _TABS]
     rows = (f"| `{name}` | `{kind}` | {about} |\n" for name, kind, about in ROW_FIELDS)
-    told: set[str] = set()
+    documented: set[str] = set()
     return "".join(
         [
             *(_HEAD, *files, _VIEWER, *commands, _IN_THE_VIEWER, *tabs),
-            *(_FIELDS, *_document("The run", RunSummary, told)),
-            *(_SERIES, *_document("The run over time", RunSeries, told)),
-            *(_LABELS, *_document("Tags and note", Labels, told)),
+            *(_FIELDS, *_document("The run", RunSummary, documented)),
+            *(_SERIES, *_document("The run over time", RunSeries, documented)),
+            *(_LABELS, *_document("Tags and note", Labels, documented)),
             *(MCAP_SECTION, _DIGESTS, *rows),
         ]
     )
 
 
-def _document(title: str, model: type[Document], told: set[str]) -> Iterator[str]:
-    """The fields of a document, and of those in it that are not yet told of."""
+def _document(title: str, model: type[Document], documented: set[str]) -> Iterator[str]:
+    """The fields of a document, and of those in it that are not yet documented."""
     schema: dict[str, Any] = model.model_json_schema()
     definitions: dict[str, Any] = schema.get("$defs", {})
     yield from _section(title, schema)
     for name in _in_use(schema, definitions):
-        if name not in told and definitions[name].get("properties"):
-            told.add(name)
+        if name not in documented and definitions[name].get("properties"):
+            documented.add(name)
             yield from _section(_title(name), definitions[name])
 
 
@@ -304,7 +305,7 @@ def _kind(field: dict[str, Any]) -> str:
         case "number":
             return "number"
         case "integer":
-            return "whole number"
+            return "integer"
         case "boolean":
             return "`true`, `false`"
         case "null":

@@ -75,7 +75,7 @@ def kind_in_words(field: dict[str, Any], definitions: dict[str, Any]) -> str:
         case "number":
             return "number" + _bounds(field)
         case "integer":
-            return "whole number" + _bounds(field)
+            return "integer" + _bounds(field)
         case "boolean":
             return "`true`, `false`"
         case _:

@@ -48,7 +48,7 @@ def worlds_sheet() -> Picture:
     """(height, width, 3) RGB: the plan of each world above its image, four worlds a row."""
     renderer = make_renderer("auto", Intrinsics.from_horizontal_fov(400, 240, 1.3))
     if renderer is None:
-        raise RuntimeError("there is no renderer")
+        raise RuntimeError("no renderer is available")
     cells = []
     for name, map_from_camera in WORLDS.items():
         loaded = load_world(name)

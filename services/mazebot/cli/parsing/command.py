@@ -51,8 +51,8 @@ class Command(TyperCommand):
             values = [waiting.pop() for _ in range(count) if waiting]
             if len(values) < count:
                 many = f"{count} values" if count > 1 else "a value"
-                said = f"{' '.join(values)!r}: " if values else ""
-                raise ConfigError(f"{word}: {said}must be followed by {many}")
+                given = f"{' '.join(values)!r}: " if values else ""
+                raise ConfigError(f"{word}: {given}must be followed by {many}")
             if "" in values or (equals and name in takes and not value):
                 raise ConfigError(f"{name}: '': must not be empty")
             options += [word, *values]
@@ -83,8 +83,8 @@ def overview(context: typer.Context) -> None:
 
 def in_one_line(error: Exception) -> str:
     """The text of a UsageMistake: the option or argument, its value, and what is allowed."""
-    said: Any = error
-    param, context = getattr(said, "param", None), said.ctx
+    mistake: Any = error
+    param, context = getattr(mistake, "param", None), mistake.ctx
     if param is not None and isinstance(error.__cause__, ValidationError):
         first = error.__cause__.errors()[0]
         text = must(first["msg"])
@@ -93,7 +93,7 @@ def in_one_line(error: Exception) -> str:
         is_option = param.param_type_name == "option"
         name = param.opts[0] if is_option else param.metavar or param.human_readable_name
         return f"{name.strip('[]')}: {first['input']!r:.80}: {text}"
-    text = str(said.format_message()).rstrip(".")
+    text = str(mistake.format_message()).rstrip(".")
     if context is None:
         return text
     commands = getattr(context.command, "commands", {})

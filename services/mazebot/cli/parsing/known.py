@@ -50,10 +50,10 @@ def check_not_for_make(given: Collection[str]) -> None:
         if name == "PACE":
             if value == "lockstep":
                 continue
-            must = "a run in one process is always in lockstep, as fast as possible"
+            must = "a run in one process always runs in lockstep, as fast as possible"
         else:
             must = f"must be given as {instead.format(value, value)}"
-        raise ConfigError(f"{name}: {value!r:.60}: only make and Compose read it: {must}")
+        raise ConfigError(f"{name}: {value!r:.60}: only used by make and Compose: {must}")
 
 
 def fields_of_all() -> dict[str, Collection[str]]:

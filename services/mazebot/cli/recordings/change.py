@@ -56,11 +56,12 @@ def export_table(runs: Sequence[RecordingInfo], out: Path, goals: bool, as_json:
 def prune_runs(directory: Path, kept: Kept, dry_run: bool, yes: bool, as_json: bool) -> None:
     """Delete the runs beyond what is to be kept, after asking.
 
-    Raises ConfigError where nothing is said of what to keep, or nobody can be asked.
+    Raises ConfigError where no limit is given, or there is no terminal for the confirmation.
     """
     if kept.is_all:
         raise ConfigError(
-            "recordings prune: --keep-days, --keep-gb or --keep-last: must be given: else all stay"
+            "recordings prune: --keep-days, --keep-gb or --keep-last: must be given: "
+            "otherwise nothing is deleted"
         )
     runs = list_recordings(directory)
     doomed = to_delete(runs, kept, datetime.now())  # noqa: DTZ005 - local, as folders are named
@@ -74,13 +75,16 @@ def prune_runs(directory: Path, kept: Kept, dry_run: bool, yes: bool, as_json: b
             [(run.name, run.world, size_text(run.size_bytes)) for run in doomed],
             right=("size MB",),
         )
-        said = f"{len(doomed)} of {len(runs)} runs, {size_text(size_bytes)} MB"
-        sys.stdout.write(f"{'would delete' if dry_run else 'to delete'}: {said}\n")
+        size_line = f"{len(doomed)} of {len(runs)} runs, {size_text(size_bytes)} MB"
+        sys.stdout.write(f"{'would delete' if dry_run else 'to delete'}: {size_line}\n")
     problems = []
     if not dry_run and doomed:
         if not yes:
             if as_json or not sys.stdin.isatty():
-                raise ConfigError("recordings prune: --yes: must be given where nobody is asked")
+                raise ConfigError(
+                    "recordings prune: --yes: must be given if there is no terminal for the "
+                    "question"
+                )
             typer.confirm("delete them?", abort=True)
         delete_rest(directory)
         for run in doomed:
@@ -108,8 +112,8 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
         if run.state == "running":
             raise ConfigError(f"recordings repair: {run.path}: is being recorded; stop it first")
         if run.state == "ended" and not _cut_off(run.path):
-            raise ConfigError(f"recordings repair: {run.path}: has ended properly: must be a run "
-                              "whose recorder was killed, or that is cut off")  # fmt: skip
+            raise ConfigError(f"recordings repair: {run.path}: is complete: must be a run "
+                              "whose recorder was killed, or that is truncated")  # fmt: skip
         # As a killed recorder leaves it.
         (run.path / LOCK).touch()
         directory, only = run.path.parent, run.path
@@ -128,8 +132,8 @@ def repair_runs(directory: Path, name: str | None, as_json: bool) -> None:
     elif not found:
         sys.stdout.write(f"nothing to repair in {directory}\n")
     else:
-        sys.stdout.write("".join(f"{folder}: whole again\n" for folder in whole))
-    problems = [f"{', '.join(waiting)}: no room, or in use"] if waiting else []
+        sys.stdout.write("".join(f"{folder}: repaired\n" for folder in whole))
+    problems = [f"{', '.join(waiting)}: no space, or in use"] if waiting else []
     if repair.unreadable:
         problems.append(f"{', '.join(map(str, repair.unreadable))}: cannot be read, left as it is")
     if problems:

@@ -32,7 +32,7 @@ def compress_runs(directory: Path, names: list[str], as_json: bool) -> int:
             row |= done._asdict()
             if not as_json:
                 sizes = f"{done.before_bytes / 1e6:.1f} MB -> {done.after_bytes / 1e6:.1f} MB"
-                sys.stdout.write(f"{folder.name}: {sizes if done.files else 'no pictures'}\n")
+                sys.stdout.write(f"{folder.name}: {sizes if done.files else 'no images'}\n")
         rows.append(row)
     if as_json:
         print_json(rows)

@@ -13,7 +13,7 @@ from mazebot.cli.parsing.options import Json
 from mazebot.cli.recordings.selection import SortKey, chosen_runs, folder_of
 from mazebot.recorder.config import LayoutName
 
-app = App(help="List, view, compare, export and tidy up the recordings of runs.")
+app = App(help="List, view, compare, export and clean up the recordings of runs.")
 
 RecordingsDir = Annotated[
     Path | None, typer.Option("--dir", help="folder of recordings [default: ./recordings]")
@@ -46,24 +46,24 @@ def list_runs(
     tag: _Tags = None,
     failed: _Failed = False,
     since: _Since = None,
-    sort: Annotated[SortKey, typer.Option(help="by what to sort")] = "started",
-    reverse: Annotated[bool, typer.Option("--reverse", help="sort the other way round")] = False,
+    sort: Annotated[SortKey, typer.Option(help="sort by this")] = "started",
+    reverse: Annotated[bool, typer.Option("--reverse", help="reverse the order")] = False,
     as_json: Json = False,
 ) -> None:
     """List the runs, newest first."""
-    from mazebot.cli.recordings.tell import tell_runs  # noqa: PLC0415
+    from mazebot.cli.recordings.tell import print_runs  # noqa: PLC0415
 
     folder = folder_of(directory)
     runs = chosen_runs(folder, world, tag or (), failed, since, sort, reverse)
-    tell_runs(folder, runs, as_json)
+    print_runs(folder, runs, as_json)
 
 
 @app.command()
 def info(name: RunName, directory: RecordingsDir = None, as_json: Json = False) -> None:
-    """Print what is known of a run: figures, settings that were changed, files."""
-    from mazebot.cli.recordings.tell import tell_run  # noqa: PLC0415
+    """Print the information about a run: figures, changed settings, files."""
+    from mazebot.cli.recordings.tell import print_run  # noqa: PLC0415
 
-    tell_run(folder_of(directory), name, as_json)
+    print_run(folder_of(directory), name, as_json)
 
 
 @app.command()
@@ -102,7 +102,7 @@ def compress(
     directory: RecordingsDir = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Make videos of the pictures of runs."""
+    """Compress the images of runs to videos."""
     from mazebot.cli.recordings.compress import compress_runs  # noqa: PLC0415
 
     raise typer.Exit(compress_runs(folder_of(directory), names or [], as_json))
@@ -130,34 +130,36 @@ def compare(
     names: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN RUN...", help="the first is what the others are compared with",
+            metavar="RUN RUN...", help="the others are compared with the first",
             autocompletion=run_names,
         ),
     ],
     directory: RecordingsDir = None,
     messages: Annotated[
-        bool, typer.Option("--messages/--no-messages", help="say where their messages differ")
+        bool, typer.Option("--messages/--no-messages", help="report where their messages differ")
     ] = True,
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Compare runs: the settings that differ, the figures, and the messages as `mazebot diff`."""
-    from mazebot.cli.recordings.tell import tell_comparison  # noqa: PLC0415
+    from mazebot.cli.recordings.tell import print_comparison  # noqa: PLC0415
 
-    tell_comparison(folder_of(directory), names, messages, as_json)
+    print_comparison(folder_of(directory), names, messages, as_json)
 
 
 @app.command()
 def export(
     out: Annotated[Path, typer.Option(help="a file *.parquet, *.csv or *.json")],
     directory: RecordingsDir = None,
-    goals: Annotated[bool, typer.Option("--goals", help="a row a goal, not a run")] = False,
+    goals: Annotated[
+        bool, typer.Option("--goals", help="one row per goal instead of per run")
+    ] = False,
     world: _World = None,
     tag: _Tags = None,
     failed: _Failed = False,
     since: _Since = None,
     as_json: Json = False,
 ) -> None:
-    """Write one table of all runs, a row a run: figures, versions and changed settings."""
+    """Write one table of all runs, one row per run: figures, versions and changed settings."""
     from mazebot.cli.recordings.change import export_table  # noqa: PLC0415
 
     runs = chosen_runs(folder_of(directory), world, tag or (), failed, since)
@@ -172,14 +174,18 @@ def prune(
     ] = None,
     keep_gb: Annotated[
         float | None,
-        typer.Option(min=0.0, help="delete the oldest until all take no more than so many GiB"),
+        typer.Option(min=0.0, help="delete the oldest until the total size is at most this, GiB"),
     ] = None,
     keep_last: Annotated[
         int | None,
-        typer.Option(min=0, help="the newest so many stay in any case; alone: all others go"),
+        typer.Option(
+            min=0, help="keep this number of newest runs in any case; alone: delete all others"
+        ),
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would go")] = False,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="do not ask")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="only list what would be deleted")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="do not ask for confirmation")] = False,
     as_json: Json = False,
 ) -> None:
     """Delete old runs; never one with the tag `keep`, nor one that has not ended."""
@@ -202,7 +208,7 @@ def repair(
     directory: RecordingsDir = None,
     as_json: Json = False,
 ) -> None:  # fmt: skip
-    """Make the recordings of killed recorders whole, as the next recorder would."""
+    """Repair the recordings of killed recorders, as the next recorder would."""
     from mazebot.cli.recordings.change import repair_runs  # noqa: PLC0415
 
     repair_runs(folder_of(directory), name, as_json)

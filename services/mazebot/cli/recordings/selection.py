@@ -82,5 +82,7 @@ def time_of(text: str, now: datetime) -> datetime:
         moment = datetime.fromisoformat(text)
         return moment.astimezone().replace(tzinfo=None) if moment.tzinfo else moment
     except (ValueError, OverflowError) as error:
-        said = "must be a date such as 2026-11-20 or 2026-11-20T14:30, or an age such as 7d or 12h"
-        raise ConfigError(f"--since: {text!r:.80}: {said}") from error
+        expected = (
+            "must be a date such as 2026-11-20 or 2026-11-20T14:30, or an age such as 7d or 12h"
+        )
+        raise ConfigError(f"--since: {text!r:.80}: {expected}") from error

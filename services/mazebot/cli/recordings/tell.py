@@ -18,13 +18,13 @@ _STATES = {"ended": "", "running": "running", "interrupted": "interrupted"}
 _MOST_TEXT = 60
 
 
-def tell_runs(directory: Path, runs: Sequence[RecordingInfo], as_json: bool) -> None:
+def print_runs(directory: Path, runs: Sequence[RecordingInfo], as_json: bool) -> None:
     """Print runs, one a line."""
     if as_json:
         print_json([info_row(run) for run in runs])
         return
     if not runs:
-        sys.stdout.write(f"no recordings in {directory}; `make demo` makes one\n")
+        sys.stdout.write(f"no recordings in {directory}; `make demo` creates one\n")
         return
     headings = (
         "name",
@@ -54,7 +54,7 @@ def tell_runs(directory: Path, runs: Sequence[RecordingInfo], as_json: bool) -> 
     print_table(headings, rows, right=("goals", "simulated s", "error m", "size MB"))
 
 
-def tell_run(directory: Path, name: str, as_json: bool) -> None:
+def print_run(directory: Path, name: str, as_json: bool) -> None:
     """Print what is known of a run. Raises ConfigError where there is no such run."""
     run = find_run("recordings info", directory, name)
     try:
@@ -90,7 +90,7 @@ def tell_run(directory: Path, name: str, as_json: bool) -> None:
     sys.stdout.write("".join(f"{title.ljust(width)}  {text}\n" for title, text in lines))
 
 
-def tell_comparison(directory: Path, names: Sequence[str], messages: bool, as_json: bool) -> None:
+def print_comparison(directory: Path, names: Sequence[str], messages: bool, as_json: bool) -> None:
     """Print the differences of runs from the first one.
 
     Raises ConfigError where there are fewer than two, one is no run, or a file cannot be read.

@@ -24,7 +24,9 @@ def view_run(
     """
     run = find_run("recordings view", directory, name or LATEST, RECORDING)
     if run.recording is None:
-        raise ConfigError(f"recordings view: {run.path}: has no {RECORDING}: nothing was recorded")
+        raise ConfigError(
+            f"recordings view: {run.path}: has no {RECORDING}: it was run without recording"
+        )
     recording = run.recording
     # These load Rerun.
     from mazebot.recorder.drawing.layouts.layout_file import shown_in_layout  # noqa: PLC0415
@@ -37,8 +39,8 @@ def view_run(
         page = WebPage("127.0.0.1", web_port, recording=parts)
         url = f"http://localhost:{web_port}"
         opened = open_browser and _opened(url)
-        told = f"opened {url} in your browser" if opened else f"open {url} in a browser"
-        sys.stdout.write(f"{recording}: {told} (Ctrl-C ends)\n")
+        status = f"opened {url} in your browser" if opened else f"open {url} in a browser"
+        sys.stdout.write(f"{recording}: {status} (Ctrl-C to stop)\n")
         sys.stdout.flush()
         try:
             threading.Event().wait()

@@ -25,13 +25,14 @@ def replay(
     service: Annotated[
         str | None,
         typer.Option(
-            help="run this service in this process against the recording, and print what differs",
+            help="run this service in this process on the recording, and print the differences",
             autocompletion=service_names,
         ),
     ] = None,
     speed: Annotated[
         float,
-        typer.Option(min=0.0, max=1000.0, help="simulated seconds a second; 0: as fast as it can"),
+        typer.Option(min=0.0, max=1000.0, help="simulated seconds a second; 0: as fast as "
+                                               "possible"),
     ] = 1.0,
     only: Annotated[
         list[str] | None,
@@ -42,29 +43,34 @@ def replay(
     without: Annotated[
         list[str] | None,
         typer.Option(
-            help="leave out what this service sent: one that runs takes its place; repeatable",
+            help="leave out the messages of this service: a running one takes its place; "
+                 "repeatable",
             autocompletion=service_names,
         ),
     ] = None,
     start_s: Annotated[
-        float, typer.Option("--start", min=0.0, help="seconds after the recording's beginning")
+        float, typer.Option("--start", min=0.0, help="start, in seconds from the beginning "
+                                                     "of the recording")
     ] = 0.0,
     duration_s: Annotated[
         float | None, typer.Option("--duration", min=0.001, help="seconds [default: to its end]")
     ] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="again and again, until Ctrl-C")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="repeat until Ctrl-C")] = False,
     lockstep: Annotated[
         bool,
         typer.Option(
-            "--lockstep", help="in turns with the services that run with MAZEBOT_BUS_PACE=lockstep"
+            "--lockstep", help="in lockstep with the services that run with "
+                               "MAZEBOT_BUS_PACE=lockstep"
         ),
     ] = False,
     compare: Annotated[
         bool,
-        typer.Option("--compare", help="print what those of --without do otherwise than recorded"),
+        typer.Option("--compare", help="print the differences of the services of --without "
+                                       "from the recording"),
     ] = False,
     config: Annotated[
-        Path | None, typer.Option(help="with --service: a YAML file of settings over the recorded")
+        Path | None, typer.Option(help="with --service: a YAML file of settings that "
+                                       "override the recorded ones")
     ] = None,
     overrides: Annotated[
         list[str] | None,

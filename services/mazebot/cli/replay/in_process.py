@@ -67,7 +67,7 @@ def replay_through(
         still = 0 if turns.turn() else still + 1
         if still > _STALLED_TURNS:
             raise ConfigError(
-                f"replay: {node.name} does not begin: it waits for {node.waiting_for()}"
+                f"replay: {node.name} does not start: it is waiting for {node.waiting_for()}"
             )
         watch(turns.now_ns)
     if comparison.missing_at(feed.last_ns):

@@ -18,7 +18,7 @@ from mazebot.cli.replay.reading.recording import Recording
 from mazebot.cli.replay.reading.replayed import CLOCK_SERVICE, Replayed, between, in_time
 from mazebot.cli.replay.seats import FIRST_TURN, Feed
 from mazebot.cli.replay.sender import MATCH_S, Listener, Sender, wait_until
-from mazebot.cli.replay.through_service import summary_of, tell_comparison
+from mazebot.cli.replay.through_service import print_comparison, summary_of
 from mazebot.cli.replay.turns_on_bus import TurnsOnBus
 from mazebot.cli.topics.topic import named_topic
 from mazebot.common.bus.config import BusConfig
@@ -53,7 +53,10 @@ class Choice:
         services = tuple(dict.fromkeys(name for some in without for name in some.split(",")))
         for service in services:
             if service == CLOCK_SERVICE:
-                raise ConfigError(f"--without: {service}: must be another: its clock is replayed")
+                raise ConfigError(
+                    f"--without: {service}: must be another service: the clock of this one "
+                    "is replayed"
+                )
             if service not in (*SERVICES, EDGE):
                 known = ", ".join(name for name in (*SERVICES, EDGE) if name != CLOCK_SERVICE)
                 raise ConfigError(f"--without: {service!r:.60}: must be one of {known}")
@@ -100,15 +103,15 @@ def publish_recording(
         pace = "lockstep" if lockstep else "real_time"
         session = open_session(BusConfig(connect=endpoint, pace=pace))
     except BusUnavailableError as error:
-        said = "start one with `docker compose up router`, or python -m mazebot.router"
-        raise ConfigError(f"replay: {error}: {said}") from error
+        hint = "start one with `docker compose up router`, or python -m mazebot.router"
+        raise ConfigError(f"replay: {error}: {hint}") from error
     comparison = Comparison()
     player = _Player(session, recording, choice, real, comparison)
     code = 0
     try:
         with contextlib.closing(player):
             player.prepare(lockstep)
-            _say(f"replaying {recording.name} on {endpoint} (Ctrl-C ends)", as_json)
+            _say(f"replaying {recording.name} on {endpoint} (Ctrl-C to stop)", as_json)
             while True:
                 player.play(span_ns, speed, lockstep)
                 if not loop:
@@ -126,9 +129,11 @@ def publish_recording(
     if as_json:
         print_json({"recording": recording.name, "services": real, **summary_of(comparison)})
     else:
-        tell_comparison(comparison)
+        print_comparison(comparison)
         if not lockstep and not comparison.is_same:
-            _say("by the wall clock messages come a step earlier or later; see --lockstep", False)
+            _say(
+                "in real time, messages arrive up to a step earlier or later; see --lockstep", False
+            )
     return code or (0 if comparison.is_same else 1)
 
 
@@ -172,23 +177,25 @@ class _Player:
         running = alive(self._session)
         if CLOCK_SERVICE in running:
             raise ConfigError(
-                "replay: a simulation, or another replay, runs on this router: stop it first, or "
+                "replay: a simulation, or another replay, is running on this router: stop "
+                "it first, or "
                 "name another router (--connect)"
             )
         for service in self._replayed:
             if service in running:
                 raise ConfigError(
-                    f"replay: {service} runs on this router, and is in the recording: stop it, or "
-                    f"leave out what it sent (--without {service})"
+                    f"replay: {service} is running on this router, and is in the recording: "
+                    "stop it, or "
+                    f"leave out its messages (--without {service})"
                 )
         if lockstep:
             self._turns = TurnsOnBus(self._session, self._real)
-        said: list[str] = []
+        reported: list[str] = []
         while missing := self._missing():
-            if missing != said:
+            if missing != reported:
                 how = " in lockstep (MAZEBOT_BUS_PACE=lockstep)" if lockstep else ""
                 _say(f"waiting for {', '.join(missing)}{how}", True)
-                said = missing
+                reported = missing
             time.sleep(_SLEEP_S)
 
     def _missing(self) -> list[str]:
@@ -220,7 +227,7 @@ class _Player:
                 else:
                     self._play_by_the_clock(feed, sender, speed, watch)
             if self._real:
-                self._hear_the_last()
+                self._wait_for_last()
                 self._comparison.end()
         finally:
             self.sent += sender.sent
@@ -264,24 +271,24 @@ class _Player:
             else:
                 sender.send(message)
 
-    def _hear_the_last(self) -> None:
+    def _wait_for_last(self) -> None:
         """Take in what the services have sent so far."""
         sent = self._turns.sent() if self._turns is not None else {}
 
-        def is_heard() -> bool:
+        def all_received() -> bool:
             self._listener.hand_to(self._comparison)
-            heard = self._listener.counts
+            received = self._listener.counts
             return bool(sent) and all(
-                heard.get(topic, 0) >= count
+                received.get(topic, 0) >= count
                 for topic, count in sent.items()
                 if topic not in NOT_COMPARED
             )
 
-        wait_until(is_heard, MATCH_S if sent else _LAST_S)
+        wait_until(all_received, MATCH_S if sent else _LAST_S)
 
     def _is_missing(self, time_ns: int) -> bool:
         """Whether the services lack a message of a time."""
-        self._hear_the_last()
+        self._wait_for_last()
         return self._comparison.missing_at(time_ns)
 
     def close(self) -> None:

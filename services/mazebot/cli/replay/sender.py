@@ -46,7 +46,7 @@ class Sender:
     def send(self, message: Replayed) -> int:
         """Publish a message; return its sequence number."""
         key = message.service, message.topic.name
-        # A service that was started anew counts from 0 again, under another source.
+        # A service that was restarted counts from 0 again, under another source.
         sequence = max(message.envelope.sequence, self._sequences.get(key, -1) + 1)
         self._sequences[key] = sequence
         envelope = Envelope(
@@ -75,18 +75,18 @@ class Sender:
 
 
 class Listener:
-    """Hears what the services send that take the place of recorded ones."""
+    """Receives the messages of the services that take the place of recorded ones."""
 
     def __init__(self, session: zenoh.Session, services: Iterable[str]) -> None:
-        self._heard: queue.SimpleQueue[tuple[Topic[Any], bytes, int]] = queue.SimpleQueue()
+        self._received: queue.SimpleQueue[tuple[Topic[Any], bytes, int]] = queue.SimpleQueue()
         self.counts: dict[str, int] = {}
-        """Messages heard, by topic."""
+        """Messages received, by topic."""
         self.newest_ns: dict[str, int] = {}
         """By source, the latest time at which it sent something."""
         self.own: set[str] = set()
         """Sources of the replay itself."""
         topics = {topic.name: topic for service in services for topic in owned_by(service)}
-        # All of them: a service whose messages nobody hears opens its session anew.
+        # All of them: a service whose messages have no subscriber reopens its session.
         self._subscribers = [
             subscribe(session, topic, self._receiver(topic)) for topic in topics.values()
         ]
@@ -100,19 +100,19 @@ class Listener:
                 # A log message may come in the middle of a step.
                 self.newest_ns[source] = max(sent_ns, self.newest_ns.get(source, 0))
             if topic.name not in NOT_COMPARED:
-                self._heard.put((topic, data, sent_ns))
+                self._received.put((topic, data, sent_ns))
 
         return receive
 
     def hand_to(self, comparison: Comparison) -> None:
-        """Compare what was heard since the last call."""
-        while not self._heard.empty():
-            topic, data, sent_ns = self._heard.get()
+        """Compare the messages received since the last call."""
+        while not self._received.empty():
+            topic, data, sent_ns = self._received.get()
             self.counts[topic.name] = self.counts.get(topic.name, 0) + 1
             comparison.take_replayed(topic, sent_ns, data)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop receiving."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
 

@@ -1,4 +1,4 @@
-"""The settings with which a service is replayed: those of the recording, unless told otherwise."""
+"""The settings with which a service is replayed: those of the recording, unless given otherwise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mazebot.common.settings.settings import settings
 REPLAYABLE = tuple(service for service in SERVICES if service != "recorder")
 """The recorder sends nothing but its verdict, which holds wall times."""
 _NO_ENVIRONMENT = "MAZEBOT_REPLAY_"
-"""No variable begins so: the recording's settings hold, whatever the shell says."""
+"""No variable begins so: the recording's settings hold, whatever the environment contains."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class Settings:
 def check_service(service: str) -> None:
     """Raises ConfigError where a service cannot be replayed."""
     if service not in REPLAYABLE:
-        said = f"must be one of {', '.join(REPLAYABLE)}"
+        expected = f"must be one of {', '.join(REPLAYABLE)}"
         if service == "recorder":
-            said = f"sends only a verdict with wall times: {said}"
-        raise ConfigError(f"--service: {service!r:.60}: {said}")
+            expected = f"publishes only an evaluation with wall times: {expected}"
+        raise ConfigError(f"--service: {service!r:.60}: {expected}")
 
 
 def settings_of(
@@ -83,8 +83,8 @@ def _flag(service: str, override: str, fields: Mapping[str, Any]) -> str:
     if not equals or not name:
         raise ConfigError(f"--set: {override!r:.60}: must be name=value")
     if top not in fields:
-        said = unknown_name(top, fields)
-        raise ConfigError(f"--set: {override!r:.60}: {service} has no setting {top!r:.40}{said}")
+        hint = unknown_name(top, fields)
+        raise ConfigError(f"--set: {override!r:.60}: {service} has no setting {top!r:.40}{hint}")
     return f"--{name.replace('_', '-')}={value}"
 
 

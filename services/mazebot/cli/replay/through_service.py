@@ -133,11 +133,11 @@ def _tell(
     lines += picture_lines(recording, service)
     lines += recording.lines_of_unfit()
     if waits_for is not None:
-        lines.append(f"at the end {service} still waits for {waits_for}")
+        lines.append(f"at the end {service} is still waiting for {waits_for}")
     sys.stdout.write("\n".join(lines) + "\n")
-    tell_comparison(comparison)
+    print_comparison(comparison)
     if not (comparison.is_same or recording.in_one_process):
-        sys.stdout.write("recorded on a bus: exact only if all services ran in lockstep there\n")
+        sys.stdout.write("recorded on the bus: exact only if all services ran in lockstep there\n")
 
 
 def picture_lines(recording: Recording, service: str) -> list[str]:
@@ -145,14 +145,15 @@ def picture_lines(recording: Recording, service: str) -> list[str]:
     if service != "perception" or recording.pictures == "raw":
         return []
     if recording.pictures == "none":
-        return ["recorded without pictures: perception has nothing to look at"]
+        return ["recorded without images: perception has no input"]
     return [
-        f"recorded with pictures: {recording.pictures}; perception can only be compared exactly "
+        f"recorded with compressed images ({recording.pictures}); perception can only be "
+        "compared exactly "
         "with `pictures: raw`"
     ]
 
 
-def tell_comparison(comparison: Comparison) -> None:
+def print_comparison(comparison: Comparison) -> None:
     """Print a comparison: the counts by topic, and the first differences."""
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("topic", "recorded", "replayed", "same", "largest differences"):
@@ -164,7 +165,7 @@ def tell_comparison(comparison: Comparison) -> None:
     if not console.is_terminal:
         console.width = 160
     console.print(table)
-    sys.stdout.write("\n".join(_said(comparison)) + "\n")
+    sys.stdout.write("\n".join(_difference_lines(comparison)) + "\n")
 
 
 _COUNTS = ("recorded", "replayed", "same")
@@ -175,7 +176,7 @@ def _largest(one: TopicComparison) -> str:
     return ", ".join(f"{name} {apart:.3g}" for name, apart in ordered)
 
 
-def _said(comparison: Comparison) -> Iterator[str]:
+def _difference_lines(comparison: Comparison) -> Iterator[str]:
     same = sum(one.same for one in comparison.topics)
     found = [(one.first, one.topic) for one in comparison.topics if one.first is not None]
     if not found:

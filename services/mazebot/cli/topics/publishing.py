@@ -42,7 +42,7 @@ def publish_messages(
     mine = [one.name for one in owned_by(EDGE)]
     if topic.name not in mine:
         raise ConfigError(
-            f"topic pub: {topic.name}: only {' and '.join(topic.owners)} may write it; "
+            f"topic pub: {topic.name}: only {' and '.join(topic.owners)} may publish it; "
             f"must be one of {', '.join(mine)}"
         )
     content = parsed(topic, text)
@@ -72,9 +72,9 @@ def parsed(topic: Topic[object], text: str) -> object:
     try:
         return yaml.load(text, yaml.CSafeLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        said = line_and_words(error)[1]
+        reason = line_and_words(error)[1]
         raise ConfigError(
-            f"topic pub: {topic.name}: {text!r:.60}: neither JSON nor YAML: {said}"
+            f"topic pub: {topic.name}: {text!r:.60}: neither JSON nor YAML: {reason}"
         ) from error
 
 
@@ -104,8 +104,8 @@ def _built(kind: str, content: object, where: str) -> object:
     fields = dict(msg.TYPESTORE.fielddefs[kind][1])
     for name, value in content.items():
         if name not in fields:
-            said = unknown_name(str(name), fields)
-            raise ConfigError(f"{where}.{name!s:.60}: {value!r:.60}: unknown field{said}")
+            hint = unknown_name(str(name), fields)
+            raise ConfigError(f"{where}.{name!s:.60}: {value!r:.60}: unknown field{hint}")
     if kind == "geometry_msgs/msg/Quaternion" and not content:
         # No rotation, as in ROS.
         content = {"w": 1.0}
@@ -139,7 +139,7 @@ def _value(spec: Any, content: object, where: str) -> object:
 def _base(kind: str, content: object, where: str) -> object:
     if kind == "string":
         if content is not None and not isinstance(content, str):
-            raise ConfigError(f"{where}: {content!r:.60}: must be text")
+            raise ConfigError(f"{where}: {content!r:.60}: must be a string")
         return content or ""
     if kind == "bool":
         if content is not None and not isinstance(content, bool):

@@ -44,12 +44,12 @@ def list_topics(endpoint: str, verbose: bool, as_json: bool) -> None:
         sys.stdout.write(f"{topic.name}{kind}\n")
 
 
-def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
+def print_topic(endpoint: str, name: str, as_json: bool) -> None:
     """Print a topic's row of the table, and which of its services are running."""
     topic = named_topic(name)
     with ZenohRobot(endpoint) as robot:
         services = robot.alive()
-    told = {
+    info = {
         "name": topic.name,
         "type": wire.type_name(topic),
         "document": topic.type.__name__ if issubclass(topic.type, Document) else None,
@@ -62,9 +62,9 @@ def tell_topic(endpoint: str, name: str, as_json: bool) -> None:
         "subscribers": {one: one in services for one in topic.readers},
     }
     if as_json:
-        print_json(told)
+        print_json(info)
         return
-    for label, value in told.items():
+    for label, value in info.items():
         text = value
         if isinstance(value, dict):
             # The command line tool is not a running service.
@@ -136,8 +136,8 @@ def _print_next(messages: Subscription, as_json: bool) -> bool:
         received = messages.next(0.1)
     except wire.WireError as error:
         # With --json, standard output is JSON only.
-        told = sys.stderr if as_json else sys.stdout
-        told.write(f"# rejected: {error}\n")
+        stream = sys.stderr if as_json else sys.stdout
+        stream.write(f"# rejected: {error}\n")
         return True
     if received is None:
         return False
@@ -149,9 +149,9 @@ def _print_next(messages: Subscription, as_json: bool) -> bool:
     return True
 
 
-def _too_few(robot: Robot, topic: Topic[object], said: str) -> ConfigError:
+def _too_few(robot: Robot, topic: Topic[object], problem: str) -> ConfigError:
     why = paused(robot)
-    return ConfigError(f"{topic.name}: {said}{f'; {why}' if why else ''}")
+    return ConfigError(f"{topic.name}: {problem}{f'; {why}' if why else ''}")
 
 
 def in_json(message: object) -> Any:
@@ -194,8 +194,8 @@ def named_topic(name: str) -> Topic[object]:
     topic = BY_NAME.get("/" + name.removeprefix("/"))
     if topic is None:
         near = difflib.get_close_matches(f"/{name.removeprefix('/')}", BY_NAME, 1)
-        said = (
+        problem = (
             f"did you mean {near[0]}?" if near else f"must be one of {', '.join(sorted(BY_NAME))}"
         )
-        raise ConfigError(f"topic: {name!r:.60}: no such topic; {said}")
+        raise ConfigError(f"topic: {name!r:.60}: no such topic; {problem}")
     return topic

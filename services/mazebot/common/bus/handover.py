@@ -68,17 +68,17 @@ class Handover:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
 
-    def _is_heard(self, topic: Topic[Any]) -> bool:
+    def _is_received(self, topic: Topic[Any]) -> bool:
         return self._inbox.counts[topic.name].received > 0
 
     def _is_complete(self, topic: Topic[Any]) -> bool:
-        return topic.depth == 1 and self._is_heard(topic)
+        return topic.depth == 1 and self._is_received(topic)
 
     def _take(self, held: HeldMessage[Envelope], of_the_living: bool) -> None:
         topic = held.topic
         # A message received meanwhile from a living publisher is newer. Where several publish at
         # the same time, each has its own messages.
-        if topic in self._wanted and not (is_alone(topic) and self._is_heard(topic)):
+        if topic in self._wanted and not (is_alone(topic) and self._is_received(topic)):
             self._inbox.deliver(topic, held.data, held.envelope)
             if not of_the_living:
                 self._inbox.leave(held.envelope.source)

@@ -38,7 +38,7 @@ MAY_LEAVE = ("bringup",)
 """Services that may exit; the others continue without them."""
 LOCALIZER, MAPPERS = "localization", ("mapping", "explorer")
 """A run needs the one or the others."""
-MAX_UNTOLD = 1000
+MAX_UNANNOUNCED = 1000
 """Messages pending for a service that is not due; beyond this it receives them without a step."""
 MAX_OUTSIDE = 1000
 """Queue length of a topic for messages from outside the services; the oldest are dropped first."""
@@ -96,7 +96,7 @@ class Ledger:
     def __init__(self) -> None:
         self.sources: dict[str, str] = {}
         self._counts: dict[tuple[str, str], int] = {}
-        self._untold: dict[str, dict[str, list[tuple[str, int]]]] = {}
+        self._unannounced: dict[str, dict[str, list[tuple[str, int]]]] = {}
         self._waiting: dict[str, int] = {}
 
     def join(self, service: str, source: str, sent: dict[str, int]) -> None:
@@ -104,12 +104,12 @@ class Ledger:
         before, it still receives only the latched ones.
         """
         self.sources[service] = source
-        self._untold[service] = {}
+        self._unannounced[service] = {}
         self._waiting[service] = 0
         for topic in read_by(service):
             for (name, other), count in self._counts.items():
                 if name == topic.name and name in _LATCHED:
-                    self._tell(service, name, other, count - 1, 1)
+                    self._announce(service, name, other, count - 1, 1)
         for name, count in sent.items():
             if name not in _LATCHED:
                 self._counts[name, source] = count
@@ -118,7 +118,7 @@ class Ledger:
     def leave(self, service: str) -> None:
         """Remove a service."""
         source = self.sources.pop(service)
-        del self._untold[service], self._waiting[service]
+        del self._unannounced[service], self._waiting[service]
         self._counts = {key: count for key, count in self._counts.items() if key[1] != source}
 
     def add(self, service: str, sent: dict[str, int]) -> None:
@@ -130,11 +130,11 @@ class Ledger:
                 continue
             self._counts[name, source] = count
             for reader in BY_NAME[name].readers:
-                if reader in self._untold:
-                    self._tell(reader, name, source, count - 1, new)
+                if reader in self._unannounced:
+                    self._announce(reader, name, source, count - 1, new)
 
-    def _tell(self, reader: str, topic: str, source: str, last: int, new: int) -> None:
-        runs = self._untold[reader].setdefault(topic, [])
+    def _announce(self, reader: str, topic: str, source: str, last: int, new: int) -> None:
+        runs = self._unannounced[reader].setdefault(topic, [])
         if runs and runs[-1][0] == source:
             runs.pop()
         runs.append((source, last))
@@ -142,16 +142,16 @@ class Ledger:
 
     def take(self, reader: str) -> tuple[tuple[str, str, int], ...]:
         """The messages not yet announced to a service, now marked as announced; see Turn.sent."""
-        untold, self._untold[reader] = self._untold[reader], {}
+        unannounced, self._unannounced[reader] = self._unannounced[reader], {}
         self._waiting[reader] = 0
         return tuple(
-            (topic, source, last) for topic, runs in untold.items() for source, last in runs
+            (topic, source, last) for topic, runs in unannounced.items() for source, last in runs
         )
 
     def wakes(self, reader: str, topics: Iterable[str]) -> bool:
         """Whether a message on one of these topics is not yet announced to a service."""
-        untold = self._untold[reader]
-        return any(topic in untold for topic in topics)
+        unannounced = self._unannounced[reader]
+        return any(topic in unannounced for topic in topics)
 
     def waiting(self, reader: str) -> int:
         """Number of messages not yet announced to a service."""
@@ -236,7 +236,7 @@ class HeldInbox(Inbox):
                 while self._arrived.get(key, -1) < last:
                     left_s = deadline_s - time.monotonic()
                     if left_s <= 0.0 or not self._still_wanted():
-                        return f"{name} #{last} never came"
+                        return f"{name} #{last} was not received"
                     self._arrival.wait(min(left_s, _LOOK_UP_S))
                 held = self._held.get(key, ())
                 while held and held[0][1].sequence <= last:
@@ -410,8 +410,8 @@ class RemoteSeat:
                 self.exit_code = 0
                 return None
             raise LockstepError(
-                f"lockstep: {self.name} did not answer for {_seconds(now_ns)} within "
-                f"{self._timeout_s:g} s"
+                f"lockstep: {self.name} timed out after {self._timeout_s:g} s, at "
+                f"{_seconds(now_ns)}"
             )
         if end.error:
             raise LockstepError(f"lockstep: {self.name}: {end.error} at {_seconds(now_ns)}")
@@ -507,7 +507,7 @@ class Lockstep:
         if not self.gathered:
             return False
         for seat in self._remote.values():
-            if self._ledger.waiting(seat.name) > MAX_UNTOLD:
+            if self._ledger.waiting(seat.name) > MAX_UNANNOUNCED:
                 seat.take_in(self.now_ns)
         moved = self._round.turn(advance)
         self._let_go()
@@ -554,7 +554,7 @@ class Lockstep:
 
 
 def _left(service: str, now_ns: int) -> LockstepError:
-    return LockstepError(f"lockstep: {service} left at {_seconds(now_ns)}")
+    return LockstepError(f"lockstep: {service} disconnected at {_seconds(now_ns)}")
 
 
 def _seconds(now_ns: int) -> str:

@@ -48,7 +48,7 @@ WATCHDOG_TICKS = 20
 """After this many watchdog periods without an iteration the loop counts as hung: the process exits
 and is restarted.
 """
-SAY_AGAIN_S = 2.0
+LOG_AGAIN_S = 2.0
 IDLE_S = 0.01
 RESTING_NS = 33_000_000
 """Permitted delay of steps while nothing moves and no message arrives: each wake-up costs as much
@@ -135,8 +135,8 @@ class _Service:
         self._watchdog = Watchdog()
         self._handover: Handover | None = None
         self._trigger: Trigger | None = None
-        self._said_s = 0.0
-        self._said: str | None = None
+        self._logged_s = 0.0
+        self._logged: str | None = None
         self._diagnostics_s = 0.0
         self._report: SelfReport | None = None
 
@@ -155,7 +155,7 @@ class _Service:
             try:
                 return open_session(self._bus_config)
             except BusUnavailableError as error:
-                self._say(f"the bus: {error}")
+                self._log_waiting(f"the bus: {error}")
         return None
 
     def _begin(self, bus: Bus, outbox: Outbox) -> None:
@@ -194,7 +194,7 @@ class _Service:
         self._handover.ask()
         done = threading.Event()
         threading.Thread(
-            target=self._keep_heard, args=(bus, done), name="keep_heard", daemon=True
+            target=self._keep_matched, args=(bus, done), name="keep_matched", daemon=True
         ).start()
         try:
             if isinstance(self._node, ClockNode):
@@ -206,7 +206,7 @@ class _Service:
             self._rosout.outbox = None
             bus.close()
 
-    def _keep_heard(self, bus: Bus, done: threading.Event) -> None:
+    def _keep_matched(self, bus: Bus, done: threading.Event) -> None:
         """Reopen the session if messages reach no reader: after some reconnects Zenoh believes that
         a publisher has no reader, and only a new session makes it check again.
         """
@@ -220,7 +220,7 @@ class _Service:
                 continue
             with contextlib.suppress(BusUnavailableError):
                 bus.move_to(open_session(self._bus_config))
-                self._log.warning("opened the session anew: nobody heard what was sent")
+                self._log.warning("session reopened: no subscriber received the published messages")
                 # If the fault is on the other side, this does not help: retry less often.
                 wait_s, mute_s = min(wait_s * 4.0, MAX_MUTE_S), 0.0
 
@@ -263,7 +263,7 @@ class _Service:
             self._housekeeping(outbox)
 
     def _housekeeping(self, outbox: Outbox) -> None:
-        self._say(self._node.waiting_for())
+        self._log_waiting(self._node.waiting_for())
         now_s = time.monotonic()
         if now_s - self._diagnostics_s >= 1.0:
             self._diagnostics_s = now_s
@@ -304,7 +304,7 @@ class _Service:
                 try:
                     turn = Turn.model_validate_json(data)
                 except ValueError:
-                    self._log.warning("turn refused: it is none of lockstep")
+                    self._log.warning("turn rejected: not a valid lockstep turn")
                     continue
                 end = participant.take(turn)
                 if end.error and self._stop.is_set():
@@ -316,7 +316,7 @@ class _Service:
             if not called and inbox.wakes():
                 called = True
                 seat.call()
-            self._say(
+            self._log_waiting(
                 self._node.waiting_for() if participant.seated else "its first turn in lockstep"
             )
 
@@ -364,7 +364,9 @@ class _Service:
                 if not moved:
                     self._rest(min(wait_s or IDLE_S, IDLE_S))
                 awaited = [] if lockstep.gathered else lockstep.awaited()
-                self._say(f"lockstep with {', '.join(awaited)}" if awaited else node.waiting_for())
+                self._log_waiting(
+                    f"lockstep with {', '.join(awaited)}" if awaited else node.waiting_for()
+                )
         except LockstepError:
             # When all services are stopped together, some end sooner.
             if not self._stop.wait(ENDING_S):
@@ -372,21 +374,21 @@ class _Service:
         finally:
             del watch
 
-    def _say(self, waiting_for: str | None) -> None:
+    def _log_waiting(self, waiting_for: str | None) -> None:
         """Log what the service waits for, and again every two seconds while it waits."""
         now_s = time.monotonic()
         if waiting_for is None:
-            if self._said is not None:
+            if self._logged is not None:
                 self._log.info("active")
-        elif now_s - self._said_s >= SAY_AGAIN_S:
-            self._said_s = now_s
+        elif now_s - self._logged_s >= LOG_AGAIN_S:
+            self._logged_s = now_s
             self._log.info("waiting for %s", waiting_for)
             if self._handover is not None:
                 # The message may have been lost, or a service that keeps it may be back only now.
                 self._handover.ask(of_the_living=True)
         else:
             return
-        self._said = waiting_for
+        self._logged = waiting_for
 
     def _on_clock(self, payload: bytes, _: Envelope) -> None:
         try:
@@ -403,6 +405,6 @@ class _Service:
         while True:
             time.sleep(WATCHDOG_PERIOD_S)
             if self._watchdog.tick():
-                sys.stderr.write(f"error: {self._node.name}: the loop hangs; ending the process\n")
+                sys.stderr.write(f"error: {self._node.name}: the main loop is hung; exiting\n")
                 sys.stderr.flush()
                 os._exit(EXIT_WATCHDOG)

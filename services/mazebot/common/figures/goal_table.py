@@ -50,7 +50,7 @@ def task_name(goal: GoalReport) -> str:
 
 
 def failure_lines(goals: Iterable[GoalReport]) -> list[str]:
-    """Why goals were not reached, a line each, where navigation said why."""
+    """Why goals were not reached, a line each, where navigation gave a reason."""
     return [
         f"{task_name(goal)}: error {goal.error_code}: {goal.error_msg}"
         for goal in goals

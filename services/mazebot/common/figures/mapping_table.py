@@ -24,9 +24,9 @@ def mapping_rows(mapping: MapEvaluation) -> list[tuple[str, str]]:
     rows += [
         ("walls found", f"{share(mapping.walls_found_share)} within 0.10 m"),
         ("walls true", f"{share(mapping.walls_true_share)} of the occupied cells"),
-        ("free, wrongly", f"{share(mapping.free_wrong_share, 2)} of the free cells"),
+        ("wrongly free", f"{share(mapping.free_wrong_share, 2)} of the free cells"),
         ("path error", _metres(mapping.trajectory_error_m)),
-        ("", f"{_metres(mapping.aligned_error_m)} when fitted to the true path"),
+        ("", f"{_metres(mapping.aligned_error_m)} after alignment with the true path"),
         (
             "over 1 m",
             f"rmse {measured(mapping.relative_error_m.rmse, 3)} m, {measured(turned_deg, 2)} deg",

@@ -59,7 +59,7 @@ def write_file(file: Path, data: bytes) -> None:
 
 def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise ConfigError(f"{folder}: must be a folder, or not there yet")
+        raise ConfigError(f"{folder}: must be a folder, or a path that does not exist")
     # Breadth first: the search ends at the first foreign file, however many there are.
     for inside, folders, files in os.walk(folder):
         folders.sort()
@@ -68,7 +68,7 @@ def _refuse_foreign(folder: Path, is_ours: Callable[[str], bool]) -> None:
             name = (Path(inside) / file).relative_to(folder).as_posix()
             if not is_ours(name):
                 raise ConfigError(
-                    f"{folder}: holds {name}, which was not written by this command: must be a "
+                    f"{folder}: contains {name}, which was not written by this command: must be a "
                     "new or an empty folder"
                 )
 

@@ -61,11 +61,11 @@ def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
     """
     if not data.startswith(_SIGNATURE):
         other = next((name for start, name in _OTHERS.items() if data.startswith(start)), "")
-        raise ValueError(f"is {other or 'not a picture'}, must be a PNG")
+        raise ValueError(f"is {other or 'not an image'}, must be a PNG")
     if len(data) > MAX_BYTES:
         raise ValueError(f"has {len(data)} bytes, must have at most {MAX_BYTES}")
     if not _is_whole(data):
-        raise ValueError("is damaged or cut short, must be a whole PNG")
+        raise ValueError("is corrupt or truncated, must be a complete PNG")
     width, height = size_px(data)
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
         raise ValueError(f"is {width} x {height} pixels, must be at most {MAX_SIDE_PX} a side")
@@ -74,7 +74,7 @@ def _decoded_rgb(data: bytes) -> NDArray[np.uint8]:
     except cv2.error:
         picture = None
     if picture is None or picture.shape[:2] != (height, width):
-        raise ValueError("cannot be decoded, must be a PNG picture")
+        raise ValueError("cannot be decoded, must be a PNG image")
     return np.asarray(picture, np.uint8)
 
 

@@ -108,7 +108,7 @@ class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
         self._nodes += 1
         self._depth += 1
         if self._nodes > MAX_NODES:
-            raise _error(f"must hold at most {MAX_NODES} values", event)
+            raise _error(f"must contain at most {MAX_NODES} values", event)
         if self._depth > MAX_DEPTH:
             raise _error(f"must be at most {MAX_DEPTH} levels deep", event)
         node = super().compose_node(parent, index)
@@ -120,7 +120,7 @@ class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 if key.value in seen:
-                    raise _error(f"key {key.value!r:.60} given twice", key)
+                    raise _error(f"key {key.value!r:.60} is a duplicate", key)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -154,8 +154,8 @@ def _load(data: bytes, shown: str) -> tuple[yaml.Node | None, Any]:
         yaml.YAMLError, ValueError, LookupError, ArithmeticError, TypeError, AttributeError,
         RecursionError,
     ) as error:  # fmt: skip
-        line, said = line_and_words(error)
-        raise _problem(shown, words(said), line, "not YAML") from error
+        line, reason = line_and_words(error)
+        raise _problem(shown, words(reason), line, "not YAML") from error
 
 
 def _problem(shown: str, must: str, line: int = 0, field: str = "", value: str = "") -> WorldError:

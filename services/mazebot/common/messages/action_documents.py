@@ -31,10 +31,10 @@ class NavigateThroughPoses(Document):
 class WaypointTask(Document):
     """What to do at one waypoint; the robot drives on when all of it is done."""
 
-    wait_s: NonNegative = Field(0.2, description="stand for as long")
-    photo: bool = Field(False, description="take a picture, which comes on `/waypoint_photo`")
+    wait_s: NonNegative = Field(0.2, description="wait for this time")
+    photo: bool = Field(False, description="take an image, published on `/waypoint_photo`")
     input_timeout_s: NonNegative | None = Field(
-        None, description="wait for an input, at most as long; null: for none"
+        None, description="wait for an input, at most for this time; null: do not wait"
     )
 
 
@@ -44,7 +44,7 @@ class FollowWaypoints(Document):
     action: Literal["follow_waypoints"] = "follow_waypoints"
     poses: tuple[Planar, ...]
     tasks: tuple[WaypointTask, ...] = Field(
-        (), description="one for each pose; empty: stand for 0.2 s at each"
+        (), description="one for each pose; empty: wait for 0.2 s at each"
     )
     number_of_loops: int = Field(0, ge=0, description="further rounds after the first")
     goal_index: int = Field(0, ge=0, description="pose to begin with")
@@ -154,7 +154,7 @@ class SendGoalReply(Document):
     error_code: int = 0
     error_msg: str = ""
     nearest_free: Planar | None = Field(
-        None, description="where the goal is occupied: the nearest pose that is not"
+        None, description="if the goal is occupied: the nearest free pose"
     )
 
 
@@ -180,7 +180,7 @@ class SmoothPath(Document):
     """Requests that a path be smoothed. The robot does not move."""
 
     path: tuple[Planar, ...]
-    smoother_id: str = Field("", description="empty or Nav2's `simple_smoother`: there is one")
+    smoother_id: str = Field("", description="empty or Nav2's `simple_smoother`, the only smoother")
     check_for_collisions: bool = False
 
 
@@ -263,8 +263,9 @@ class ActionResult(Document):
     )
     displacement: Planar | None = Field(
         None,
-        description="of an action without a goal in the map: where it should end, seen from where "
-        "it began; null: that was not said",
+        description="of an action without a goal in the map: where it should end, relative "
+        "to where "
+        "it began; null: not given",
     )
 
 
@@ -274,7 +275,7 @@ class BehaviorTreeNode(Document):
     name: str
     kind: str = Field(description="its type, as in the XML: `FollowPath`")
     status: Literal["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"] = Field(
-        description="the newest since the log before; `IDLE`: not ticked"
+        description="latest status since the previous log; `IDLE`: not ticked"
     )
     depth: Annotated[int, Field(ge=0)] = Field(0, description="0: the root")
 

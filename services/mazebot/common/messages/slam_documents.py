@@ -74,20 +74,20 @@ class PoseGraph(Document):
     landmarks: tuple[GraphLandmark, ...] = ()
     edges: tuple[GraphEdge, ...] = ()
     loops: int = Field(0, ge=0, description="loops closed, by scan or by marker")
-    loops_rejected: int = Field(0, ge=0, description="loops tried and found wrong")
+    loops_rejected: int = Field(0, ge=0, description="loop closures that were rejected")
 
 
 class ExplorationStatus(Document):
     """How far the exploration has come."""
 
     state: Literal["waiting", "exploring", "returning", "complete", "paused", "failed"]
-    reason: str = Field("", description="one line: what it waits for, or why it ended")
+    reason: str = Field("", description="one line: what it is waiting for, or why it ended")
     frontiers: int = Field(0, ge=0, description="groups of frontier cells in the map")
-    reachable: int = Field(0, ge=0, description="those that the robot can go and see")
-    set_aside: int = Field(0, ge=0, description="those that could not be reached as the map is")
+    reachable: int = Field(0, ge=0, description="those that the robot can reach")
+    set_aside: int = Field(0, ge=0, description="those that are unreachable in the current map")
     free_m2: NonNegative = Field(0.0, description="floor seen that the robot can reach")
     seen_share: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
-        0.0, description="of the floor that it can reach, seen or guessed behind frontiers"
+        0.0, description="of the reachable floor, seen or estimated beyond frontiers"
     )
     driven_m: NonNegative = 0.0
     goals: int = Field(0, ge=0, description="view points sent")

@@ -127,12 +127,12 @@ MAP = Topic(
 )  # fmt: skip
 DESIRED_ENTITIES = Topic(
     "/entities/desired", doc.Entities, ("spawner",), ("physics", "recorder"), _LATCHED,
-    "the entities that should exist, and those refused because of their placement",
+    "the entities that should exist, and those rejected because of their placement",
 )  # fmt: skip
 ENTITIES = Topic(
     "/entities", doc.Entities, ("physics",),
     ("spawner", "perception", "localization", "navigation", "recorder"), _LATCHED,
-    "the entities that exist, and those that physics refused",
+    "the entities that exist, and those that physics rejected",
 )  # fmt: skip
 TF = Topic(
     "/tf", msg.TFMessage, ("physics", "localization", "mapping"),
@@ -190,7 +190,7 @@ GROUND_TRUTH_ODOM = Topic(
 )  # fmt: skip
 CONTACTS = Topic(
     "/contacts", doc.Contact, ("physics",), ("recorder",), _EVERY,
-    "a contact of the robot has begun",
+    "the start of a contact of the robot",
 )  # fmt: skip
 SIMULATION_STATS = Topic(
     "/simulation/stats", doc.SimulationStats, ("physics",),
@@ -231,16 +231,17 @@ LOCALIZATION_STATUS = Topic(
 )  # fmt: skip
 GLOBAL_LOCALIZATION_REQUEST = Topic(
     "/navigation/global_localization", act.Empty, ("navigation",), ("localization", "recorder"),
-    _EVERY, "a behaviour tree asks for the robot to be searched on the whole map",
+    _EVERY, "a behaviour tree requests global localisation on the whole map",
 )  # fmt: skip
 POSE_GRAPH = Topic(
     "/pose_graph", slam.PoseGraph, ("mapping",), ("recorder",), _LATCHED,
-    "keyframes with their scans, markers and all measurements between them; the map is made of it",
+    "keyframes with their scans, markers and all measurements between them; the map is "
+    "built from it",
     rate_hz=0.2, returned=True, large=True,
 )  # fmt: skip
 EXPLORATION_STATUS = Topic(
     "/explore/status", slam.ExplorationStatus, ("explorer",), ("bringup", "recorder"), _LATCHED,
-    "how far the exploration has come", rate_hz=1,
+    "progress of the exploration", rate_hz=1,
 )  # fmt: skip
 FRONTIERS = Topic(
     "/explore/frontiers", msg.MarkerArray, ("explorer",), ("recorder",), _LATEST,
@@ -248,7 +249,7 @@ FRONTIERS = Topic(
 )  # fmt: skip
 EXPLORE_RESUME = Topic(
     "/explore/resume", msg.Bool, (EDGE,), ("explorer", "recorder"), _EVERY,
-    "false: the exploration stops here, true: it goes on",
+    "false: pause the exploration, true: resume it",
 )  # fmt: skip
 GLOBAL_COSTMAP = Topic(
     "/global_costmap/costmap", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
@@ -260,7 +261,7 @@ KEEPOUT_FILTER_MASK = Topic(
 )  # fmt: skip
 SPEED_FILTER_MASK = Topic(
     "/speed_filter_mask", msg.OccupancyGrid, ("navigation",), ("recorder",), _LATCHED,
-    "by how many percent the highest speed is lowered; only where there are speed limits",
+    "reduction of the maximum speed in percent; only where there are speed limits",
     large=True,
 )  # fmt: skip
 LOCAL_COSTMAP = Topic(
@@ -276,11 +277,11 @@ CMD_VEL = Topic(
 )  # fmt: skip
 CMD_VEL_TELEOP = Topic(
     "/cmd_vel_teleop", msg.TwistStamped, (EDGE,), ("navigation", "recorder"), _LATEST,
-    "velocity that a person wants; the collision monitor slows it down before obstacles",
+    "velocity commanded by a user; the collision monitor limits it near obstacles",
 )  # fmt: skip
 COLLISION_MONITOR_STATE = Topic(
     "/collision_monitor_state", act.CollisionMonitorState, ("navigation",), ("recorder",),
-    _LATCHED, "what the collision monitor does, because of what, and where",
+    _LATCHED, "action of the collision monitor, its cause and its position",
 )  # fmt: skip
 ACTION_FEEDBACK = Topic(
     "/navigation/feedback", act.ActionFeedback, ("navigation",), ("recorder",), _LATEST,
@@ -292,11 +293,11 @@ ACTION_RESULT = Topic(
 )  # fmt: skip
 PHOTO_REQUEST = Topic(
     "/waypoint_photo/request", act.PhotoRequest, ("navigation",), ("perception", "recorder"),
-    _EVERY, "a picture is wanted at a waypoint",
+    _EVERY, "an image is requested at a waypoint",
 )  # fmt: skip
 PHOTO = Topic(
     "/waypoint_photo", msg.CompressedImage, ("perception",), ("navigation", "recorder"), _EVERY,
-    "the picture taken at a waypoint, as PNG",
+    "the image taken at a waypoint, as PNG",
 )  # fmt: skip
 BEHAVIOR_TREE = Topic(
     "/behavior_tree", act.BehaviorTreeLog, ("navigation",), ("recorder",), _LATCHED,
@@ -304,7 +305,7 @@ BEHAVIOR_TREE = Topic(
 )  # fmt: skip
 TRAJECTORIES = Topic(
     "/trajectories", msg.MarkerArray, ("navigation",), ("recorder",), _LATEST,
-    "rollouts of the MPPI controller, green the cheap ones, red the dear ones, and the one chosen",
+    "rollouts of the MPPI controller, from green (low cost) to red (high cost), and the chosen one",
     rate_hz=2,
 )  # fmt: skip
 NAVIGATION_STATUS = Topic(
@@ -327,7 +328,7 @@ PARAMETERS = Topic(
 )  # fmt: skip
 DIAGNOSTICS = Topic(
     "/diagnostics", msg.DiagnosticArray, SERVICES, ("recorder", "bringup"), _LATEST,
-    "state of each service, what it waits for, what it rejected and lost", rate_hz=1, depth=20,
+    "state of each service, what it is waiting for, what it rejected and lost", rate_hz=1, depth=20,
 )  # fmt: skip
 ROSOUT = Topic(
     "/rosout", msg.Log, SERVICES, ("recorder",), _EVERY, "the log of every service"
@@ -359,32 +360,32 @@ SEND_GOAL = Query(
 )  # fmt: skip
 INPUT_AT_WAYPOINT = Query(
     "/input_at_waypoint/input", act.Empty, act.Reply, "navigation",
-    "the input for which the robot waits at a waypoint",
+    "the input that the robot is waiting for at a waypoint",
 )  # fmt: skip
 PAUSE_GOAL = Query(
     "/navigation/pause", act.PauseGoal, act.Reply, "navigation", "pause or resume the action"
 )
 COMPUTE_PATH = Query(
     "/compute_path_to_pose", act.ComputePath, act.ComputePathReply, "navigation",
-    "a path, without driving it",
+    "compute a path without driving it",
 )  # fmt: skip
 SMOOTH_PATH = Query(
-    "/smooth_path", act.SmoothPath, act.SmoothPathReply, "navigation", "a path, smoothed"
+    "/smooth_path", act.SmoothPath, act.SmoothPathReply, "navigation", "smooth a path"
 )
 LOAD_MAP = Query(
     "/map_server/load_map", act.LoadMap, act.LoadMapReply, "worldgen",
-    "publish another map on `/map`",
+    "load a map and publish it on `/map`",
 )  # fmt: skip
 CLEAR_COSTMAP = Query(
-    "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "forget obstacles of a costmap"
+    "/clear_costmap", act.ClearCostmap, act.Reply, "navigation", "clear obstacles from a costmap"
 )
 TOGGLE_COLLISION_MONITOR = Query(
     "/collision_monitor/toggle", act.Toggle, act.Reply, "navigation",
-    "switch the collision monitor on or off",
+    "enable or disable the collision monitor",
 )  # fmt: skip
 REINITIALIZE_GLOBAL_LOCALIZATION = Query(
     "/reinitialize_global_localization", act.Empty, act.Reply, "localization",
-    "search the robot on the whole map",
+    "global localisation: search for the robot on the whole map",
 )  # fmt: skip
 
 QUERIES: tuple[Query[Any, Any], ...] = tuple(

@@ -88,7 +88,7 @@ def encode(topic: Topic[M], message: M) -> bytes:
             return encode_document(message)
         return cdr.encode(type_name(topic), message)
     except (AttributeError, TypeError, ValueError, OverflowError, struct.error) as error:
-        raise WireError("not of its type", str(error)) from error
+        raise WireError("wrong type", str(error)) from error
 
 
 def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
@@ -98,7 +98,7 @@ def encode_in_pieces(topic: Topic[M], message: M) -> tuple[Buffer, ...]:
     try:
         pixels = np.ascontiguousarray(message.data, np.uint8).data
     except (TypeError, ValueError) as error:
-        raise WireError("not of its type", str(error)) from error
+        raise WireError("wrong type", str(error)) from error
     # They come last, after their number.
     head = encode(topic, cast("M", dataclasses.replace(message, data=_NO_PIXELS)))
     return head[: -_LENGTH.size] + _LENGTH.pack(len(pixels)), pixels
@@ -132,7 +132,7 @@ def decode_document(kind: type[D], data: bytes) -> D:
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
-        raise WireError("not of its schema", _first_mistake(error)) from error
+        raise WireError("invalid schema", _first_mistake(error)) from error
     except RecursionError as error:
         raise WireError("malformed", str(error)) from error
 
@@ -174,11 +174,11 @@ def validate(topic: Topic[M], message: M) -> None:
     """
     # The first comparison alone is several times as fast for a document, whose class is abstract.
     if type(message) is not topic.type and not isinstance(message, topic.type):
-        raise WireError("not of its type", type(message).__name__)
+        raise WireError("wrong type", type(message).__name__)
     try:
         problem = _checker_of(cast("Any", topic.type))(message)
     except (TypeError, AttributeError, ValueError, OverflowError) as error:
-        raise WireError("not of its type", str(error)) from error
+        raise WireError("wrong type", str(error)) from error
     if problem:
         raise WireError(problem)
 
@@ -372,15 +372,15 @@ def _grid(grid: msg.OccupancyGrid) -> str:
 
 def _unit(q: msg.Quaternion) -> str:
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    return "" if abs(norm - 1.0) < 1e-3 else "quaternion not of unit length"
+    return "" if abs(norm - 1.0) < 1e-3 else "quaternion not normalized"
 
 
 def _frames(tree: msg.TFMessage) -> str:
     parents = {entry.child_frame_id: entry.header.frame_id for entry in tree.transforms}
     for frame, parent in parents.items():
         if not (0 < len(frame) <= MAX_NAME_CHARACTERS and 0 < len(parent) <= MAX_NAME_CHARACTERS):
-            return "frame without a name, or with one too long"
-    return "frames in a ring" if msg.has_ring(parents) else ""
+            return "empty or too long frame_id"
+    return "loop in the frame tree" if msg.has_ring(parents) else ""
 
 
 _EXTRA: dict[str, _Check] = {

@@ -46,7 +46,7 @@ class Entry:
     note: str = ""
 
     @property
-    def said(self) -> str:
+    def full_name(self) -> str:
         """Node and name as the file has them."""
         return f"{self.leaf.node}.{self.leaf.name}"
 

@@ -49,7 +49,7 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
     for leaf in leaves:
         owner, until = NODE_RENAMES.get(leaf.node, (leaf.node, ""))
         notes = [f"{leaf.node} up to {until}"] if until else []
-        notes += ["given twice: the last value is used"] if (leaf.node, leaf.name) in twice else []
+        notes += ["duplicate: the last value is used"] if (leaf.node, leaf.name) in twice else []
         entry = Entry(
             leaf, owner, leaf.name, class_of_today(leaf), "parameter",
             renamed=bool(until), note="; ".join(notes),
@@ -65,15 +65,15 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
             try:
                 found = _typed(found)
             except ValueError as error:
-                where = f"{name}:{entry.leaf.line}: {entry.said}"
+                where = f"{name}:{entry.leaf.line}: {entry.full_name}"
                 problems.append(f"{where}: {entry.leaf.value!r:.60}: {error}")
             entries[entry.leaf.node, entry.leaf.name] = found
     tree = {} if problems else {one: tree_of(one, node, entries) for one, node in nodes.items()}
     problems += contradictions(name, tree, entries.values())
     if problems:
         more = len(problems) - _MOST_PROBLEMS
-        shown = "; ".join(problems[:_MOST_PROBLEMS])
-        raise ConfigError(shown + (f"; and {more} more" if more > 0 else ""))
+        text = "; ".join(problems[:_MOST_PROBLEMS])
+        raise ConfigError(text + (f"; and {more} more" if more > 0 else ""))
     return Nav2Params(name, tuple(entries[leaf.node, leaf.name] for leaf in leaves), tree)
 
 
@@ -85,9 +85,9 @@ def _typed(entry: Entry) -> Entry:
     words = given if isinstance(given, list) else [given]
     if any(isinstance(word, str) and _SUBSTITUTION.search(word) for word in words):
         value = False if row.kind == "bool" else row.default
-        substituted = "filled in by a launch file: taken as "
+        assumed = "filled in by a launch file: assumed to be "
         note = joined_notes(
-            entry.note, substituted + ("false" if row.kind == "bool" else "Nav2's default")
+            entry.note, assumed + ("false" if row.kind == "bool" else "Nav2's default")
         )
         return dataclasses.replace(entry, value=value, unresolved=True, note=note)
     value = typed(row, given)

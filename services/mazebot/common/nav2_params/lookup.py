@@ -30,10 +30,10 @@ def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> 
         return _unread(entry, "read by ROS 2 itself")
     if node is None:
         if entry.node == WILDCARD:
-            note = "is not read for all nodes: must stand below its node"
+            note = "is not a parameter of all nodes: must be below its node"
         else:
             near = get_close_matches(entry.node, NODES, 1, 0.7)
-            note = "no node of Nav2" + (f"; did you mean {near[0]}?" if near else "")
+            note = "not a node of Nav2" + (f"; did you mean {near[0]}?" if near else "")
         return dataclasses.replace(entry, knowledge="unknown", note=joined_notes(entry.note, note))
     return _found(entry, node, entry.name, "", node.place, values)
 
@@ -68,7 +68,7 @@ def _found(
                 entry, knowledge="plugin", group=group, value=kind, place=where
             )
         elif child is None:
-            why = f"{kind} is not built in" if kind else f"{head}.{group.key} is missing"
+            why = f"{kind} is not supported" if kind else f"{head}.{group.key} is missing"
             found = entry
         else:
             found = _found(entry, child, rest, f"{inner}.", where, values)
@@ -108,7 +108,7 @@ def _left_out(
         or _place(group, one, prefix, values) == _place(group, head, prefix, values)
     ]
     first = "the first" if group.setting else "the first of its kind"
-    return "" if same[0] == head else f"only {same[0]}, {first} in {group.lister}, is taken"
+    return "" if same[0] == head else f"only {same[0]}, {first} in {group.lister}, is used"
 
 
 def _place(group: Group, instance: str, prefix: str, values: Mapping[str, Value]) -> str:

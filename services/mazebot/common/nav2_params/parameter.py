@@ -22,9 +22,9 @@ _IN_WORDS = {
     "bool": "true or false",
     "int": "an integer",
     "double": "a number",
-    "string": "a text",
-    "words": "a text of names",
-    "polygon": 'a text of at least 3 points in metres, "[[x, y], [x, y], [x, y]]"',
+    "string": "a string",
+    "words": "a string of names",
+    "polygon": 'a string of at least 3 points in metres, "[[x, y], [x, y], [x, y]]"',
 }
 _BOUND = re.compile(r"(?P<sign>>=|<=|>|<)(?P<bound>[-+.\d]+)$")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
@@ -102,8 +102,8 @@ def joined(first: Namespace, second: Namespace) -> Namespace:
 
 
 def _row(line: str) -> Parameter:
-    told, _, note = line.partition(" # ")
-    name, kind, default, valid, *rest = told.split()
+    definition, _, note = line.partition(" # ")
+    name, kind, default, valid, *rest = definition.split()
     kind, _, length = kind.partition(":")
     if kind not in KINDS:
         raise ValueError(f"{name}: {kind}: must be one of {', '.join(KINDS)}")

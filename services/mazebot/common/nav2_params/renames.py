@@ -137,11 +137,11 @@ RENAMES: tuple[Rename, ...] = (
     ),
     Rename(
         "controller_server", "MPPIController", "publish_critics_stats", "", "Kilted",
-        "comes with visualize (PR 6036)",
+        "published with visualize (PR 6036)",
     ),
     Rename(
         "controller_server", "MPPIController", "TrajectoryVisualizer.publish_critics_stats", "",
-        "Kilted", "comes with visualize (PR 6036)",
+        "Kilted", "published with visualize (PR 6036)",
     ),
     Rename(
         "controller_server", "MPPIController", "PathAngleCritic.forward_preference",
@@ -153,7 +153,7 @@ RENAMES: tuple[Rename, ...] = (
     ),
     Rename(
         "controller_server", "RegulatedPurePursuitController", "stateful", "", "Kilted",
-        "the goal checker's stateful decides (PR 6071)",
+        "replaced by the goal checker's stateful (PR 6071)",
     ),
     Rename(
         "controller_server", "RegulatedPurePursuitController", "use_interpolation", "", "Iron",
@@ -161,7 +161,7 @@ RENAMES: tuple[Rename, ...] = (
     ),
     Rename(
         "controller_server", "RegulatedPurePursuitController", "goal_dist_tol", "", "Humble",
-        "the goal checker's tolerance counts",
+        "replaced by the goal checker's tolerance",
     ),
     *(
         Rename(

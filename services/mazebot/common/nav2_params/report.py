@@ -88,10 +88,10 @@ def _row(
     )  # fmt: skip
     if entry.group is not None and _is_switch(entry):
         return _switched(entry, entry.group, row, models, settings)
-    told = _told(entry)
-    if told is None:
+    target = _setting_of(entry)
+    if target is None:
         return row
-    names, value = told
+    names, value = target
     found = setting(entry.place, names, entry.instance, models)
     if found is None:
         return _as_always(entry, row)
@@ -103,7 +103,7 @@ def _row(
     changed |= path.rpartition(".")[2] != entry.name.rpartition(".")[2]
     status: Status = "mapped" if changed else "used"
     if converted is None:
-        note = "the default here has this meaning"
+        note = "the same as the default here"
         return dataclasses.replace(
             row, status=status, setting=path, note=joined_notes(row.note, note)
         )
@@ -113,10 +113,10 @@ def _row(
         return dataclasses.replace(row, note=note)
     before = owners.setdefault(path, (converted, row.now))
     if before[0] != converted:
-        note = joined_notes(row.note, f"{path} has its value from {before[1]}")
+        note = joined_notes(row.note, f"{path} is already set by {before[1]}")
         return dataclasses.replace(row, note=note)
     _put(settings, path, converted)
-    note = row.note if converted == value else joined_notes(row.note, f"taken as {converted!r}")
+    note = row.note if converted == value else joined_notes(row.note, f"converted to {converted!r}")
     return dataclasses.replace(row, status=status, setting=path, note=note)
 
 
@@ -152,7 +152,7 @@ def _switched(
     )
 
 
-def _told(entry: Entry) -> tuple[tuple[str, ...], Value] | None:
+def _setting_of(entry: Entry) -> tuple[tuple[str, ...], Value] | None:
     """The names of our settings that may take the entry's value, and the value; None: none can."""
     if entry.knowledge == "plugin" and entry.group is not None:
         chosen = entry.group.values.get(str(entry.value))
@@ -172,11 +172,13 @@ def _as_always(entry: Entry, row: Row) -> Row:
     if not fixed:
         return row if row.note else dataclasses.replace(row, note="has no setting here")
     given = str(entry.value).lower() if isinstance(entry.value, bool) else str(entry.value)
-    said = " or ".join(fixed)
+    values = " or ".join(fixed)
     if given.lstrip("/") not in fixed:
-        return dataclasses.replace(row, note=joined_notes(row.note, f"is always {said} here"))
+        return dataclasses.replace(row, note=joined_notes(row.note, f"is always {values} here"))
     status: Status = "mapped" if entry.renamed or entry.unresolved else "used"
-    return dataclasses.replace(row, status=status, note=joined_notes(row.note, "is always so here"))
+    return dataclasses.replace(
+        row, status=status, note=joined_notes(row.note, "is fixed to this value here")
+    )
 
 
 def _lists(entry: Entry) -> bool:
@@ -193,7 +195,7 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
         if entry.group is not None and entry.group.setting and entry.group.values:
             if str(entry.value) not in entry.group.values:
                 built_in = ", ".join(entry.group.values)
-                note = f"{entry.value} is not built in; built in are {built_in}"
+                note = f"{entry.value} is not supported: must be one of {built_in}"
                 return dataclasses.replace(row, note=note)
         spaces = [f"{entry.node}.{entry.name.removesuffix('plugin')}"]
     else:
@@ -203,11 +205,9 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
     used = any(name.startswith(space) for space in spaces for name in taken)
     if not used:
         note = row.note if row.note != "has no setting here" else ""
-        return dataclasses.replace(
-            row, note=joined_notes(note, "none of their parameters is taken")
-        )
+        return dataclasses.replace(row, note=joined_notes(note, "none of their parameters is used"))
     note = row.note if row.note != "has no setting here" else ""
-    note = joined_notes(note, "its parameters are taken")
+    note = joined_notes(note, "its parameters are used")
     status: Status = "mapped" if entry.renamed else "used"
     return dataclasses.replace(row, status=status, note=note)
 

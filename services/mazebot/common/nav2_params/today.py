@@ -23,11 +23,11 @@ def class_of_today(leaf: Leaf) -> Value:
     last = leaf.name.rpartition(".")[2]
     if last not in {"plugin", "primary_controller"} or not isinstance(leaf.value, str):
         return leaf.value
-    told = leaf.value.replace("/", "::")
+    name = leaf.value.replace("/", "::")
     for old, new in CLASS_RENAMES.items():
-        if told.startswith(old):
-            return new + told.removeprefix(old)
-    return told
+        if name.startswith(old):
+            return new + name.removeprefix(old)
+    return name
 
 
 def rename_entries(node_name: str, node: NodeEntries) -> None:
@@ -60,10 +60,10 @@ def _renamed(
 ) -> Entry:
     parts = [entry.note, rename.note]
     if not new:
-        note = "; ".join(part for part in (*parts, f"gone after {rename.until}") if part)
+        note = "; ".join(part for part in (*parts, f"removed after {rename.until}") if part)
         return dataclasses.replace(entry, knowledge="gone", note=note)
     if new != entry.name and new in values:
-        note = f"{new} is given too, and counts"
+        note = f"{new} is also given, and is used"
         return dataclasses.replace(entry, knowledge="gone", note=note)
     old = entry.name.rpartition(".")[2] if new != entry.name else entry.value
     parts.insert(1, f"{old} up to {rename.until}, now {new if new != entry.name else value}")

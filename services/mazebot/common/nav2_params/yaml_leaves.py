@@ -47,18 +47,18 @@ def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
     try:
         root = yaml.compose(text, _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line, said = line_and_words(error)
-        raise ConfigError(f"{name}{f':{line}' if line else ''}: not YAML: {said}") from error
+        line, reason = line_and_words(error)
+        raise ConfigError(f"{name}{f':{line}' if line else ''}: not YAML: {reason}") from error
     if root is None:
-        raise ConfigError(f"{name}: is empty: must hold NODE: {{{_PARAMETERS}: {{...}}}}")
+        raise ConfigError(f"{name}: is empty: must contain NODE: {{{_PARAMETERS}: {{...}}}}")
     last: dict[tuple[str, str], Leaf] = {}
     replaced = []
     try:
         found = list(itertools.islice(_nodes(root, "", name, 0), _MOST_LEAVES + 1))
     except RecursionError as error:
-        raise ConfigError(f"{name}: `<<` must not lead back to its own mapping") from error
+        raise ConfigError(f"{name}: `<<` must not refer to its own mapping") from error
     if len(found) > _MOST_LEAVES:
-        raise ConfigError(f"{name}: must hold at most {_MOST_LEAVES} parameters")
+        raise ConfigError(f"{name}: must contain at most {_MOST_LEAVES} parameters")
     for leaf in found:
         # A later one takes the earlier one's place, as in ROS 2.
         before = last.get((leaf.node, leaf.name))
@@ -73,21 +73,21 @@ def _nodes(node: yaml.Node, path: str, name: str, depth: int) -> Iterator[Leaf]:
     if not isinstance(node, yaml.MappingNode) or depth > _DEEPEST:
         line = node.start_mark.line + 1
         where = f"{path.lstrip('/')}: " if path else ""
-        said = f"must be a mapping that holds {_PARAMETERS}"
-        raise ConfigError(f"{name}:{line}: {where}{said}")
+        reason = f"must be a mapping that contains {_PARAMETERS}"
+        raise ConfigError(f"{name}:{line}: {where}{reason}")
     for key, value in _pairs(node, name):
         if key == _PARAMETERS:
             if not path:
-                said = "must stand below the name of a node"
-                raise ConfigError(f"{name}:{value.start_mark.line + 1}: {_PARAMETERS}: {said}")
+                reason = "must be below the name of a node"
+                raise ConfigError(f"{name}:{value.start_mark.line + 1}: {_PARAMETERS}: {reason}")
             own = path.rpartition("/")[2]
             owner = WILDCARD if own in {"**", "*"} else own
             if not isinstance(value, yaml.MappingNode):
                 if _is_nothing(value):
                     continue
                 line = value.start_mark.line + 1
-                said = f"{_PARAMETERS}: must be a mapping of names to values"
-                raise ConfigError(f"{name}:{line}: {path.lstrip('/')}: {said}")
+                reason = f"{_PARAMETERS}: must be a mapping of names to values"
+                raise ConfigError(f"{name}:{line}: {path.lstrip('/')}: {reason}")
             yield from _leaves(value, owner, "", name, depth + 1)
         elif _is_nothing(value):
             continue
@@ -99,8 +99,8 @@ def _leaves(
     node: yaml.MappingNode, owner: str, prefix: str, name: str, depth: int
 ) -> Iterator[Leaf]:
     if depth > _DEEPEST:
-        said = f"must be nested at most {_DEEPEST} deep"
-        raise ConfigError(f"{name}:{node.start_mark.line + 1}: {owner}.{prefix}: {said}")
+        reason = f"must be nested at most {_DEEPEST} deep"
+        raise ConfigError(f"{name}:{node.start_mark.line + 1}: {owner}.{prefix}: {reason}")
     for key, value in _pairs(node, name):
         if isinstance(value, yaml.MappingNode):
             yield from _leaves(value, owner, f"{prefix}{key}.", name, depth + 1)
@@ -122,7 +122,7 @@ def _pairs(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.Node]]
             own.append((str(key.value), value))
         else:
             line = key.start_mark.line + 1
-            raise ConfigError(f"{name}:{line}: a name must be a text, no list or mapping")
+            raise ConfigError(f"{name}:{line}: a name must be a string, not a list or mapping")
     yield from own
 
 

@@ -214,7 +214,7 @@ class Executive:
             if until():
                 return None
             if not moved:
-                raise StalledError(f"the simulation stands still: {self._why()}")
+                raise StalledError(f"the simulation is stalled: {self._why()}")
 
     def turn(self) -> bool:
         """Advance physics by one step, then step each node that is due; whether any stepped."""
@@ -222,9 +222,9 @@ class Executive:
 
     def _why(self) -> str:
         if self._clock.paused:
-            return f"{self._clock.name} is paused, and nobody is left to resume it"
+            return f"{self._clock.name} is paused and no other node can resume it"
         waits = [
-            f"{node.name} waits for {node.waiting_for()}"
+            f"{node.name} is waiting for {node.waiting_for()}"
             for node in self.nodes
             if node.waiting_for()
         ]

@@ -48,7 +48,7 @@ class FrameTree:
             if len(parents) > MAX_FRAMES:
                 return _TOO_MANY
             if has_ring(parents):
-                return "frames in a ring"
+                return "loop in the frame tree"
         entries.update((entry.child_frame_id, entry) for entry in message.transforms)
         return ""
 

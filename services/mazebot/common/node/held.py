@@ -80,7 +80,7 @@ class HeldMessages(Generic[E]):
             oldest = sources.pop(next(iter(sources)))
             self._bytes -= sum(len(message.data) for message in oldest)
 
-    def said_by(
+    def kept_from(
         self, names: Collection[str], is_meant: Callable[[str], bool]
     ) -> list[HeldMessage[E]]:
         """The kept messages on these topics, of the publishers for which `is_meant` is true."""

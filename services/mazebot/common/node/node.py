@@ -286,7 +286,7 @@ class Inbox:
         """The last messages on these latched topics, of publishers that are gone, or of all."""
         with self._lock:
             gone = self._gone
-            return self._kept.said_by(names, lambda source: of_the_living or source in gone)
+            return self._kept.kept_from(names, lambda source: of_the_living or source in gone)
 
     def pending(self, topic: Topic[M]) -> bool:
         """Whether a message is queued."""
@@ -373,7 +373,7 @@ class Outbox:
         """
         node, name = self._node, topic.name
         if node.name not in topic.owners:
-            raise PermissionError(f"{node.name} may not write {name}")
+            raise PermissionError(f"{node.name} is not allowed to publish {name}")
         try:
             wire.validate(topic, message)
         except wire.WireError as error:

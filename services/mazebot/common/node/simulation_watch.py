@@ -27,25 +27,25 @@ class SimulationWatch:
         """Whether the simulation was reset since the last step. Call it once in each step, with the
         new messages of SIMULATION_STATS.
         """
-        anew = now_ns < self._now_ns
-        if anew:
+        restarted = now_ns < self._now_ns
+        if restarted:
             self._begun_ns = 0
         for stats in news:
             if self.epoch is not None and stats.epoch != self.epoch:
-                anew = True
+                restarted = True
                 self._begun_ns = round(stats.sim_time_s * 1e9)
-            anew = anew or stats.seed != self.seed
+            restarted = restarted or stats.seed != self.seed
             self.epoch, self.seed = stats.epoch, stats.seed
         self._now_ns = now_ns
-        return anew
+        return restarted
 
     def is_of_this_run(self, stamp_ns: int, topic: Topic[M], inbox: Inbox) -> bool:
         """Whether a measurement is from this epoch; one that is not is rejected and counted."""
         if stamp_ns > self._now_ns:
             # From a simulation that has ended since.
-            inbox.reject(topic, "later than now")
+            inbox.reject(topic, "stamp in the future")
             return False
         if stamp_ns < self._begun_ns:
-            inbox.reject(topic, "of an earlier epoch")
+            inbox.reject(topic, "from an earlier epoch")
             return False
         return True

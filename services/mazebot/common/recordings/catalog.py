@@ -148,12 +148,12 @@ class Catalog:
         for name, files in _run_folders(self.folder):
             path = self.folder / name
             versions = files.get(SUMMARY), files.get(LABELS)
-            said = known.get(name)
-            if said is None or said.versions != versions:
-                said = _Facts(versions, _read(path, versions))
+            cached = known.get(name)
+            if cached is None or cached.versions != versions:
+                cached = _Facts(versions, _read(path, versions))
                 read += 1
-            facts[name] = said
-            found.append(_info(path, files, said.values))
+            facts[name] = cached
+            found.append(_info(path, files, cached.values))
         self._facts = facts
         if read >= _WORTH_IT:
             _write_index(self.folder, facts)
@@ -184,7 +184,7 @@ def find_run(field: str, directory: Path, name: str, holding: str = "") -> Recor
         latest = next((run for run in runs if not holding or holding in run.files), None)
         if latest is None:
             what = f"run with {holding}" if holding else "run"
-            raise ConfigError(f"{field}: no {what} in {directory}; `make demo` makes one")
+            raise ConfigError(f"{field}: no {what} in {directory}; `make demo` creates one")
         return latest
     for folder in (Path(name), directory / name):
         try:
@@ -195,7 +195,7 @@ def find_run(field: str, directory: Path, name: str, holding: str = "") -> Recor
         if run is not None:
             return run
     known = ", ".join(sorted(_names(directory), reverse=True)[:3]) or "none"
-    raise ConfigError(f"{field}: {name!r:.200} is no run in {directory}; it has {known}")
+    raise ConfigError(f"{field}: {name!r:.200}: no such run in {directory}; newest runs: {known}")
 
 
 def _names(directory: Path) -> Iterator[str]:
@@ -251,8 +251,8 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
                 raise ValueError("must be an object")
         except (OSError, ValueError, RecursionError) as error:
             summary = {}
-            said = getattr(error, "strerror", None) or str(error)
-            problem = f"{SUMMARY}: {said:.200}"
+            reason = getattr(error, "strerror", None) or str(error)
+            problem = f"{SUMMARY}: {reason:.200}"
     labels: Labels | None = Labels()
     if versions[1] is not None:
         try:
@@ -338,9 +338,9 @@ def _write_index(folder: Path, facts: Mapping[str, _Facts]) -> None:
     """
     newest_ns = time.time_ns() - _SETTLED_NS
     runs = {
-        name: (*said.versions, [said.values[field] for field in _INDEXED])
-        for name, said in facts.items()
-        if all(file is None or file.modified_ns < newest_ns for file in said.versions)
+        name: (*fact.versions, [fact.values[field] for field in _INDEXED])
+        for name, fact in facts.items()
+        if all(file is None or file.modified_ns < newest_ns for file in fact.versions)
     }
     # Without it, everything is read the next time.
     with contextlib.suppress(OSError, ValueError):

@@ -77,8 +77,10 @@ def relabelled(
     values = {"tags": sorted(tags), "note": labels.note if note is None else note}
     for tag in add:
         if re.fullmatch(TAG_PATTERN, tag) is None:
-            said = "must be letters, digits and _.:- and begin with a letter or digit, 40 at most"
-            raise ConfigError(f"tag {tag!r:.60}: {said}")
+            expected = (
+                "must be letters, digits and _.:- and begin with a letter or digit, 40 at most"
+            )
+            raise ConfigError(f"tag {tag!r:.60}: {expected}")
     try:
         return Labels.model_validate(values)
     except ValidationError as error:

@@ -90,7 +90,9 @@ def check_free(field: str, folder: Path) -> None:
     """
     for name in (SUMMARY, RECORDING, MESSAGES, CONFIG):
         if os.path.exists(folder / name):  # noqa: PTH110 - False for a name that cannot be
-            raise ConfigError(f"{field}: {folder} holds a run already ({name}); name another one")
+            raise ConfigError(
+                f"{field}: {folder} already contains a run ({name}); choose another folder"
+            )
     made: list[Path] = []
     try:
         for path in reversed((folder, *folder.parents)):
@@ -100,11 +102,11 @@ def check_free(field: str, folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except FileExistsError as error:
-        said = f"must be a new folder: {error.filename} is none"
-        raise ConfigError(f"{field}: {folder}: {said}") from error
+        reason = f"must be a new folder: {error.filename} is not a folder"
+        raise ConfigError(f"{field}: {folder}: {reason}") from error
     except (OSError, ValueError) as error:
-        said = getattr(error, "strerror", None) or str(error)
-        raise ConfigError(f"{field}: {str(folder)!r:.200}: cannot be made: {said}") from error
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(f"{field}: {str(folder)!r:.200}: cannot be created: {reason}") from error
     finally:
         for path in reversed(made):
             path.rmdir()

@@ -51,10 +51,10 @@ def _mapping(path: Path, parse: Callable[[str], Any]) -> dict[str, Any]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        line, said = line_and_words(error)
-        raise ConfigError(f"{path}{f':{line}' if line else ''}: {said}") from error
+        line, reason = line_and_words(error)
+        raise ConfigError(f"{path}{f':{line}' if line else ''}: {reason}") from error
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: holds no settings")
+        raise ConfigError(f"{path}: contains no settings")
     return content
 
 

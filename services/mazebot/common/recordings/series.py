@@ -44,7 +44,7 @@ class EstimatedRows(Document):
 
 
 class CostRows(Document):
-    """What a service cost, as it said on /diagnostics; columns of equal length, oldest first. Of
+    """What a service cost, as reported on /diagnostics; columns of equal length, oldest first. Of
     those left out, the step time is shorter than that of the row kept.
     """
 
@@ -66,12 +66,12 @@ class SeriesGoal(Document):
     """A goal that has ended."""
 
     name: str = Field(description="as in summary.json")
-    action: str = Field("navigate_to_pose", description="what the robot was asked to do")
+    action: str = Field("navigate_to_pose", description="action of the goal")
     start_s: Finite | None = Field(None, description="simulation time, s")
     end_s: Finite | None = Field(None, description="simulation time, s")
     reached: bool = Field(description="as in summary.json")
     canceled: bool = Field(
-        False, description="given up on request, or for another goal: neither reached nor missed"
+        False, description="canceled, or preempted by another goal: neither reached nor missed"
     )
     pose: Planar | None = Field(None, description="in `map`; null: the task has none")
 
@@ -92,10 +92,10 @@ class SeriesEvent(Document):
 
     time_s: Finite = Field(description="simulation time, s")
     kind: Literal["goal", "contact", "marker", "service", "log", "run"] = Field(
-        description="`goal`: begun or ended; `contact`: of the robot; `marker`: first seen; "
+        description="`goal`: started or ended; `contact`: of the robot; `marker`: first seen; "
         "`service`: its state has changed; `log`: a warning or an error; `run`: of the simulation"
     )
-    level: Literal["info", "warning", "error"] = Field("info", description="how bad it is")
+    level: Literal["info", "warning", "error"] = Field("info", description="severity")
     text: str = Field(description="in one line")
     x_m: Finite | None = Field(None, description="true position of the robot, in `map`, m")
     y_m: Finite | None = Field(None, description="likewise")

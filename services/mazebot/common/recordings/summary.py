@@ -71,8 +71,8 @@ class RunSummary(Document):
         description="number of simulation starts, including this run's; null: never received"
     )
     rebuilds: int = Field(
-        description="times that physics was rebuilt while time went on, because a body's "
-        "state was not physical"
+        description="number of times that physics was rebuilt without a reset, because a "
+        "body's state was invalid"
     )
     state_hash: str | None = Field(
         description="hash of every state of the simulation so far; null: never received"
@@ -106,7 +106,7 @@ class RunSummary(Document):
         description="angle between estimated and true heading, rad"
     )
     localization: LocalizationConsistency = Field(
-        description="whether the estimated poses are as certain as they say"
+        description="consistency of the estimated poses with their covariances"
     )
     marker_error_m: ErrorStatistics = Field(
         description="distance between a marker's detected and true position, m"

@@ -98,8 +98,8 @@ def read_settings(
     strange = [name for name in found if name not in known and name not in fields_of]
     strange += [name for name in top if name not in _OF_A_RUN]
     if strange:
-        said = unknown_name(str(strange[0]), _OF_A_RUN if of_a_run else ("seed", *known))
-        raise ConfigError(f"{path}: {strange[0]!s:.60}: unknown section{said}")
+        hint = unknown_name(str(strange[0]), _OF_A_RUN if of_a_run else ("seed", *known))
+        raise ConfigError(f"{path}: {strange[0]!s:.60}: unknown section{hint}")
     read: dict[str, dict[str, Any]] = {}
     for name in {**dict.fromkeys(fields_of), **found}:
         section = found.get(name, {})
@@ -116,12 +116,12 @@ def read_settings(
 def _check_section(path: Path, name: str, section: Any, fields: Collection[str] | None) -> None:
     """Raises ConfigError where a section is not a mapping, or has a field not in `fields`."""
     if not isinstance(section, dict):
-        said = "must be a mapping of fields to values"
-        raise ConfigError(f"{path}: {name}: {section!r:.60}: {said}")
+        reason = "must be a mapping of fields to values"
+        raise ConfigError(f"{path}: {name}: {section!r:.60}: {reason}")
     for field, value in section.items():
         if fields is not None and field not in fields:
-            said = f"{value!r:.60}: unknown field{unknown_name(str(field), fields)}"
-            raise ConfigError(f"{path}: {name}.{field!s:.60}: {said}")
+            reason = f"{value!r:.60}: unknown field{unknown_name(str(field), fields)}"
+            raise ConfigError(f"{path}: {name}.{field!s:.60}: {reason}")
 
 
 def world_hash_of_run(path: Path) -> str:
@@ -186,7 +186,7 @@ def _take_file_flag(arguments: Sequence[str], name: str) -> tuple[list[str], Pat
         if word == flag:
             path = next(words, None)
             if path is None:
-                raise ConfigError(f"{flag}: names no file")
+                raise ConfigError(f"{flag}: must be followed by a file")
         elif word.startswith(f"{flag}="):
             path = word.partition("=")[2]
         else:
@@ -247,8 +247,8 @@ def _yaml_mapping(path: Path) -> dict[Any, Any]:
     try:
         content = yaml.load(text, _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line, said = line_and_words(error)
-        raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {said}") from error
+        line, reason = line_and_words(error)
+        raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {reason}") from error
     if content is not None and not isinstance(content, dict):
         raise ConfigError(f"{path}: {content!r:.60}: must be a mapping of sections to their fields")
     return content or {}

@@ -77,19 +77,19 @@ def settings(
         ) from error
 
 
-def _plain(said: str, arguments: list[str], env_prefix: str, flags: list[str]) -> str:
+def _plain(message: str, arguments: list[str], env_prefix: str, flags: list[str]) -> str:
     """pydantic-settings' message, with the flag or variable, the value and what is allowed."""
-    unknown = re.search(r"unrecognized arguments: (.*)", said)
+    unknown = re.search(r"unrecognized arguments: (.*)", message)
     if unknown:
         name, _, value = unknown[1].replace("=", " ", 1).partition(" ")
         given = f"{value!r:.60}: " if value else ""
         return f"{name}: {given}no such flag{unknown_name(name, flags)}"
-    alone = re.search(r"argument (--\S+): expected", said)
+    alone = re.search(r"argument (--\S+): expected", message)
     if alone:
         return f"{alone[1]}: must be followed by a value"
-    field = re.search(r'field "(\w+)"|encountered for (\w+)', said)
+    field = re.search(r'field "(\w+)"|encountered for (\w+)', message)
     if field is None:
-        return " ".join(said.split())
+        return " ".join(message.split())
     name = field[1] or field[2]
     flag = f"--{name.replace('_', '-')}"
     values = [value for word, value in itertools.pairwise(arguments) if word == flag]

@@ -25,7 +25,10 @@ def entity_problems(entity: Entity) -> Iterator[str]:
 def name_problems(name: str) -> Iterator[str]:
     """Problems of a name, which is also a frame name."""
     if not (0 < len(name) <= MAX_NAME and name.isprintable() and name == name.strip()):
-        yield f"name: {name!r:.60}: must be 1 to {MAX_NAME} printable letters, with no space around"
+        yield (
+            f"name: {name!r:.60}: must be 1 to {MAX_NAME} printable characters, without "
+            "leading or trailing spaces"
+        )
     if name.startswith("/"):
         yield f"name: {name!r:.60}: must not begin with a slash: it names a frame"
 
@@ -41,7 +44,7 @@ def pose_problems(posed: Posed) -> Iterator[str]:
 def _body_problems(entity: BodyEntity) -> Iterator[str]:
     names = {material.name for material in entity.materials}
     if len(names) < len(entity.materials):
-        yield "materials: must have names of their own"
+        yield "materials: must have unique names"
     for shape in entity.shapes:
         if shape.material and shape.material not in names:
             yield (

@@ -189,18 +189,18 @@ def mesh_from_bytes(data: bytes) -> TriangleMesh:
         raise
     except Exception as error:
         # On damaged files the readers of zip and numpy may raise any exception.
-        raise ValueError("is no mesh file") from error
+        raise ValueError("is not a mesh file") from error
     triangles = arrays.pop("triangles").astype(np.int32)
     vertices, normals, uvs = (array.astype(np.float64) for array in arrays.values())
     count = len(vertices)
     if len(triangles) > MAX_TRIANGLES:
         raise ValueError(f"has {len(triangles)} triangles: at most {MAX_TRIANGLES}")
     if not len(normals) == len(uvs) == count:
-        raise ValueError("has not as many normals and uvs as vertices")
+        raise ValueError("has different numbers of vertices, normals and uvs")
     if not all(np.isfinite(array).all() for array in (vertices, normals, uvs)):
-        raise ValueError("holds a number that is not finite")
+        raise ValueError("contains a non-finite number")
     if triangles.size and not 0 <= triangles.min() <= triangles.max() < count:
-        raise ValueError("has a triangle of a vertex that is not there")
+        raise ValueError("has a triangle with a nonexistent vertex")
     return TriangleMesh(vertices, normals, uvs, triangles)
 
 
@@ -270,13 +270,13 @@ def _read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
                 raise _MeshFileError("is compressed")
             with archive.open(info) as member:
                 if np.lib.format.read_magic(member) != (1, 0):
-                    raise _MeshFileError("is of another numpy format")
+                    raise _MeshFileError("has an unsupported numpy format")
                 shape, by_columns, kind = np.lib.format.read_array_header_1_0(member)
                 content = member.read()
             if kind != np.dtype(dtype) or by_columns or shape[1:] != (_COLUMNS[name],):
                 raise _MeshFileError(f"{name}: is not (n, {_COLUMNS[name]}) of {dtype}")
             if len(content) != shape[0] * _COLUMNS[name] * kind.itemsize:
-                raise _MeshFileError(f"{name}: is cut short")
+                raise _MeshFileError(f"{name}: is truncated")
             arrays[name] = np.frombuffer(content, kind).reshape(shape)
     return arrays
 

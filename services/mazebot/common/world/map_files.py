@@ -99,7 +99,7 @@ def write_map(
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", name, re.ASCII):
         raise ConfigError(f"name: {name!r:.60}: must be a file name without folders")
     if cells.ndim != 2 or not cells.size:
-        raise ConfigError(f"cells: {cells.shape}: must be rows and columns of some cells")
+        raise ConfigError(f"cells: {cells.shape}: must have at least one row and one column")
     if mode == "scale" and image_format != "png" and bool((cells < 0).any()):
         raise ConfigError(
             f"image_format: {image_format}: must be png, for the unknown cells of mode scale"
@@ -212,7 +212,7 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
     """
     try:
         if not file.is_file():
-            raise ValueError("no such file beside the YAML file")
+            raise ValueError("no such file next to the YAML file")
         with file.open("rb") as opened:
             data = opened.read(MAX_IMAGE_BYTES + 1)
     except OSError as error:
@@ -227,7 +227,7 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
         except Image.DecompressionBombError as error:
             raise ValueError(f"must have at most {MAX_CELLS} pixels") from error
         except Exception as error:
-            raise ValueError("must be a PGM, PNG or BMP picture") from error
+            raise ValueError("must be a PGM, PNG or BMP image") from error
         _check_size(*image.size)
         if image.mode in ("P", "PA", "1") or "transparency" in image.info:
             wanted = "RGBA" if "transparency" in image.info or image.mode == "PA" else "RGB"
@@ -239,7 +239,7 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
             pixels = np.asarray(image.convert(wanted))
         except Exception as error:
             # On damaged images Pillow's decoders may raise anything.
-            raise ValueError("is cut short or damaged") from error
+            raise ValueError("is truncated or corrupt") from error
     alpha = pixels[..., -1] if wanted in ("LA", "RGBA") else None
     if pixels.ndim == 2:
         return pixels.astype(np.float64), alpha
@@ -251,17 +251,17 @@ def _read_plain_pgm(data: bytes) -> Array:
     """A PGM image in ASCII, for which Pillow takes a second per megapixel."""
     text = re.sub(rb"#[^\r\n]*", b"", data[2:])
     if text.translate(None, b"0123456789 \t\r\n\v\f"):
-        raise ValueError("is cut short or damaged")
+        raise ValueError("is truncated or corrupt")
     header = text.split(None, 3)
     if len(header) < 4 or max(len(number) for number in header[:3]) > 9:
-        raise ValueError("is cut short or damaged")
+        raise ValueError("is truncated or corrupt")
     columns, rows, most = (int(number) for number in header[:3])
     _check_size(columns, rows)
     if not 0 < most < 256:
         raise ValueError("must have 8 bits a channel")
     values = np.fromstring(header[3].decode(), np.int64, sep=" ")
     if len(values) < rows * columns or values.min() < 0 or values.max() > most:
-        raise ValueError("is cut short or damaged")
+        raise ValueError("is truncated or corrupt")
     grey = values[: rows * columns].reshape(rows, columns)
     return np.asarray(grey if most == 255 else np.rint(grey * 255.0 / most), np.float64)
 

@@ -49,7 +49,7 @@ def read_codes(file: Path) -> MarkerDictionary:
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: must be a text in UTF-8") from error
+        raise ConfigError(f"{file}: must be UTF-8 text") from error
     content = _content(file, text)
     count = _number(file, content, "nmarkers", 1, MAX_MARKERS)
     size = _number(file, content, "markersize", MIN_SIZE, MAX_SIZE)
@@ -115,7 +115,7 @@ def _number(file: Path, content: Mapping[str, Any], key: str, low: int, high: in
     value = content[key]
     text = str(value)
     if isinstance(value, bool) or not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise ConfigError(f"{file}: {key}: {value!r:.40}: must be a whole number")
+        raise ConfigError(f"{file}: {key}: {value!r:.40}: must be an integer")
     if not low <= int(text) <= high:
         raise ConfigError(f"{file}: {key}: {text}: must be from {low} to {high}")
     return int(text)

@@ -53,11 +53,11 @@ def marker_entities(
         reason = marker_picture.identity_problem(marker, dictionary)
         if not reason and marker.id in on_wall:
             # The small dictionaries are prefixes of the large ones: an id is one marker in all.
-            reason = f"id: {marker.id}: must be unique: it hangs on {on_wall[marker.id]}"
+            reason = f"id: {marker.id}: must be unique: already on {on_wall[marker.id]}"
         if not reason and marker.wall not in walls:
-            reason = f"wall: {marker.wall!r:.60}: there is none of this name"
+            reason = f"wall: {marker.wall!r:.60}: no such wall"
         if not reason and len(entities) >= max_markers:
-            reason = f"there are {max_markers} markers already: no more fit"
+            reason = f"too many markers: at most {max_markers}"
         if not reason:
             side_m = marker_picture.panel_side_m(marker, dictionary)
             panel = hang(name, marker, walls[marker.wall], side_m, style.gap_m)

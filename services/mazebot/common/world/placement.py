@@ -125,7 +125,7 @@ class Placement:
         if not max(np.abs(panel.map_from_panel).max(), panel.side_m) < MAX_DISTANCE_M:
             return f"must lie within {MAX_DISTANCE_M:g} m"
         if abs(panel.normal[2]) > _ALIGNED or abs(panel.right[2]) > _ALIGNED:
-            return "does not hang upright"
+            return "is not upright"
         host = self._host(panel, wall)
         if host is None:
             return self._floating(panel, wall)
@@ -162,14 +162,14 @@ class Placement:
         if buried:
             return buried
         if not self._walls:
-            return "floats: there is no wall"
+            return "floats: there are no walls"
         centre = shapely.Point(panel.centre_m[:2])
         if name is None:
             numbers = self._tree.query_nearest(centre).tolist()
         else:
             numbers = self._numbers.get(name, [])
         if not numbers:
-            return f"wall: {name!r:.60}: there is none of this name"
+            return f"wall: {name!r:.60}: no such wall"
         distances_m = shapely.distance(centre, self._footprints[sorted(numbers)])
         nearest, distance_m = int(np.argmin(distances_m)), float(distances_m.min())
         wall = self._walls[sorted(numbers)[nearest]]
@@ -179,7 +179,7 @@ class Placement:
 
     def _through_ceiling(self, panel: Panel) -> str:
         past_m = float(panel.centre_m[2]) + panel.side_m / 2.0 - self._ceiling_m
-        return f"reaches {past_m:.3f} m through the ceiling" if past_m > _TOUCH_M else ""
+        return f"extends {past_m:.3f} m through the ceiling" if past_m > _TOUCH_M else ""
 
     def _buried(self, panel: Panel) -> str:
         half = panel.side_m / 2.0 * panel.right[:2]
@@ -205,7 +205,7 @@ class Placement:
         """A marker is refused if the robot cannot reach the floor in front of its face."""
         if self._floor.intersects(self._view(panel)):
             return ""
-        return "faces a floor that cannot be reached from the start"
+        return "faces a part of the floor that is unreachable from the start"
 
     def _view(self, panel: Panel) -> shapely.Polygon:
         """The area in front of the face, up to the depth that must be clear."""
@@ -266,7 +266,7 @@ class Placement:
 def _unseen(seen: NDArray[np.bool_] | None) -> str:
     if seen is None or seen.any():
         return ""
-    return "is seen from nowhere that the robot can go"
+    return "is not visible from any position that the robot can reach"
 
 
 def _in_wall(panel: Panel, wall: Wall) -> tuple[float, float, float]:
@@ -282,11 +282,11 @@ def _beyond(panel: Panel, wall: Wall) -> str:
     half, height = panel.side_m / 2.0, float(panel.centre_m[2])
     past_end = abs(along) + half - wall.length_m / 2.0
     if past_end > _TOUCH_M:
-        return f"reaches {past_end:.3f} m beyond the end of {wall.name}"
+        return f"extends {past_end:.3f} m beyond the end of {wall.name}"
     if height + half > wall.height_m + _TOUCH_M:
-        return f"reaches {height + half - wall.height_m:.3f} m above the top of {wall.name}"
+        return f"extends {height + half - wall.height_m:.3f} m above the top of {wall.name}"
     if height - half < -_TOUCH_M:
-        return f"reaches {half - height:.3f} m under the floor"
+        return f"extends {half - height:.3f} m below the floor"
     return ""
 
 

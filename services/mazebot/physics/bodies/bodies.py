@@ -258,7 +258,7 @@ class Bodies:
             )
             depth_m = -min((point[8] for point in points), default=0.0)
             if depth_m > PENETRATION_M:
-                return f"reaches {depth_m:.3f} m into {self._called(other)}"
+                return f"penetrates {self._called(other)} by {depth_m:.3f} m"
         return ""
 
     @property
@@ -605,7 +605,7 @@ class Bodies:
                 points = pybullet.getClosestPoints(number, other, 0.0, physicsClientId=client)
                 depth_m = -min((point[8] for point in points), default=0.0)
                 if depth_m > PENETRATION_M:
-                    return f"reaches {depth_m:.3f} m into {self._called(other)}"
+                    return f"penetrates {self._called(other)} by {depth_m:.3f} m"
         return ""
 
     def _called(self, number: int) -> str:

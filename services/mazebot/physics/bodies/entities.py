@@ -74,7 +74,7 @@ def establish(
     for entity in desired.entities:
         name = entity.name
         if name in stands:
-            reason = f"name: {name!r:.60} is there already"
+            reason = f"name: {name!r:.60} already exists"
         elif now.get(name) == entity:
             reason = ""
         else:
@@ -99,12 +99,12 @@ def establish(
     )
 
 
-def told_changes(before: Entities | None, after: Entities) -> str:
+def change_text(before: Entities | None, after: Entities) -> str:
     """The changes in words: `spawned: a, b; deleted: c; changed: d`; for a world's first set, only
     the number of entities.
     """
     if before is None:
-        return f"{len(after.entities)} entities stand"
+        return f"{len(after.entities)} entities in the world"
     old = {entity.name: entity for entity in before.entities}
     new = {entity.name: entity for entity in after.entities}
     names = {
@@ -145,7 +145,7 @@ def _hang(
     """Why a marker cannot be placed; empty if it can."""
     hanging = [panel_of(one) for one in others.values() if isinstance(one, MarkerEntity)]
     if len(hanging) >= MAX_MARKERS:
-        return f"there are {MAX_MARKERS} markers already: no more fit"
+        return f"too many markers: at most {MAX_MARKERS}"
     return _marker_problem(entity, files) or placement.problem(panel_of(entity), hanging)
 
 
@@ -155,7 +155,7 @@ def _marker_problem(entity: MarkerEntity, files: Container[str]) -> str:
     if entity.panel_side_m > MAX_PANEL_SIDE_M:
         return f"panel_side_m: {entity.panel_side_m:g} is more than {MAX_PANEL_SIDE_M:g}"
     if entity.texture_sha256 not in files:
-        return f"texture_sha256: there is no asset {entity.texture_sha256[:16]!r}"
+        return f"texture_sha256: {entity.texture_sha256[:16]!r}: no such asset"
     return ""
 
 
@@ -165,9 +165,9 @@ def _put(
     """Spawn a body at its desired pose; returns empty, or why it cannot be."""
     there = [one for one in others.values() if isinstance(one, BodyEntity)]
     if len(there) >= MAX_BODIES:
-        return f"there are {MAX_BODIES} bodies already: no more fit"
+        return f"too many bodies: at most {MAX_BODIES}"
     if entity.name in bodies.fixed_names:
-        return f"name: {entity.name!r:.60}: is that of something in the world"
+        return f"name: {entity.name!r:.60}: is already used in the world"
     for problem in (*entity_problems(entity), *_size_problems(entity)):
         return problem
     try:
@@ -235,7 +235,7 @@ def _path_problems(entity: BodyEntity) -> Iterator[str]:
         yield f"path: {error}"
         return
     if length_m > MAX_WAY_M:
-        yield f"path: waypoints_m: make a way of {length_m:.0f} m: at most {MAX_WAY_M:g} m"
+        yield f"path: waypoints_m: path length of {length_m:.0f} m: at most {MAX_WAY_M:g} m"
 
 
 def _material_problems(entity: BodyEntity, files: Container[str]) -> Iterator[str]:
@@ -253,4 +253,4 @@ def _look_problems(material: Material, files: Container[str]) -> Iterator[str]:
     if not (side_m == 0.0 or 1e-3 <= side_m <= MAX_LENGTH_M):
         yield f"texture_side_m: {side_m}: must be 0, or 0.001 to {MAX_LENGTH_M:g} m"
     if material.texture_sha256 and material.texture_sha256 not in files:
-        yield f"texture_sha256: there is no asset {material.texture_sha256[:16]!r}"
+        yield f"texture_sha256: {material.texture_sha256[:16]!r}: no such asset"

@@ -166,7 +166,7 @@ def robot_model_from_urdf(text: str) -> RobotModel:
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in links:
-                raise ModelError(f"joint {joint.name!r}: there is no link {end!r}")
+                raise ModelError(f"joint {joint.name!r}: no such link: {end!r}")
     children = [joint.child for joint in joints]
     if len(set(children)) != len(children) or len(children) != len(links) - 1:
         raise ModelError("the links are not one tree")

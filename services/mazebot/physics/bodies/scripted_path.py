@@ -92,7 +92,7 @@ class Route:
             if math.dist(place, corners[-1]) > _SAME_PLACE_M:
                 corners.append(place)
         if len(corners) < 2:
-            raise ValueError("waypoints_m: lead nowhere: one must be away from the start")
+            raise ValueError("waypoints_m: must contain a waypoint away from the start")
         if path.loop and math.dist(corners[0], corners[-1]) <= _SAME_PLACE_M:
             corners.pop()
         # With two corners only, a loop is the path there and back.

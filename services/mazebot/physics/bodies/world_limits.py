@@ -54,7 +54,7 @@ def check(world: World, meshes: Mapping[str, TriangleMesh], frames: Collection[s
     for kind, things in (("walls", world.walls), ("bodies", world.bodies)):
         for thing in things:
             if thing.name in seen:
-                raise ValueError(f"{kind}: {thing.name!r:.60} is there twice")
+                raise ValueError(f"{kind}: {thing.name!r:.60} is not unique")
             seen.add(thing.name)
     for wall in world.walls:
         sizes = {"length_m": wall.length_m, "thickness_m": wall.thickness_m}
@@ -109,7 +109,7 @@ def body_problems(
     if not 0.0 <= body.mass_kg <= MAX_MASS_KG or 0.0 < body.mass_kg < MIN_MASS_KG:
         yield f"mass_kg: {body.mass_kg}: must be 0, or {MIN_MASS_KG:g} to {MAX_MASS_KG:g}"
     if moves and body.name in frames:
-        yield "name: is that of a frame of the robot: a body that moves must have another"
+        yield "name: is a frame of the robot: must be another name for a body that moves"
     if body.mass_kg > 0.0 and not any(shape.solid for shape in body.shapes):
         yield f"mass_kg: {body.mass_kg}: must be 0: none of its shapes is solid"
     for shape in body.shapes:
@@ -133,13 +133,13 @@ def _shape_problems(shape: Shape, meshes: Mapping[str, TriangleMesh], moves: boo
     if isinstance(geometry, Mesh):
         mesh = meshes.get(geometry.sha256)
         if mesh is None:
-            yield f"mesh {geometry.sha256:.12} is not there"
+            yield f"mesh {geometry.sha256:.12} is missing"
         elif not all(1e-6 <= abs(factor) <= 1e6 for factor in geometry.scale):
-            yield f"scale: {geometry.scale}: none may be zero, or beyond 1000000"
+            yield f"scale: {geometry.scale}: must be nonzero and at most 1000000"
         elif not len(mesh.triangles):
             yield f"mesh {geometry.sha256:.12} has no triangles"
         elif not (np.abs(mesh.vertices_m * geometry.scale) <= MAX_LENGTH_M).all():
-            yield f"scale: {geometry.scale}: makes it reach beyond {MAX_LENGTH_M:g} m"
+            yield f"scale: {geometry.scale}: makes it extend beyond {MAX_LENGTH_M:g} m"
 
 
 def _sizes(shape: Shape) -> dict[str, float]:

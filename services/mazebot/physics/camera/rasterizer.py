@@ -42,7 +42,7 @@ FACTS = 7
 pixel, and if not the tint, of 65536.
 """
 _ONE = 65536
-_NOBODY = -1
+_NO_OWNER = -1
 
 _CHUNK = 64
 """Pixels of one triangle that are shaded together, so that loops over them can be vectorised."""
@@ -384,7 +384,7 @@ def draw_strip(
     nearness, owners, rgba = scratch.nearness, scratch.owners, scratch.rgba
     for at in range(pixels):
         nearness[at] = _f32(1.0 / far_m)
-        owners[at] = _i32(_NOBODY)
+        owners[at] = _i32(_NO_OWNER)
     for triangle in range(len(planes)):
         if facts[triangle, FIRST_ROW] < end_row and facts[triangle, END_ROW] > first_row:
             _cover(

@@ -202,7 +202,7 @@ class _Builder:
         try:
             return decoded_mesh(sha256, self._assets[sha256])
         except KeyError:
-            reason = "is not there"
+            reason = "is missing"
         except ValueError as error:
             reason = str(error)
         self._problems[f"body {body}: mesh {sha256:.12} {reason}; not shown"] = None
@@ -275,7 +275,9 @@ class _Builder:
         tints = (light_ambient * ambient + light_diffuse * facing[:, None] * diffuse) / exposure
         tints[~lit] = ambient[~lit]
         if len(world.lights) > MAX_LAMPS:
-            self._problems[f"lights: {len(world.lights)}: the first {MAX_LAMPS} shine"] = None
+            self._problems[f"lights: {len(world.lights)}: only the first {MAX_LAMPS} are used"] = (
+                None
+            )
         return Scene(
             vertices_m=whole.vertices_m,
             normals=whole.normals,
@@ -329,7 +331,7 @@ class _Builder:
         if not sha256 or sha256 in self._textures:
             return sha256
         data = self._assets.get(sha256)
-        picture = decoded_png(sha256, data) if data is not None else "is not there"
+        picture = decoded_png(sha256, data) if data is not None else "is missing"
         if isinstance(picture, str):
             line = f"{owner}: texture {sha256:.12} {picture}; shown as a plain colour"
             self._problems[line] = None

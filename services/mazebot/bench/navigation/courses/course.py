@@ -103,7 +103,7 @@ class Course:
             self.tick()
 
     def is_active(self) -> bool:
-        """Whether navigation says that it would take a goal."""
+        """Whether navigation is ready for a goal."""
         status = self.session.latest(NAVIGATION_STATUS)
         return status is not None and status.navigation_active
 

@@ -120,7 +120,7 @@ def _far_goal(course: Course, seed: int) -> SE2:
 
 
 def unknown_start(place: BenchWorld, camera: bool, within_s: float) -> RunSeed:
-    """A start at a random pose that nobody tells; the robot has to find itself within a time, and
+    """A start at a random unknown pose; the robot has to find itself within a time, and
     may move to find out.
     """
 

@@ -36,33 +36,33 @@ SCENARIOS: tuple[Scenario, ...] = (
         "gone from the global costmap within 1 s",
     ),
     Scenario(
-        "patrols_yielding", "posts cross the way at 0.2 to 0.5 m/s and stop for the robot",
+        "patrols_yielding", "posts cross the path at 0.2 to 0.5 m/s and stop for the robot",
         moving.patrols(yields=True), 20, 3, "0 contacts of the robot's, 97 % of goals",
     ),
     Scenario(
-        "patrols", "posts cross the way at 0.2 to 0.5 m/s and stop for nobody",
+        "patrols", "posts cross the path at 0.2 to 0.5 m/s and do not stop for the robot",
         moving.patrols(yields=False), 20, 3, "0 contacts of the robot's, 97 % of goals",
     ),
     Scenario(
-        "patrols_predicted", "the same by MPPI, which predicts where the posts will be",
+        "patrols_predicted", "the same with MPPI, with prediction of the posts",
         moving.patrols(yields=False, settings=moving.PREDICTED), 20, 2,
         "better than `patrols_unpredicted`",
     ),
     Scenario(
-        "patrols_unpredicted", "the same by MPPI with no prediction",
+        "patrols_unpredicted", "the same with MPPI, without prediction",
         moving.patrols(yields=False, settings=moving.UNPREDICTED), 20, 2,
-        "what prediction is worth",
+        "baseline for `patrols_predicted`",
     ),
     Scenario(
-        "unknown_start_markers", "nobody tells the start; twelve markers",
+        "unknown_start_markers", "unknown start pose; twelve markers",
         lost.unknown_start(BenchWorld("markers"), True, 20.0), 100, 3, "98 of 100 within 20 s",
     ),
     Scenario(
-        "unknown_start_lidar", "nobody tells the start; lidar alone",
+        "unknown_start_lidar", "unknown start pose; lidar alone",
         lost.unknown_start(BenchWorld("original"), False, 60.0), 100, 5, "92 of 100 within 60 s",
     ),
     Scenario(
-        "unknown_start_maze", "nobody tells the start in a 10 x 10 maze with loops",
+        "unknown_start_maze", "unknown start pose in a 10 x 10 maze with loops",
         lost.unknown_start(_MAZE, False, 90.0), 100, 5, "90 of 100 within 90 s",
     ),
     Scenario(
@@ -82,7 +82,7 @@ SCENARIOS: tuple[Scenario, ...] = (
     ),
     Scenario(
         "false_alarms", "six minutes of random goals among posts", moving.false_alarms, 20, 0,
-        "no pose near the truth is given up, in 2 h",
+        "no correct pose is abandoned, in 2 h",
     ),
     *(
         Scenario(
@@ -101,15 +101,15 @@ SCENARIOS: tuple[Scenario, ...] = (
     ),
     Scenario(
         "door_closed_15s", "the only door is closed for 15 s", moving.door_closed_15s, 10, 5,
-        "waited for and passed, 10 of 10",
+        "waits, then passes, 10 of 10",
     ),
     Scenario(
         "start_in_inflation", "a start 1 to 6 cm from a wall", tours.start_in_inflation, 50, 10,
-        "all leave",
+        "all succeed",
     ),
     Scenario(
         "occupied_goals", "goals in walls", moving.occupied_goals, 5, 5,
-        "refused within 100 ms with code, place and nearest free pose",
+        "rejected within 100 ms with error code, place and nearest free pose",
     ),
     Scenario(
         "corridor_30x2", "a corridor of 30 x 2 m",
@@ -132,7 +132,7 @@ SCENARIOS: tuple[Scenario, ...] = (
         "all goals, the truth inside the 95 % ellipse for 90 % of the time",
     ),
     Scenario(
-        "near_things", "goals 0.25 to 0.31 m from things", tours.near_things, 20, 5,
+        "near_things", "goals 0.25 to 0.31 m from obstacles", tours.near_things, 20, 5,
         "60 of 60, at most 5 recoveries",
     ),
     Scenario(

@@ -37,7 +37,7 @@ from mazebot.common.node.node import Envelope
 _HEAD_MESSAGES = 5000
 """So many tell how the bag's time is related to the stamps."""
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
-_OF_PEOPLE = (GOAL_POSE.name, INITIAL_POSE.name)
+_OF_CLIENTS = (GOAL_POSE.name, INITIAL_POSE.name)
 _STEP_S = 1.0 / 240.0
 
 
@@ -69,7 +69,7 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
         raise _unreadable(path, error) from error
     if not channels:
         others = "; ".join(recording.lines_of_unfit()) or "it has no messages"
-        raise ConfigError(f"replay: {path}: nothing in it fits: {others}")
+        raise ConfigError(f"replay: {path}: no usable messages: {others}")
     names = {channel.topic.name for channel in channels.values()}
     recording.end_ns = end_ns
     recording.pictures = "raw" if CAMERA_IMAGE.name in names else "none"
@@ -87,7 +87,7 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
 
 def _unreadable(path: Path, error: Exception) -> ConfigError:
-    return ConfigError(f"replay: {path}: is no bag that can be read: {error}")
+    return ConfigError(f"replay: {path}: is not a readable bag: {error}")
 
 
 def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channel]:
@@ -96,7 +96,7 @@ def _channels(connections: list[Any], recording: Recording) -> dict[int, _Channe
     for connection in connections:
         topic = BY_NAME.get(connection.topic)
         if topic is None:
-            recording.left_out[connection.topic] = "no topic of Mazebot"
+            recording.left_out[connection.topic] = "not a topic of Mazebot"
         elif topic is CLOCK:
             continue
         elif connection.msgtype != wire.type_name(topic):
@@ -197,7 +197,7 @@ def _service_of(topic: Topic[Any], message: Any) -> str:
     if topic is TF and message is not None:
         frames = {(one.header.frame_id, one.child_frame_id) for one in message.transforms}
         return "localization" if frames == {(MAP_FRAME, ODOM_FRAME)} else CLOCK_SERVICE
-    return EDGE if topic.name in _OF_PEOPLE else topic.owners[0]
+    return EDGE if topic.name in _OF_CLIENTS else topic.owners[0]
 
 
 def _beginning(name: str, slam: bool) -> Iterator[Replayed]:
@@ -211,11 +211,11 @@ def _beginning(name: str, slam: bool) -> Iterator[Replayed]:
         world_hash=world.hash, sim_time_s=0.0, iterations=0, step_size_s=_STEP_S, renderer="none",
         state_hash="",
     )  # fmt: skip
-    told: tuple[tuple[Topic[Any], Any, str], ...] = (
+    messages: tuple[tuple[Topic[Any], Any, str], ...] = (
         (WORLD, world, "worldgen"),
         (SIMULATION_STATS, stats, CLOCK_SERVICE),
     )
-    for topic, message, service in told:
+    for topic, message, service in messages:
         yield Replayed(topic, wire.encode(topic, message), service, Envelope(service, 0, 0, ""), 0)
 
 

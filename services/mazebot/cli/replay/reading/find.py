@@ -49,8 +49,12 @@ def _open_folder(folder: Path, slam: bool) -> Recording:
 
         return open_bag(folder, slam)
     if any((folder / file).is_file() for file in (SUMMARY, CONFIG)):
-        raise ConfigError(f"replay: {folder} has no {MESSAGES}: it was made without its messages")
-    raise ConfigError(f"replay: {folder}: must hold {MESSAGES} of a run, or {METADATA} of rosbag2")
+        raise ConfigError(
+            f"replay: {folder} has no {MESSAGES}: it was run without recording its messages"
+        )
+    raise ConfigError(
+        f"replay: {folder}: must contain {MESSAGES} of a run, or {METADATA} of rosbag2"
+    )
 
 
 def _open_file(path: Path, slam: bool) -> Recording:
@@ -65,7 +69,8 @@ def _open_file(path: Path, slam: bool) -> Recording:
         return open_bag(path, slam)
     if begin.startswith(_ROSBAG_1):
         raise ConfigError(
-            f"replay: {path}: is a bag of ROS 1: must be rosbag2's, as rosbags-convert makes of it"
+            f"replay: {path}: is a bag of ROS 1: must be converted to rosbag2, for example "
+            "by rosbags-convert"
         )
     try:
         is_run = _OF_A_RUN in scan(path).texts

@@ -33,7 +33,7 @@ from mazebot.recorder.transcoding.mcap_video import video_topic
 from mazebot.recorder.transcoding.vp9 import VideoError
 
 _HEAD_NS = 2_000_000_000
-"""So much of a run tells which services send."""
+"""This part of a run shows which services send."""
 
 
 def open_run(name: str, parts: Sequence[Path]) -> Recording:
@@ -41,10 +41,10 @@ def open_run(name: str, parts: Sequence[Path]) -> Recording:
     try:
         return _open(name, parts)
     except (McapError, wire.WireError, OSError) as error:
-        raise ConfigError(f"replay: {_said(error, parts[0])}") from error
+        raise ConfigError(f"replay: {_problem_text(error, parts[0])}") from error
 
 
-def _said(error: Exception, path: Path) -> str:
+def _problem_text(error: Exception, path: Path) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or path}: {error.strerror}"
     return f"{path}: {error}" if isinstance(error, wire.WireError) else str(error)
@@ -61,9 +61,9 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
             continue
         source, time_ns = message.envelope.source, message.envelope.sent_ns
         if topic is PARAMETERS:
-            told = wire.decode(PARAMETERS, message.data)
-            owners[source] = told.service
-            parameters.setdefault(told.service, told.values)
+            recorded = wire.decode(PARAMETERS, message.data)
+            owners[source] = recorded.service
+            parameters.setdefault(recorded.service, recorded.values)
         if len(topic.owners) == 1:
             owners.setdefault(source, topic.owners[0])
         if topic.delivery is not Delivery.LATCHED and source:
@@ -73,7 +73,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
             if time_ns > clock_ns + _HEAD_NS:
                 break
     if start_ns is None:
-        raise ConfigError(f"replay: {parts[0]}: holds no message of a run")
+        raise ConfigError(f"replay: {parts[0]}: contains no message of a run")
     contents = [scan(path) for path in parts]
     end_ns = max((chunk.end_ns for one in contents for chunk in one.chunks), default=start_ns)
     counts = {
@@ -99,7 +99,7 @@ def _open(name: str, parts: Sequence[Path]) -> Recording:
         try:
             yield from _read(recording, parts, owners, begun_ns)
         except (McapError, VideoError, wire.WireError, OSError) as error:
-            raise ConfigError(f"replay: {_said(error, parts[0])}") from error
+            raise ConfigError(f"replay: {_problem_text(error, parts[0])}") from error
 
     recording.read = read
     return recording
@@ -112,7 +112,7 @@ def _read(
     for message in as_recorded(read_messages(parts), parts):
         topic: Topic[Any] | None = BY_NAME.get(message.topic)
         if topic is None:
-            recording.unfit[message.topic, "no topic of this version"] += 1
+            recording.unfit[message.topic, "not a topic of this version"] += 1
             continue
         if message.type_name != wire.type_name(topic):
             reason = f"{message.type_name}: must be {wire.type_name(topic)}"
@@ -147,7 +147,7 @@ def _picture(message: RecordedMessage) -> bytes:
     packed = wire.decode(CAMERA_COMPRESSED, message.data)
     bgr = cv2.imdecode(np.frombuffer(packed.data, np.uint8), cv2.IMREAD_COLOR)
     if bgr is None:
-        raise McapError(f"{message.topic}: a picture is damaged")
+        raise McapError(f"{message.topic}: corrupt image")
     rgb = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
     height, width = rgb.shape[:2]
     picture = msg.Image(

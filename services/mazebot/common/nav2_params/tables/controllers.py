@@ -80,12 +80,12 @@ use_collision_detection bool true *
 _DWB = namespace(
     "dwb",
     """
-max_vel_x double 0.0 >=0 =vx_max:max_speed # DWB is not built in: MPPI keeps to its limits
-min_vel_x double 0.0 * =- # DWB is not built in
-max_vel_theta double 0.0 >=0 =wz_max:max_turn # DWB is not built in: MPPI keeps to its limits
-acc_lim_x double 0.0 >=0 =ax_max:max_accel # DWB is not built in: MPPI keeps to its limits
-decel_lim_x double 0.0 <=0 =ax_min:min_accel # DWB is not built in: MPPI keeps to its limits
-acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # DWB is not built in: MPPI keeps to its limits
+max_vel_x double 0.0 >=0 =vx_max:max_speed # DWB is not supported: MPPI keeps to its limits
+min_vel_x double 0.0 * =- # DWB is not supported
+max_vel_theta double 0.0 >=0 =wz_max:max_turn # DWB is not supported: MPPI keeps to its limits
+acc_lim_x double 0.0 >=0 =ax_max:max_accel # DWB is not supported: MPPI keeps to its limits
+decel_lim_x double 0.0 <=0 =ax_min:min_accel # DWB is not supported: MPPI keeps to its limits
+acc_lim_theta double 0.0 >=0 =az_max:max_turn_accel # DWB is not supported: MPPI keeps to its limits
 decel_lim_theta double 0.0 <=0 =-
 min_vel_y double 0.0 * =-
 max_vel_y double 0.0 * =-
@@ -147,7 +147,7 @@ PreferForward.strafe_theta double 0.2 * =-
 PreferForward.theta_scale double 10.0 * =-
 Twirling.scale double 0.0 * =-
 """,
-    note="DWB is not built in",
+    note="DWB is not supported",
 )
 
 _SHIM = namespace(
@@ -165,7 +165,7 @@ rotate_to_heading_once bool false *
 closed_loop bool true *
 use_path_orientations bool false *
 """,
-    note="the controllers turn on the spot by themselves",
+    note="the controllers rotate in place themselves",
 )
 
 _SIMPLE_GOAL = """

@@ -60,7 +60,7 @@ initialize_at_saved_pose bool false * !false
 tf_broadcast bool true * !true
 transform_tolerance double 1.0 >=0
 freespace_downsampling bool false *
-random_seed int -1 >=-1 # the seed is --seed; runs of the same seed are the same
+random_seed int -1 >=-1 # the seed is --seed; runs with the same seed are identical
 """,
 )
 

@@ -123,5 +123,5 @@ polygons strings - * =-
 observation_sources strings - * =-
 """,
     COLLISION_MONITOR.groups,
-    note="the collision monitor says what it sees; there is no detector beside it",
+    note="the collision monitor reports detections; there is no separate detector",
 )

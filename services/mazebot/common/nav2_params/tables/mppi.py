@@ -82,8 +82,8 @@ model_delay_wz double 0.0 >=0
 motion_model string diff_drive * =- !diff_drive
 diff_drive.plugin string mppi::DiffDriveMotionModel * =- !mppi::DiffDriveMotionModel
 omni.plugin string - * =- # the robot cannot move sideways
-ackermann.plugin string - * =- # the robot turns on the spot
-ackermann.min_turning_r double - >=0 =- # the robot turns on the spot
+ackermann.plugin string - * =- # the robot rotates in place
+ackermann.min_turning_r double - >=0 =- # the robot rotates in place
 visualize bool false * =- # thirty rollouts are drawn into every recording
 critic_index_to_visualize int 0 *
 publish_optimal_trajectory bool false *
@@ -113,7 +113,7 @@ Visualization.footprint_downsample_factor int 3 >=1
 TrajectoryValidator.plugin string mppi::DefaultOptimalTrajectoryValidator * =- !default
 TrajectoryValidator.collision_lookahead_time double 2.0 >=0 =collision_lookahead_time
 TrajectoryValidator.consider_footprint bool false *
-AckermannConstraints.min_turning_r double 0.2 >=0 =- # the robot turns on the spot
+AckermannConstraints.min_turning_r double 0.2 >=0 =- # the robot rotates in place
 speed_limit_topic string speed_limit *
 """
 

@@ -82,7 +82,7 @@ goal_heading_mode string DEFAULT {{DEFAULT,BIDIRECTIONAL,ALL_DIRECTION}}
 use_final_approach_orientation bool false *
 smooth_path bool true *
 {_SMOOTHER}""",
-    note="the robot turns on the spot: it needs no planner with turning circles",
+    note="the robot rotates in place: no planner with a turning radius is needed",
 )
 
 _THETA_STAR = namespace(

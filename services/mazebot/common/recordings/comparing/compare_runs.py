@@ -46,7 +46,7 @@ class FigureRow(Document):
 
 
 class MessagesVerdict(Document):
-    """What `mazebot diff` says of a run against the first one."""
+    """The result of `mazebot diff` for a run against the first one."""
 
     same: bool | None = Field(description="whether all messages are the same; null: not known")
     lines: tuple[str, ...] = Field(description="the same in words")
@@ -95,10 +95,10 @@ def comparison_lines(comparison: Comparison) -> Iterator[str]:
         yield f"the same: {comparison.messages} messages in {common_s:.3f} s of simulation time"
     if first_ns != second_ns:
         longer = "first" if first_ns > second_ns else "second"
-        yield f"the {longer} run goes on for another {abs(first_ns - second_ns) * 1e-9:.3f} s"
+        yield f"the {longer} run continues for another {abs(first_ns - second_ns) * 1e-9:.3f} s"
     for which, lost in zip(("first", "second"), comparison.lost, strict=True):
         if lost:
-            yield f"{lost} messages never came to the {which} run's recorder: not compared"
+            yield f"{lost} messages were not received by the {which} run's recorder: not compared"
 
 
 def read_run_digests(folder: Path) -> Digests:
@@ -106,7 +106,7 @@ def read_run_digests(folder: Path) -> Digests:
     try:
         return read_digests(folder / DIGESTS)
     except FileNotFoundError as error:
-        raise ConfigError(f"{folder} has no {DIGESTS}: it was made without a recording") from error
+        raise ConfigError(f"{folder} has no {DIGESTS}: it was run without recording") from error
     except OSError as error:
         raise ConfigError(f"{folder / DIGESTS}: {error.strerror}") from error
     except DigestError as error:

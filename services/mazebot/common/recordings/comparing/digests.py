@@ -187,11 +187,11 @@ def read_digests(path: Path) -> Digests:
     try:
         names = json.loads(head)
         if names["head"] != HEAD:
-            raise DigestError(f"{path}: made by another version ({names['head']})")
+            raise DigestError(f"{path}: written by another version ({names['head']})")
         topics, services = tuple(map(str, names["topics"])), tuple(map(str, names["services"]))
     except DigestError:
         raise
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DigestError(f"{path}: no digests of a run") from error
+        raise DigestError(f"{path}: not a digests file") from error
     rows = np.frombuffer(data[: len(data) // ROW.itemsize * ROW.itemsize], ROW)
     return Digests(topics, services, rows[rows["topic"] < len(topics)])

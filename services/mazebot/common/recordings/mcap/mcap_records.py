@@ -213,7 +213,7 @@ class _Cursor:
         size = self.number(kind)
         self.at += size
         if self.at > len(self.data):
-            raise McapError("a record is cut off")
+            raise McapError("truncated record")
         return self.data[self.at - size : self.at]
 
     def text(self) -> str:
@@ -276,7 +276,7 @@ def _read(data: bytes, read: Callable[[_Cursor], T]) -> T:
     try:
         return read(_Cursor(data))
     except struct.error as error:
-        raise McapError("a record is cut off") from error
+        raise McapError("truncated record") from error
 
 
 def compressed(pieces: Sequence[Buffer], start_ns: int, end_ns: int, level: int) -> Chunk:
@@ -301,7 +301,7 @@ def compressed(pieces: Sequence[Buffer], start_ns: int, end_ns: int, level: int)
 def records_of(chunk: Chunk) -> bytes:
     """The uncompressed records of a chunk. Raises McapError if they are damaged."""
     if chunk.size > _MOST_CHUNK_BYTES:
-        raise McapError(f"a chunk of {chunk.size} bytes")
+        raise McapError(f"chunk too large: {chunk.size} bytes")
     try:
         if chunk.compression == "zstd":
             decompressor = zstandard.ZstdDecompressor()
@@ -316,9 +316,9 @@ def records_of(chunk: Chunk) -> bytes:
         else:
             raise McapError(f"unknown compression {chunk.compression!r}")
     except (zstandard.ZstdError, RuntimeError) as error:
-        raise McapError("a chunk is damaged") from error
+        raise McapError("corrupt chunk") from error
     if chunk.crc and zlib.crc32(data) != chunk.crc:
-        raise McapError("a chunk is damaged")
+        raise McapError("corrupt chunk")
     return bytes(data)
 
 
@@ -327,10 +327,10 @@ def split(records: bytes) -> Iterator[tuple[int, int, int]]:
     at, end = 0, len(records)
     while at < end:
         if end - at < RECORD_HEAD.size:
-            raise McapError("a record is cut off")
+            raise McapError("truncated record")
         opcode, size = RECORD_HEAD.unpack_from(records, at)
         at += RECORD_HEAD.size
         if size > end - at:
-            raise McapError("a record is cut off")
+            raise McapError("truncated record")
         yield opcode, at, at + size
         at += size

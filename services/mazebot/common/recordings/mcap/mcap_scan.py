@@ -31,7 +31,7 @@ def records(file: BinaryIO) -> Iterator[Found]:
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
     if file.read(len(rec.MAGIC)) != rec.MAGIC:
-        raise rec.McapError(f"{file.name}: no MCAP file")
+        raise rec.McapError(f"{file.name}: not an MCAP file")
     at = len(rec.MAGIC)
     while at + rec.RECORD_HEAD.size <= size:
         file.seek(at)

@@ -124,12 +124,12 @@ def _path(line: Line, point: object) -> str:
 
 
 def _about(title: str, unit: str, lines: Sequence[Line]) -> str:
-    said = (
+    ranges = (
         f"{line.name + ': ' if len(lines) > 1 else ''}"
         f"{_label(min(line.values))} to {_label(max(line.values))}{' ' + unit if unit else ''}"
         for line in lines
     )
-    return f"{title} over simulation time; {'; '.join(said)}"
+    return f"{title} over simulation time; {'; '.join(ranges)}"
 
 
 def _label(value: float) -> str:

@@ -70,19 +70,21 @@ def report_html(folder: Path, series: RunSeries | None, problem: str = "") -> st
     """
     run = run_at(folder)
     if run is None:
-        raise ConfigError(f"{folder}: holds no run")
+        raise ConfigError(f"{folder}: contains no run")
     notices = [problem] if problem else []
     if run.state != "ended":
-        why = "has not ended" if run.state == "running" else "was cut off, and is not repaired yet"
-        notices.append(f"This run {why}; the report is as of its newest {SUMMARY}.")
+        why = (
+            "has not ended" if run.state == "running" else "was interrupted and is not repaired yet"
+        )
+        notices.append(f"This run {why}; the report shows its latest {SUMMARY}.")
     content: dict[str, Any] = {}
-    for part in (_said_by_summary, _said_by_config):
+    for part in (_from_summary, _from_config):
         try:
             content |= part(folder)
         except ConfigError as error:
             notices.append(str(error).removeprefix(f"{folder}/"))
     if series is not None:
-        content |= _said_by_series(series, folder)
+        content |= _from_series(series, folder)
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_HERE),
         autoescape=True,
@@ -134,10 +136,10 @@ def _series(folder: Path) -> tuple[RunSeries | None, str]:
     return series, ""
 
 
-def _said_by_summary(folder: Path) -> dict[str, Any]:
+def _from_summary(folder: Path) -> dict[str, Any]:
     values = read_summary(folder)
     if not values:
-        raise ConfigError(f"There is no {SUMMARY}: nothing is known of its goals and errors.")
+        raise ConfigError(f"There is no {SUMMARY}: its goals and errors are unknown.")
     figures = figures_of(values)
     content: dict[str, Any] = {
         "figures": [
@@ -182,7 +184,7 @@ def _said_by_summary(folder: Path) -> dict[str, Any]:
             }
             for topic, counts in sorted(summary.messages.items())
         ],
-        "messages_said": _messages_said(figures, len(summary.messages)),
+        "messages_text": _messages_text(figures, len(summary.messages)),
     }
     if summary.mapping is not None:
         steps = summary.mapping.coverage
@@ -200,14 +202,14 @@ def _said_by_summary(folder: Path) -> dict[str, Any]:
     return content
 
 
-def _said_by_config(folder: Path) -> dict[str, Any]:
+def _from_config(folder: Path) -> dict[str, Any]:
     request = read_config(folder).get("world_request")
     if not isinstance(request, dict):
         return {}
     return {"request": [(str(name), _text(value)) for name, value in request.items()]}
 
 
-def _said_by_series(series: RunSeries, folder: Path) -> dict[str, Any]:
+def _from_series(series: RunSeries, folder: Path) -> dict[str, Any]:
     truth, estimate, end_s = series.truth, series.estimate, series.sim_time_s
     ends_s = [goal.end_s for goal in series.goals if goal.end_s is not None]
     marks_s = ends_s if len(ends_s) <= _MOST_MARKS else []
@@ -255,7 +257,7 @@ def _hardware_rows(hardware: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [(name.replace("_mib", ", MiB"), _text(value)) for name, value in hardware.items()]
 
 
-def _messages_said(figures: Mapping[str, float | None], topics: int) -> str:
+def _messages_text(figures: Mapping[str, float | None], topics: int) -> str:
     lost, rejected = figures["messages_lost"] or 0.0, figures["messages_rejected"] or 0.0
     return f"{topics} topics; {lost:.0f} messages lost, {rejected:.0f} rejected"
 
