@@ -76,10 +76,10 @@ def test_it_sends_no_goal_and_ends_when_all_is_explored_and_judged(
     assert not stage.goals()
     lines = caplog.records[-1].getMessage().splitlines()
     assert lines[0] == "exploration complete"
-    assert "  floor mapped   99.1% in 82 s" in lines
-    assert "  walls found    98.5% within 0.10 m" in lines
-    assert "  markers        2 found, 0 missing, 0 false, p95 - m, - deg" in lines
-    assert "  driven         25.3 m to 33 view points" in lines
+    assert "  floor mapped  99.1% in 82 s" in lines
+    assert "  walls found   98.5% within 0.10 m" in lines
+    assert "  markers       2 found, 0 missing, 0 false, p95 - m, - deg" in lines
+    assert "  driven        25.3 m to 33 view points" in lines
 
 
 def test_without_a_recorder_the_explorer_s_own_figures_are_told(

@@ -199,7 +199,7 @@ def test_meshes_that_are_damaged_do_not_become_assets(stage: Stage) -> None:
         stage.deliver(ASSETS, message)
         sha256 = message.header.frame_id
         told = stage.desire(crate("rock", geometry=Mesh(sha256=sha256)))
-        assert "is not there" in reasons(told)["rock"]
+        assert "is missing" in reasons(told)["rock"]
     assert stage.inbox.counts[ASSETS.name].rejected == {"not a mesh": len(files)}
 
 

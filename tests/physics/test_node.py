@@ -325,7 +325,7 @@ def test_a_robot_that_is_not_physical_is_built_anew(
     bodies = driver.node._simulation.bodies  # type: ignore[union-attr]
     pybullet.resetBaseVelocity(bodies._robot.number, [poison, 0, 0], physicsClientId=bodies._client)
     driver.turn()
-    assert [record.levelname for record in caplog.records if "physical" in record.message] == [
+    assert [record.levelname for record in caplog.records if "invalid state" in record.message] == [
         "ERROR"
     ]
     driver.wait(0.1)

@@ -227,7 +227,7 @@ def test_a_marker_asked_for_by_hand_is_judged_as_the_worlds_are() -> None:
     )
     for changes, reason in (
         ({"name": "b", "marker_id": 9}, "overlaps hand_8"),
-        ({"name": "b", "marker_id": 7}, "marker_id: 7: must be unique: 'aruco_7' has it"),
+        ({"name": "b", "marker_id": 7}, "marker_id: 7: must be unique: already used by 'aruco_7'"),
         ({"name": "b", "marker_id": 100}, "id: 100: must be less than 100 in DICT_4X4_100"),
         ({"name": "b", "marker_id": -1}, "marker_id: -1: must be 0 to 100000"),
         ({"name": "b", "dictionary": "QR", "marker_id": 9}, "dictionary: 'QR': must be one of"),

@@ -359,7 +359,7 @@ def shaped(geometry: Any, **changes: Any) -> Body:
         ((body("base_link", mass_kg=1.0),), "name: is a frame of the robot"),
         ((body(geometry=Plane(size_m=(1, 1)), mass_kg=1.0),), "plane: must not be solid"),
         ((body(geometry=Mesh(sha256="e" * 64)),), "mesh eeeeeeeeeeee is missing"),
-        ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 0, 1))),), "scale: .* none may be zero"),
+        ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 0, 1))),), "scale: .* must be nonzero"),
         ((body(geometry=Mesh(sha256=CUBE_SHA, scale=(1, 1e5, 1))),), "extend beyond 1000 m"),
         ((body(geometry=Mesh(sha256="0" * 64)),), "has no triangles"),
         (

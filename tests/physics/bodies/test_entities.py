@@ -258,7 +258,7 @@ def test_what_stands_stays_when_the_robot_drives_up_to_it(stage: Stage) -> None:
     told = stage.desire(crate(), crate("far", -3.0))
     assert names(told) == ["crate", "far"]
     # But nothing else can be put where the robot is.
-    assert "into the robot" in reasons(stage.desire(crate(), crate("new", 0.6, 0.0)))["new"]
+    assert "penetrates the robot" in reasons(stage.desire(crate(), crate("new", 0.6, 0.0)))["new"]
 
 
 def test_of_a_hundred_of_one_name_one_stands(stage: Stage) -> None:
@@ -292,7 +292,7 @@ def test_a_mesh_stands_when_it_has_come_and_its_triangles_are_counted(
 ) -> None:
     rock = mesh_asset(triangles_of(Sphere(radius_m=0.2), {}))
     entity = crate("rock", geometry=Mesh(sha256=rock.header.frame_id), z_m=0.132)
-    assert "is not there" in reasons(stage.desire(entity))["rock"]
+    assert "is missing" in reasons(stage.desire(entity))["rock"]
     stage.deliver(ASSETS, rock)
     stage.turn()
     assert stage.last(ENTITIES).entities == (entity,)

@@ -88,7 +88,7 @@ LINK = '<link name="a"/><link name="b"/>'
         (
             f'<robot>{LINK}<joint name="j" type="fixed"><parent link="a"/><child link="c"/></joint>'
             "</robot>",
-            "no link 'c'",
+            "no such link: 'c'",
         ),
         (
             '<robot><link name="a"><collision><geometry><box size="1 nan 1"/></geometry>'

@@ -504,7 +504,7 @@ def test_a_mesh_is_shown_and_one_that_is_missing_is_named(shader: Renderer) -> N
     shader.set_scene(build_scene(of, {sha256: data}))
     assert (shader.render(view()).rgb[:, :, 0] > 100).sum() > 1000
     assert build_scene(of, {}).problems == (
-        f"body thing: mesh {sha256[:12]} is not there; not shown",
+        f"body thing: mesh {sha256[:12]} is missing; not shown",
     )
 
 
@@ -801,7 +801,7 @@ def damaged_pngs() -> list[tuple[bytes, str]]:
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 1
     return [
-        (b"", "is not a picture, must be a PNG"),
+        (b"", "is not an image, must be a PNG"),
         (b"\xff\xd8\xff\xe0 a JPEG", "is a JPEG, must be a PNG"),
         (whole[:-20], "is corrupt or truncated, must be a complete PNG"),
         (whole[:8], "is corrupt or truncated, must be a complete PNG"),
@@ -834,8 +834,8 @@ def test_a_texture_that_is_not_there_or_not_itself_is_named() -> None:
         [panel("0" * 64, facing_back(1.0)), panel(sha256, facing_back(1.5))],
     )
     assert scene.problems == (
-        "material plain: texture ffffffffffff does not have that sha256; shown as a plain colour",
+        "material plain: texture ffffffffffff does not match its sha256; shown as a plain colour",
         "wall wall: material 'marble' is not in the world",
-        "entity panel: texture 000000000000 is not there; shown as a plain colour",
-        f"entity panel: texture {sha256[:12]} is not there; shown as a plain colour",
+        "entity panel: texture 000000000000 is missing; shown as a plain colour",
+        f"entity panel: texture {sha256[:12]} is missing; shown as a plain colour",
     )

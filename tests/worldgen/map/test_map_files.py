@@ -199,7 +199,7 @@ def test_a_picture_cut_anywhere_is_a_mistake(tmp_path: Path) -> None:
     whole = (tmp_path / "m.png").read_bytes()
     for size in range(0, len(whole) - 16, 7):
         (tmp_path / "m.png").write_bytes(whole[:size])
-        with pytest.raises(ConfigError, match=r"must be a PGM|cut short"):
+        with pytest.raises(ConfigError, match=r"must be a PGM|truncated"):
             read_map(tmp_path / "m.yaml")
 
 

@@ -267,8 +267,8 @@ def claims(width: int, height: int) -> bytes:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"", "is not a picture, must be a PNG"),
-        (b"garbage" * 100, "is not a picture, must be a PNG"),
+        (b"", "is not an image, must be a PNG"),
+        (b"garbage" * 100, "is not an image, must be a PNG"),
         (b"\xff\xd8\xff\xe0JFIF", "is a JPEG, must be a PNG"),
         (folder.png()[:-20], "is corrupt or truncated, must be a complete PNG"),
         (damaged(), "is corrupt or truncated, must be a complete PNG"),
