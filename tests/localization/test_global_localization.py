@@ -221,16 +221,6 @@ class TestKidnapped:
         seconds_until(made, "localized", 30.0)
         assert made.error()[0] < 0.1
 
-    def test_asked_to_relocalize_it_keeps_the_pose_until_a_scan(self) -> None:
-        made = at_known_pose(house(), 13)
-        made.loc.relocalize()
-        assert made.loc.state == "lost"
-        assert made.error()[0] < 0.1
-        seconds_until(made, "localized", 20.0)
-        for _ in range(20):
-            made.wander()
-        assert made.error()[0] < 0.05
-
     def test_boxes_that_move_raise_no_alarm(self) -> None:
         made = at_known_pose(house(), 14)
         rng = np.random.default_rng(5)

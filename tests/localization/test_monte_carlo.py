@@ -389,7 +389,7 @@ class TestScans:
         loc.initialize(here, 4.0 * np.outer(off, off) + SURE)
         loc.odometry(0, SE2(0.0, 0.0, 0.0))
         feed(loc, 0, sim.scan_at(here))
-        clusters = loc.clusters()
+        clusters = loc._set.clusters()
         assert clusters[0][0] == pytest.approx(loc.hypotheses()[0, 3])
         assert clusters[0][2][0, 0] < 0.2
         assert 0.7 < sum(share for share, _, _ in clusters) < 1.0 + 1e-9

@@ -1,6 +1,5 @@
 import functools
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +8,7 @@ import pytest
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
-from mazebot.common.messages.documents import Marker, Wall
 from mazebot.common.messages.slam_documents import GraphLandmark, PoseGraph
-from mazebot.common.world.placement import hang
 from mazebot.mapping.graph.graph_file import (
     NodeScan,
     graph_document,
@@ -19,14 +16,10 @@ from mazebot.mapping.graph.graph_file import (
     load_graph,
     metres,
     millimetres,
-    recipe_markers,
-    recipe_text,
-    save_graph,
 )
 from mazebot.mapping.graph.landmarks import MarkerLandmarks, upright
 from mazebot.mapping.graph.optimizer import Candidate, close_loop, optimize
 from mazebot.mapping.graph.pose_graph import HUBER, MARKER, Graph
-from mazebot.worldgen.check import problems_of
 from tests.mapping.synthetic import (
     LOOP_COVARIANCE,
     manhattan,
@@ -83,7 +76,7 @@ def document() -> PoseGraph:
 def test_a_graph_comes_back_from_its_file_bit_by_bit(tmp_path: Path) -> None:
     graph, scans, _ = state()
     saved = document()
-    save_graph(tmp_path / "graph.json", saved)
+    (tmp_path / "graph.json").write_text(saved.model_dump_json())
     loaded = load_graph(tmp_path / "graph.json")
     assert loaded == saved
     again = graph_of(loaded)
@@ -192,58 +185,3 @@ def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
         load_graph(tmp_path / "none.json")
     with pytest.raises(ConfigError, match="must be a file"):
         load_graph(tmp_path)
-    with pytest.raises(ConfigError, match="cannot be written"):
-        save_graph(tmp_path / "none" / "graph.json", document())
-
-
-WALL = Wall(
-    name="east", length_m=4.0, thickness_m=0.2, height_m=1.0, x_m=2.0, y_m=1.0, yaw_rad=1.3,
-    material="plain",
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_a_landmark_on_a_wall_becomes_a_marker_of_it(side: str) -> None:
-    given = Marker.model_validate(
-        {"id": 7, "wall": "east", "side": side, "offset_m": 0.7, "height_m": 0.25}
-    )
-    matrix = hang("aruco_7", given, WALL, given.size_m, 0.0).map_from_panel
-    heading_rad = math.atan2(matrix[1, 2], matrix[0, 2])
-    # Found two centimetres off and turned a little.
-    found = landmark(matrix[0, 3] + 0.01, matrix[1, 3] + 0.015, heading_rad + 0.05)
-    made = recipe_markers([found], 0.3, [WALL])
-    assert made["walls"] == []
-    (marker,) = (Marker.model_validate(one) for one in made["markers"])
-    assert (marker.id, marker.wall, marker.side, marker.size_m) == (7, "east", side, 0.3)
-    assert marker.offset_m == pytest.approx(0.7, abs=0.03)
-    assert marker.height_m == 0.25
-
-
-@pytest.mark.parametrize(("off_m", "turn_rad"), [(0.4, 0.0), (0.0, 0.6), (0.0, math.pi)])
-def test_a_landmark_on_no_wall_gets_a_panel(off_m: float, turn_rad: float) -> None:
-    pose = WALL.map_from_wall() @ SE2(0.5, 0.1 + off_m, math.pi / 2.0 + turn_rad)
-    made = recipe_markers([landmark(*pose)], 0.3, [WALL])
-    (panel,) = made["walls"]
-    wall = Wall(**panel, material="plain")
-    matrix = hang(
-        "aruco_7", Marker.model_validate(made["markers"][0]), wall, 0.3, 0.0
-    ).map_from_panel
-    assert matrix[:2, 3] == pytest.approx(pose[:2], abs=1e-3)
-    assert matrix[:2, 2] == pytest.approx(
-        [math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)], abs=1e-3
-    )
-
-
-def test_another_instance_of_an_id_is_left_out() -> None:
-    second = landmark(3.0, 3.0, 0.0).model_copy(update={"instance": 1})
-    made = recipe_markers([landmark(0.0, 0.0, 0.0), second, landmark(1.0, 4.0, 1.0, 3)], 0.3)
-    assert [marker["id"] for marker in made["markers"]] == [3, 7]
-
-
-def test_the_recipe_of_the_markers_is_a_world(tmp_path: Path) -> None:
-    landmarks = [landmark(2.0, 1.0, 3.0), landmark(-2.0, 1.5, 0.2, 12)]
-    file = tmp_path / "found.yaml"
-    file.write_text(recipe_text("found", landmarks, 0.3))
-    assert [str(problem) for problem in problems_of(file)] == []
-    file.write_text(recipe_text("found", [], 0.3))
-    assert [str(problem) for problem in problems_of(file)] == []

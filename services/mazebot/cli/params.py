@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from mazebot.cli.parsing.known import model_of
 from mazebot.cli.parsing.options import print_json
-from mazebot.common.nav2_params.report import STATUSES, Report, Row, Status, report
+from mazebot.common.nav2_params.report import STATUSES, Report, Row, report
 from mazebot.common.settings.load import read_nav2_params, sections
 
 _WIDEST = 28
@@ -59,13 +59,13 @@ def _lines(told: Report) -> Iterator[str]:
         rows = [row for row in told.rows if row.status == status]
         if rows:
             yield f"{_HEADS[status]} ({len(rows)})"
-            yield from _table(rows, status)
+            yield from _table(rows)
             yield ""
     counts = ", ".join(f"{count} {status}" for status, count in told.counts.items())
     yield f"{told.name}: {len(told.rows)} parameters: {counts}"
 
 
-def _table(rows: list[Row], status: Status) -> Iterator[str]:
+def _table(rows: list[Row]) -> Iterator[str]:
     cells = []
     for row in rows:
         name = f"{row.node}.{row.parameter}"

@@ -195,10 +195,6 @@ class Localization:
             return np.empty((0, 4))
         return np.array([(*mean, share) for share, mean, _ in self._set.clusters()])
 
-    def clusters(self) -> list[tuple[float, SE2, Array]]:
-        """Weight, mean and (3, 3) covariance of each cluster of particles, the heaviest first."""
-        return self._set.clusters() if self._known else []
-
     def initialize(self, map_from_base: SE2, covariance: Array) -> None:
         """Set the robot's current pose with a (3, 3) covariance of (x, y, yaw).
 
@@ -222,10 +218,6 @@ class Localization:
         """
         self._known = False
         self._search("searching", "global localization was asked for")
-
-    def relocalize(self) -> None:
-        """Search the whole map, as where the robot was found lost; the pose is kept until then."""
-        self._search("lost" if self._known else "searching", "relocalization was asked for")
 
     def odometry(self, stamp_ns: int, odom_from_base: SE2) -> None:
         """Add odometry; a message that is not later than the last one is ignored."""

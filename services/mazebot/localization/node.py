@@ -254,7 +254,7 @@ class LocalizationNode(Node):
         for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(localization, stamp_ns, message)
+                    self._take_scan(localization, message)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(localization, stamp_ns, message, inbox)
 
@@ -302,7 +302,7 @@ class LocalizationNode(Node):
                 return
             _LOG.info("Setting pose: %.3f %.3f %.3f", *pose)
 
-    def _take_scan(self, localization: Localization, stamp_ns: int, scan: msg.LaserScan) -> None:
+    def _take_scan(self, localization: Localization, scan: msg.LaserScan) -> None:
         base_from_scan = se2_from_matrix(self._base_from[SCAN_FRAME])
         localization.scan(Scan.from_message(scan, base_from_scan))
         self._scanned = True

@@ -191,7 +191,7 @@ class MappingNode(Node):
         for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
-                    self._take_scan(slam, stamp_ns, message)
+                    self._take_scan(slam, message)
             elif self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 self._take_detections(slam, stamp_ns, message, inbox)
 
@@ -228,7 +228,7 @@ class MappingNode(Node):
         slam.fixed = self._config.mode == "localization"
         return slam
 
-    def _take_scan(self, slam: Slam, stamp_ns: int, scan: msg.LaserScan) -> None:
+    def _take_scan(self, slam: Slam, scan: msg.LaserScan) -> None:
         slam.scan(Scan.from_message(scan, se2_from_matrix(self._base_from[SCAN_FRAME])))
         self._scanned = True
 

@@ -88,7 +88,6 @@ def test_what_a_summary_says_of_a_run_is_listed(tmp_path: Path) -> None:
     assert listed.changed_settings == {"navigation.controller": "mppi"}
     assert (listed.tags, listed.note) == (("keep",), "good")
     assert listed.has_thumbnail
-    assert not listed.has_report
     assert (listed.state, listed.failed, listed.problem) == ("ended", False, None)
 
 

@@ -28,7 +28,6 @@ from mazebot.navigation.behavior.actions import (
 from mazebot.navigation.behavior.bt_navigator import BtNavigatorParams
 from mazebot.navigation.behavior.context import Dock
 from mazebot.navigation.behavior.engine.tree import NodeStatus
-from mazebot.navigation.behavior.engine.tree_text import tree_text
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState
 from mazebot.navigation.behavior.waypoints import WaitAtWaypoint
 from mazebot.navigation.control.collision import STOP, Velocity
@@ -563,6 +562,8 @@ def test_a_tree_that_comes_with_navigation_is_found_by_its_name() -> None:
     name = "navigate_to_pose_w_replanning_and_recovery"
     drive.navigator.start(0, NavigateToPose(NEAR, name))
     drive.run(0.5)
-    assert tree_text(drive.navigator.snapshot()).startswith("> RecoveryNode 'NavigateRecovery'\n")
+    root = drive.navigator.snapshot()[0]
+    assert (root.kind, root.name, root.depth) == ("RecoveryNode", "NavigateRecovery", 0)
+    assert root.status is NodeStatus.RUNNING
     with pytest.raises(NavigationError, match=r"no_such_tree\.xml: No such file"):
         drive.navigator.start(drive.now_ns, NavigateToPose(NEAR, "no_such_tree"))

@@ -39,8 +39,6 @@ MOST_PATH_ERROR_M, MOST_WITH_ODOMETRY_ERRORS_M = 0.05, 0.10
 MOST_S = 1800.0
 """Simulation time after which an exploration counts as failed."""
 
-Policies = tuple[str, ...]
-
 
 @dataclass(frozen=True)
 class SlamRun:

@@ -21,7 +21,6 @@ from mazebot.common.recordings.run_folder import (
     LOCK,
     MESSAGES,
     RECORDING,
-    REPORT,
     SUMMARY,
     THUMBNAIL,
     is_recording,
@@ -100,19 +99,9 @@ class RecordingInfo:
         return self.goals_reached < self.goals_total or self.problem is not None
 
     @property
-    def has_report(self) -> bool:
-        """Whether there is a report.html."""
-        return REPORT in self.files
-
-    @property
     def has_thumbnail(self) -> bool:
         """Whether there is a thumbnail.png."""
         return THUMBNAIL in self.files
-
-    @property
-    def has_messages(self) -> bool:
-        """Whether there is a run.mcap."""
-        return MESSAGES in self.files
 
 
 class _File(NamedTuple):

@@ -5,21 +5,19 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from mazebot.common.config import ConfigError, must
-from mazebot.common.files.folder_writing import write_file
 from mazebot.common.maths import portable
-from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion, wrap_angle
-from mazebot.common.messages.documents import Marker, Planar, Wall
+from mazebot.common.maths.frames import SE2, Array, rotation_from_quaternion
+from mazebot.common.messages.documents import Planar
 from mazebot.common.messages.slam_documents import (
     GraphEdge,
     GraphLandmark,
@@ -34,11 +32,6 @@ from mazebot.mapping.graph.pose_graph import CAUCHY, HUBER, KINDS, LOOP, MARKER,
 MAX_FILE_BYTES = 512 * 1024 * 1024
 Millimetres = NDArray[np.int32]
 """(n, 2) x and y."""
-
-_MOST_GAP_M = 0.15
-_MOST_TURN_RAD = math.radians(20.0)
-"""A marker hangs on a wall whose face is this near, and turned by no more."""
-_PANEL_THICKNESS_M = 0.02
 
 
 class NodeScan(NamedTuple):
@@ -183,14 +176,6 @@ def graph_of(document: PoseGraph, source: str = "pose graph") -> LoadedGraph:
     return LoadedGraph(graph, tuple(scans), document.landmarks)
 
 
-def save_graph(path: Path, document: PoseGraph) -> None:
-    """Write a document atomically. Raises ConfigError where it cannot be written."""
-    try:
-        write_file(path, document.model_dump_json().encode() + b"\n")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
-
-
 def load_graph(path: Path) -> PoseGraph:
     """A saved document, of which `graph_of` makes a graph.
 
@@ -219,100 +204,11 @@ def load_graph(path: Path) -> PoseGraph:
     return document
 
 
-def recipe_markers(
-    landmarks: Iterable[GraphLandmark], size_m: float, walls: Sequence[Wall] = ()
-) -> dict[str, list[dict[str, Any]]]:
-    """`markers` of a recipe, with `walls` for those that hang on none of the given walls: each of
-    them a panel of its own. Of several markers of one id the first is taken: ids are unique in a
-    recipe.
-
-    `size_m`: side of the markers' black squares.
-    """
-    panels: list[dict[str, Any]] = []
-    markers: dict[int, dict[str, Any]] = {}
-    for one in landmarks:
-        if one.instance > 0 or one.marker_id in markers:
-            continue
-        pose = SE2(one.position_m[0], one.position_m[1], _heading_rad(one))
-        height_m = one.position_m[2]
-        hung = _wall_of(pose, walls)
-        if hung is None:
-            name = f"marker_{one.marker_id}_panel"
-            # Its left side is its face.
-            centre = pose @ SE2(-_PANEL_THICKNESS_M / 2.0, 0.0, -math.pi / 2.0)
-            panels.append(
-                {
-                    "name": name,
-                    "length_m": _rounded(2.0 * size_m),
-                    "thickness_m": _PANEL_THICKNESS_M,
-                    "height_m": _rounded(height_m + size_m),
-                    "x_m": _rounded(centre.x_m),
-                    "y_m": _rounded(centre.y_m),
-                    "yaw_rad": _rounded(centre.yaw_rad),
-                }
-            )
-            hung = name, "left", 0.0
-        marker = Marker(
-            id=one.marker_id,
-            dictionary=one.dictionary,
-            size_m=size_m,
-            wall=hung[0],
-            side="left" if hung[1] == "left" else "right",
-            offset_m=_rounded(hung[2]),
-            height_m=_rounded(height_m),
-        )
-        markers[one.marker_id] = marker.model_dump(exclude={"quiet_zone_modules"})
-    found = sorted(markers.items())
-    return {"walls": panels, "markers": [marker for _, marker in found]}
-
-
-def recipe_text(
-    name: str, landmarks: Iterable[GraphLandmark], size_m: float, map_file: str = ""
-) -> str:
-    """A recipe (YAML) of a world of which only the markers are known, each on a panel of its own,
-    and the map, if its file in the folder of maps is given: for `mazebot world check`, and for
-    taking its lines to another recipe.
-    """
-    made = recipe_markers(landmarks, size_m)
-    heights_m = [panel["height_m"] for panel in made["walls"]]
-    lines = [f"name: {name}", "about: markers found by mapping"]
-    lines += [f"wall_height_m: {max(heights_m, default=1.0)!r}"]
-    lines += ["materials: {plain: {}}", "wall_materials: [plain]"]
-    lines += [f"map: {map_file}"] if map_file else []
-    for key, entries in made.items():
-        # A mapping in JSON is one in YAML, too.
-        written = [f"  - {json.dumps(entry)}" for entry in entries]
-        lines += [f"{key}:", *written] if written else [f"{key}: []"]
-    return "\n".join(lines) + "\n"
-
-
-def _wall_of(pose: SE2, walls: Sequence[Wall]) -> tuple[str, str, float] | None:
-    """Name, side and offset of the wall whose face a marker hangs on; None: on no wall."""
-    best: tuple[float, str, str, float] | None = None
-    for wall in walls:
-        there = wall.map_from_wall().inverse() @ pose
-        side = "left" if there.y_m > 0.0 else "right"
-        facing_rad = math.pi / 2.0 if side == "left" else -math.pi / 2.0
-        gap_m = abs(abs(there.y_m) - wall.thickness_m / 2.0)
-        if (
-            gap_m <= _MOST_GAP_M
-            and abs(wrap_angle(there.yaw_rad - facing_rad)) <= _MOST_TURN_RAD
-            and abs(there.x_m) <= wall.length_m / 2.0
-            and (best is None or gap_m < best[0])
-        ):
-            best = gap_m, wall.name, side, there.x_m
-    return None if best is None else best[1:]
-
-
 def _heading_rad(landmark: GraphLandmark) -> float:
     if landmark.heading_rad is not None:
         return landmark.heading_rad
     normal = rotation_from_quaternion(*landmark.orientation_xyzw)[:, 2]
     return portable.atan2(float(normal[1]), float(normal[0]))
-
-
-def _rounded(value: float) -> float:
-    return round(value, 4) + 0.0
 
 
 def _planar(pose: SE2) -> Planar:

@@ -8,7 +8,6 @@ from enum import IntEnum
 from typing import ClassVar
 
 from mazebot.common.maths.frames import SE2
-from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.docking.docking import DockState
 from mazebot.navigation.behavior.nodes.nodes_goals import Statuses
 from mazebot.navigation.planning.path import PlannedPath
@@ -213,8 +212,3 @@ class TaskResult:
     """Of NavigateThroughPoses; of FollowWaypoints those that were missed."""
     num_retries: int = 0
     """Of DockRobot."""
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the task reached its end."""
-        return self.error_code == ErrorCode.NONE

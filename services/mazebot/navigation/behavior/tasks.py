@@ -101,7 +101,6 @@ class TreeTask:
             request.action == "DockRobot"
         )
         self._context = context
-        self._usual_speed_m_s = params.usual_speed_m_s
         self._speed_m_s = params.usual_speed_m_s
         self._period_s = params.control_period_s
         self.file = file

@@ -176,7 +176,7 @@ def _read_obj(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     # trimesh joins the names of object, group and material.
     for joined, geometry in sorted(scene.geometry.items()):
         of = tuple(name for name in known if f"_{name}_" in f"_{joined}_")
-        yield _of_trimesh((joined, *of), geometry, _IDENTITY, files)
+        yield _of_trimesh((joined, *of), geometry, _IDENTITY)
 
 
 def _obj_names(data: bytes) -> list[str]:
@@ -207,7 +207,7 @@ def _read_gltf(data: bytes, files: MeshFiles) -> Iterator[_Piece]:
     placed.sort(key=lambda one: (order[one[2]], one[0]))
     for node, matrix, name in placed:
         geometry = scene.geometry[name]
-        yield _of_trimesh((str(node), str(name)), geometry, np.asarray(matrix, np.float64), files)
+        yield _of_trimesh((str(node), str(name)), geometry, np.asarray(matrix, np.float64))
 
 
 def _check_header(data: bytes, is_binary: bool) -> None:
@@ -260,7 +260,7 @@ def _check_header(data: bytes, is_binary: bool) -> None:
                 raise MeshError("a texture is damaged, or no picture") from error
 
 
-def _of_trimesh(names: tuple[str, ...], geometry: Any, matrix: Array, files: MeshFiles) -> _Piece:
+def _of_trimesh(names: tuple[str, ...], geometry: Any, matrix: Array) -> _Piece:
     normals = (
         np.asarray(geometry.vertex_normals, np.float64)
         if "vertex_normals" in geometry._cache
@@ -272,12 +272,12 @@ def _of_trimesh(names: tuple[str, ...], geometry: Any, matrix: Array, files: Mes
         uvs = np.asarray(uvs, np.float64) * (1.0, -1.0) + (0.0, 1.0)
     else:
         uvs = None
-    return _piece_of_trimesh(names, geometry, matrix, normals, uvs, files)
+    return _piece_of_trimesh(names, geometry, matrix, normals, uvs)
 
 
 def _piece_of_trimesh(
     names: tuple[str, ...], geometry: Any, matrix: Array, normals: Array | None,
-    uvs: Array | None, files: MeshFiles | None = None,
+    uvs: Array | None,
 ) -> _Piece:  # fmt: skip
     material = getattr(geometry.visual, "material", None)
     diffuse, image, texture_name = _look(material)

@@ -52,7 +52,7 @@ def mistakes(recipe: Recipe, maze_wall_names: Sequence[str]) -> Iterator[Mistake
     yield from _names(recipe, maze_wall_names)
     yield from _materials(recipe)
     for index, wall in enumerate(recipe.walls):
-        yield from _coverings(("walls", index, "coverings"), wall, recipe.materials)
+        yield from _coverings(("walls", index, "coverings"), wall)
     for index, mesh in enumerate(recipe.meshes):
         yield from _scale(("meshes", index, "scale"), mesh.scale)
     for index, body in enumerate(recipe.bodies):
@@ -132,7 +132,7 @@ def _materials(recipe: Recipe) -> Iterator[Mistake]:
         yield Mistake(("materials",), f"{len(textures)} textures", f"must be at most {MAX_ASSETS}")
 
 
-def _coverings(location: Location, wall: WallRecipe, materials: object) -> Iterator[Mistake]:
+def _coverings(location: Location, wall: WallRecipe) -> Iterator[Mistake]:
     half_m = wall.length_m / 2.0
     for index, covering in enumerate(wall.coverings):
         at = (*location, index)

@@ -29,8 +29,8 @@ HOLDS_S = 1.0
 class _Kidnap:
     """Carries the robot away some seconds after the goal was sent, and watches what it claims."""
 
-    def __init__(self, target: SE2, within_s: float) -> None:
-        self.target, self._within_s = target, within_s
+    def __init__(self, target: SE2) -> None:
+        self.target = target
         self.at_s: float | None = None
         self.noticed_s: float | None = None
         self.found_s: float | None = None
@@ -82,7 +82,7 @@ def kidnap(world: str, turned: bool, camera: bool, within_s: float) -> RunSeed:
         random = random_generator(seed, "bench/kidnap")
         with Course(name, BenchWorld(world), seed, options, camera) as course:
             goal = _far_goal(course, seed)
-            watch = _Kidnap(course.pose, within_s)
+            watch = _Kidnap(course.pose)
             places = reachable_goals(course.loaded, seed + 1_000)
             angle = float(random.uniform(math.pi / 2.0, math.pi) * random.choice([-1.0, 1.0]))
 
@@ -136,7 +136,7 @@ def unknown_start(place: BenchWorld, camera: bool, within_s: float) -> RunSeed:
             course.run_for(0.5)
             asked = _ask_for_search(course)
             row = Row(name, course.place.shown, seed, 0, scene=course.around.outlines())
-            watch = _Kidnap(target, within_s)
+            watch = _Kidnap(target)
             watch.at_s = course.now_s
             while course.now_s - watch.at_s < within_s and watch.found_s is None:
                 course.tick()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.common.messages.error_codes import ErrorCode
@@ -192,7 +191,6 @@ class IsStuck(Condition):
 class AreErrorCodesPresent(Condition):
     """Holds where an error code is one of a list."""
 
-    default_codes: ClassVar[str] = ""
     ports = (
         Port("error_code", "integer", required=True),
         Port("error_codes_to_check", "codes", required=True),

@@ -248,7 +248,7 @@ class MPPIController(PathFollower):
                 critic.score(scene)
                 if scene.failed:
                     return False
-            self._update(around, scene)
+            self._update()
         return scene is not None and self._is_valid(start, around, scene)
 
     def _roll_out(self, start: Velocity, yaw_rad: float) -> None:
@@ -314,7 +314,7 @@ class MPPIController(PathFollower):
         )  # fmt: skip
         return out
 
-    def _update(self, around: Surroundings, scene: Scene) -> None:
+    def _update(self) -> None:
         """Replace the sequence by the weighted mean of the speeds of all rollouts."""
         p, rollouts, costs = self._params, self._rollouts, self._costs
         # The inverse covariance of noise with this correlation, for sustained deviations.
