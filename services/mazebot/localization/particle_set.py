@@ -110,10 +110,6 @@ class ParticleSet:
             .matrix()
         )
 
-    def expected(self, likelihood: Array) -> float:
-        """Mean of a likelihood (n,) of the particles under their weights."""
-        return float(np.sum(pf.normalised(self._log_weights) * likelihood))
-
     def weigh(self, log_likelihood: Array) -> None:
         """Correct the weights by a measurement's log-likelihood (n,), and resample if needed."""
         # If the particles are too sparse for a sharp measurement, one of them would take all the

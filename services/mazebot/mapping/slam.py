@@ -18,7 +18,7 @@ from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array, PlanarCovariance, wrap_angle
 from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.scan import Scan
-from mazebot.common.messages.slam_documents import GraphLandmark, PoseGraph
+from mazebot.common.messages.slam_documents import PoseGraph
 from mazebot.mapping.graph.graph_file import NodeScan, graph_document, graph_of, metres, millimetres
 from mazebot.mapping.graph.landmarks import MarkerCandidate, MarkerLandmarks
 from mazebot.mapping.graph.optimizer import CHI2_99, Covariances
@@ -182,10 +182,6 @@ class Slam:
             loops=self.loops,
             loops_rejected=self.loops_rejected,
         )
-
-    def markers(self) -> list[GraphLandmark]:
-        """The markers found so far, as they hang in the map."""
-        return self._markers.documents()
 
     def anchor(self) -> tuple[int, SE2]:
         """The keyframe next to the robot at the last scan, and the pose of its base in that

@@ -9,12 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from mazebot.common.config import ServiceConfig
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-)
+from mazebot.common.robot import waffle
 from mazebot.common.world.costmap import START_TOLERANCE_M
 from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.goal_checker import GoalCheckerParams
@@ -95,22 +90,22 @@ class NavigationConfig(ServiceConfig):
         default_factory=dict, description="parameters of a controller of your own"
     )
     desired_linear_vel: float = Field(
-        MAX_LINEAR_M_S,
+        waffle.MAX_LINEAR_M_S,
         gt=0,
         description="m/s; speed on a straight path; the robot's own limit is 0.46",
     )
     max_angular_vel: float = Field(
-        MAX_ANGULAR_RAD_S,
+        waffle.MAX_ANGULAR_RAD_S,
         gt=0,
         description="rad/s; highest turning speed; the robot's own limit is 1.9",
     )
     max_linear_accel: float = Field(
-        MAX_LINEAR_ACCELERATION_M_S2,
+        waffle.MAX_LINEAR_ACCELERATION_M_S2,
         gt=0,
         description="m/s2; highest acceleration; the robot's own limit is 1",
     )
     max_angular_accel: float = Field(
-        MAX_ANGULAR_ACCELERATION_RAD_S2,
+        waffle.MAX_ANGULAR_ACCELERATION_RAD_S2,
         gt=0,
         description="rad/s2; highest angular acceleration; the robot's own limit is 2",
     )

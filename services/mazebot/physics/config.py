@@ -9,14 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mazebot.common.config import ConfigError, ServiceConfig
 from mazebot.common.files.root import ROOT
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-    WHEEL_RADIUS_M,
-    WHEEL_SEPARATION_M,
-)
+from mazebot.common.robot import waffle
 from mazebot.physics.sensor_profiles import (
     CAMERA_PROFILES,
     FAR_M,
@@ -46,34 +39,34 @@ class PhysicsConfig(ServiceConfig):
         description="folder of the robot's model in models/",
     )
     wheel_separation_m: float = Field(
-        WHEEL_SEPARATION_M,
+        waffle.WHEEL_SEPARATION_M,
         gt=0.0,
         le=2.0,
         description="distance of the wheels in drive and odometry",
     )
     wheel_radius_m: float = Field(
-        WHEEL_RADIUS_M, gt=0.0, le=1.0, description="radius of a wheel in drive and odometry"
+        waffle.WHEEL_RADIUS_M, gt=0.0, le=1.0, description="radius of a wheel in drive and odometry"
     )
     max_linear_speed_m_s: float = Field(
-        MAX_LINEAR_M_S,
+        waffle.MAX_LINEAR_M_S,
         gt=0.0,
         le=5.0,
         description="commands beyond it are clamped, in both directions",
     )
     max_linear_acceleration_m_s2: float = Field(
-        MAX_LINEAR_ACCELERATION_M_S2,
+        waffle.MAX_LINEAR_ACCELERATION_M_S2,
         gt=0.0,
         le=10.0,
         description="when speeding up and when slowing down",
     )
     max_angular_speed_rad_s: float = Field(
-        MAX_ANGULAR_RAD_S,
+        waffle.MAX_ANGULAR_RAD_S,
         gt=0.0,
         le=20.0,
         description="commands beyond it are clamped, in both directions",
     )
     max_angular_acceleration_rad_s2: float = Field(
-        MAX_ANGULAR_ACCELERATION_RAD_S2,
+        waffle.MAX_ANGULAR_ACCELERATION_RAD_S2,
         gt=0.0,
         le=50.0,
         description="when speeding up and when slowing down",

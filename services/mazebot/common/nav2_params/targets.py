@@ -12,12 +12,7 @@ from pydantic.fields import FieldInfo
 from mazebot.common.config import must
 from mazebot.common.nav2_params.parameter import Value
 from mazebot.common.nav2_params.tables.mppi import MPPI
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-)
+from mazebot.common.robot import waffle
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
 
 Models = Mapping[str, type[BaseModel]]
@@ -147,19 +142,23 @@ CONVERSIONS: Mapping[str, Callable[[Value], Value]] = MappingProxyType(
         "lidar_max_range": lambda range_m: None if range_m < 0 else min(range_m, LIDAR_MAX_RANGE_M),
         "lidar_min_range": lambda range_m: None if range_m < 0 else range_m,
         "robot_radius": lambda radius_m: max(radius_m, ROBOT_RADIUS_M),
-        "max_speed": lambda speed: min(speed, MAX_LINEAR_M_S),
-        "min_speed": lambda speed: max(speed, -MAX_LINEAR_M_S),
-        "max_turn": lambda speed: min(speed, MAX_ANGULAR_RAD_S),
-        "max_accel": lambda accel: min(accel, MAX_LINEAR_ACCELERATION_M_S2),
-        "min_accel": lambda accel: max(accel, -MAX_LINEAR_ACCELERATION_M_S2),
-        "max_turn_accel": lambda accel: min(accel, MAX_ANGULAR_ACCELERATION_RAD_S2),
-        "most_velocity": lambda each: _within(each, MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S),
-        "least_velocity": lambda each: _within(each, MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S),
+        "max_speed": lambda speed: min(speed, waffle.MAX_LINEAR_M_S),
+        "min_speed": lambda speed: max(speed, -waffle.MAX_LINEAR_M_S),
+        "max_turn": lambda speed: min(speed, waffle.MAX_ANGULAR_RAD_S),
+        "max_accel": lambda accel: min(accel, waffle.MAX_LINEAR_ACCELERATION_M_S2),
+        "min_accel": lambda accel: max(accel, -waffle.MAX_LINEAR_ACCELERATION_M_S2),
+        "max_turn_accel": lambda accel: min(accel, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2),
+        "most_velocity": lambda each: _within(
+            each, waffle.MAX_LINEAR_M_S, waffle.MAX_ANGULAR_RAD_S
+        ),
+        "least_velocity": lambda each: _within(
+            each, waffle.MAX_LINEAR_M_S, waffle.MAX_ANGULAR_RAD_S
+        ),
         "most_accel": lambda each: _within(
-            each, MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2
+            each, waffle.MAX_LINEAR_ACCELERATION_M_S2, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2
         ),
         "least_accel": lambda each: _within(
-            each, MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2
+            each, waffle.MAX_LINEAR_ACCELERATION_M_S2, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2
         ),
     }
 )

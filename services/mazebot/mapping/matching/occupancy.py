@@ -100,31 +100,6 @@ class Occupancy:
         )
         return MapGrid(cells, resolution_m, origin)
 
-    def unseen(self, map_from_base: SE2, seen: ScanPoints) -> int:
-        """How many unknown cells a scan sees; the grid stays as it is.
-
-        Counted along every fourth ray.
-        """
-        cells_per_m = 1.0 / self._resolution_m
-        sensor = map_from_base @ seen.sensor
-        ends = np.concatenate([seen.points_m[::4], seen.misses_m[::4]])
-        moved = np.empty((len(ends), 2))
-        low, high = np.empty(2), np.empty(2)
-        _to_cells(
-            ends, map_from_base.x_m, map_from_base.y_m, map_from_base.yaw_rad, cells_per_m,
-            sensor.x_m * cells_per_m, sensor.y_m * cells_per_m, moved, low, high,
-        )  # fmt: skip
-        return int(
-            _count_unseen(
-                self._seen,
-                self._row0,
-                self._column0,
-                sensor.x_m * cells_per_m,
-                sensor.y_m * cells_per_m,
-                moved,
-            )
-        )
-
     def _grow(self, low: Array, high: Array) -> bool:
         """Make room for cells from low to high (column, row); False where it would be too large."""
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -218,20 +193,3 @@ def _trace(
                 along = next_y
                 next_y += inverse_y
                 row += step_y
-
-
-@kernel("int64(int32[:, ::1], int64, int64, float64, float64, float64[:, ::1])")
-def _count_unseen(
-    seen: NDArray[np.int32], row0: int, column0: int, sensor_x: float, sensor_y: float, ends: Array
-) -> int:
-    rows, columns = seen.shape
-    count = 0
-    for i in range(ends.shape[0]):
-        dx, dy = ends[i, 0] - sensor_x, ends[i, 1] - sensor_y
-        steps = int(math.sqrt(dx * dx + dy * dy))
-        for j in range(1, steps):
-            r = math.floor(sensor_y + dy * j / steps) - row0
-            c = math.floor(sensor_x + dx * j / steps) - column0
-            if r < 0 or c < 0 or r >= rows or c >= columns or seen[r, c] == 0:
-                count += 1
-    return count

@@ -11,12 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mazebot.common.config import ConfigError, one_line
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-)
+from mazebot.common.robot import waffle
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
 from mazebot.navigation.control.goal_checker import GoalCheckerParams
 from mazebot.navigation.control.path_handler import PathHandlerParams
@@ -36,10 +31,10 @@ class Robot:
 
     footprint: Footprint = WAFFLE
     """The convex outline in base_footprint."""
-    max_linear_vel_m_s: float = MAX_LINEAR_M_S
-    max_angular_vel_rad_s: float = MAX_ANGULAR_RAD_S
-    max_linear_accel_m_s2: float = MAX_LINEAR_ACCELERATION_M_S2
-    max_angular_accel_rad_s2: float = MAX_ANGULAR_ACCELERATION_RAD_S2
+    max_linear_vel_m_s: float = waffle.MAX_LINEAR_M_S
+    max_angular_vel_rad_s: float = waffle.MAX_ANGULAR_RAD_S
+    max_linear_accel_m_s2: float = waffle.MAX_LINEAR_ACCELERATION_M_S2
+    max_angular_accel_rad_s2: float = waffle.MAX_ANGULAR_ACCELERATION_RAD_S2
     """No command may ask for more."""
     control_period_s: float = 0.05
     goal_checker: GoalCheckerParams = field(default_factory=GoalCheckerParams)

@@ -13,7 +13,6 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Clearance
 from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import (
-    INSCRIBED_INFLATED_OBSTACLE,
     LETHAL_OBSTACLE,
     NO_INFORMATION,
     Costmap,
@@ -28,17 +27,6 @@ from mazebot.navigation.planning.grid.search_grid import NO_PRICE, SOLID, Cell, 
 ANY_REGION: Final = np.empty(0, np.uint8)
 _NO_OUTLINE: Final = np.empty((0, 2))
 _NO_CIRCLES: Final = np.empty(0)
-
-
-def check_goal(costmap: Costmap, goal: SE2, allow_unknown: bool = False) -> None:
-    """Raise NavigationError if the robot's circle cannot be at a goal: GOAL_OUTSIDE_MAP,
-    GOAL_OCCUPIED, or NO_VALID_PATH in unknown space, where no path leads.
-    """
-    check_inside(costmap, goal, "goal", ErrorCode.GOAL_OUTSIDE_MAP)
-    cost = costmap.cost_at(goal.x_m, goal.y_m)
-    if cost < INSCRIBED_INFLATED_OBSTACLE or (cost == NO_INFORMATION and allow_unknown):
-        return
-    raise occupied_goal(costmap, goal, None)
 
 
 def check_inside(costmap: Costmap, pose: SE2, what: str, code: ErrorCode) -> None:

@@ -11,7 +11,6 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.ends import (
-    check_goal,
     check_inside,
     nearest_free_cell,
     nearest_free_pose,
@@ -41,7 +40,7 @@ from mazebot.navigation.planning.grid.search_grid import (
 from mazebot.navigation.planning.interface import GlobalPlanner, PlannerName, PlannerParams
 from mazebot.navigation.planning.path import PlannedPath, path_through
 
-__all__ = ["GlobalPlanner", "Planner", "PlannerName", "PlannerParams", "check_goal"]
+__all__ = ["GlobalPlanner", "Planner", "PlannerName", "PlannerParams"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import shapely
@@ -235,13 +235,6 @@ def rectangle(pose: SE2, size_m: tuple[float, float]) -> shapely.Polygon:
     x, y = size_m[0] / 2.0, size_m[1] / 2.0
     corners = (pose @ SE2(a, b, 0.0) for a, b in ((x, y), (-x, y), (-x, -y), (x, -y)))
     return shapely.Polygon([corner[:2] for corner in corners])
-
-
-@contextmanager
-def course(*args: Any, **named: Any) -> Iterator[Course]:
-    """A course that is closed at the end."""
-    with Course(*args, **named) as one:
-        yield one
 
 
 def pose_apart(a: SE2, b: SE2) -> tuple[float, float]:

@@ -50,11 +50,6 @@ class DockEstimate:
         """The marker's pose; of no meaning before the first sighting."""
         return self._pose
 
-    @property
-    def yaw_std_rad(self) -> float:
-        """Standard deviation of the marker's yaw."""
-        return math.sqrt(self._yaw_var)
-
     def position_std_m(self, odom_from_base: SE2) -> float:
         """Standard deviation of the marker's position along each axis, seen from here."""
         return math.sqrt(self._position_var + self._drifts(odom_from_base)[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 
 class Blackboard:
@@ -53,10 +53,6 @@ class Blackboard:
     def __contains__(self, key: str) -> bool:
         board, name = self._place(key)
         return name in board._values
-
-    def items(self) -> Iterator[tuple[str, object]]:
-        """Keys and values of this board alone, sorted by key."""
-        return iter(sorted(self._values.items()))
 
     def _place(self, key: str) -> tuple[Blackboard, str]:
         """The board that holds a key, and its name there."""

@@ -6,12 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-)
+from mazebot.common.robot import waffle
 from mazebot.navigation.control.controller import ControllerParams
 
 
@@ -199,20 +194,26 @@ class MPPIParams(ControllerParams):
     )
     gamma: float = Field(0.015, ge=0, description="weight of the change of the control sequence")
     vx_max: float = Field(
-        MAX_LINEAR_M_S, gt=0, description="m/s; highest speed; the robot's own is 0.46"
+        waffle.MAX_LINEAR_M_S, gt=0, description="m/s; highest speed; the robot's own is 0.46"
     )
     vx_min: float = Field(-0.2, le=0, description="m/s; highest speed backwards, negative")
     wz_max: float = Field(
-        MAX_ANGULAR_RAD_S, gt=0, description="rad/s; highest turning speed; the robot's is 1.9"
+        waffle.MAX_ANGULAR_RAD_S,
+        gt=0,
+        description="rad/s; highest turning speed; the robot's is 1.9",
     )
     ax_max: float = Field(
-        MAX_LINEAR_ACCELERATION_M_S2, gt=0, description="m/s2; acceleration; the robot's own is 1"
+        waffle.MAX_LINEAR_ACCELERATION_M_S2,
+        gt=0,
+        description="m/s2; acceleration; the robot's own is 1",
     )
     ax_min: float = Field(
-        -MAX_LINEAR_ACCELERATION_M_S2, lt=0, description="m/s2; deceleration; the robot's own is -1"
+        -waffle.MAX_LINEAR_ACCELERATION_M_S2,
+        lt=0,
+        description="m/s2; deceleration; the robot's own is -1",
     )
     az_max: float = Field(
-        MAX_ANGULAR_ACCELERATION_RAD_S2, gt=0, description="rad/s2; the robot's own is 2"
+        waffle.MAX_ANGULAR_ACCELERATION_RAD_S2, gt=0, description="rad/s2; the robot's own is 2"
     )
     vx_std: float = Field(0.2, gt=0, description="m/s; standard deviation of the speeds tried")
     wz_std: float = Field(0.4, gt=0, description="rad/s; of the turning speeds tried")
@@ -248,7 +249,7 @@ class MPPIParams(ControllerParams):
         "on the spot first, if that is free",
     )
     rotate_to_heading_angular_vel: float = Field(
-        MAX_ANGULAR_RAD_S, gt=0, description="rad/s; highest speed of a turn on the spot"
+        waffle.MAX_ANGULAR_RAD_S, gt=0, description="rad/s; highest speed of a turn on the spot"
     )
     rotate_to_heading_decel: float = Field(
         1.7, gt=0, description="rad/s2; deceleration at the end of a turn on the spot"

@@ -10,12 +10,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from mazebot.common.robot.waffle import (
-    MAX_ANGULAR_ACCELERATION_RAD_S2,
-    MAX_ANGULAR_RAD_S,
-    MAX_LINEAR_ACCELERATION_M_S2,
-    MAX_LINEAR_M_S,
-)
+from mazebot.common.robot import waffle
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.controller import ControllerParams
 
@@ -27,10 +22,10 @@ _Most = Annotated[float, Field(ge=0.0)]
 _Least = Annotated[float, Field(le=0.0)]
 _Accel = Annotated[float, Field(gt=0.0)]
 _Decel = Annotated[float, Field(lt=0.0)]
-_MAX_VELOCITY = Velocity(MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S)
-_MIN_VELOCITY = Velocity(-MAX_LINEAR_M_S, -MAX_ANGULAR_RAD_S)
-_MAX_ACCEL = Velocity(MAX_LINEAR_ACCELERATION_M_S2, MAX_ANGULAR_ACCELERATION_RAD_S2)
-_MAX_DECEL = Velocity(-MAX_LINEAR_ACCELERATION_M_S2, -MAX_ANGULAR_ACCELERATION_RAD_S2)
+_MAX_VELOCITY = Velocity(waffle.MAX_LINEAR_M_S, waffle.MAX_ANGULAR_RAD_S)
+_MIN_VELOCITY = Velocity(-waffle.MAX_LINEAR_M_S, -waffle.MAX_ANGULAR_RAD_S)
+_MAX_ACCEL = Velocity(waffle.MAX_LINEAR_ACCELERATION_M_S2, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2)
+_MAX_DECEL = Velocity(-waffle.MAX_LINEAR_ACCELERATION_M_S2, -waffle.MAX_ANGULAR_ACCELERATION_RAD_S2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,11 +73,11 @@ class VelocitySmootherConfig(ControllerParams):
         False, description="limit both axes by one factor, which keeps the curvature"
     )
     max_velocity: tuple[_Most, _Most, _Most] = Field(
-        (MAX_LINEAR_M_S, 0.0, MAX_ANGULAR_RAD_S),
+        (waffle.MAX_LINEAR_M_S, 0.0, waffle.MAX_ANGULAR_RAD_S),
         description="m/s, m/s, rad/s; the robot's own limits are 0.46 and 1.9",
     )
     min_velocity: tuple[_Least, _Least, _Least] = Field(
-        (-MAX_LINEAR_M_S, 0.0, -MAX_ANGULAR_RAD_S),
+        (-waffle.MAX_LINEAR_M_S, 0.0, -waffle.MAX_ANGULAR_RAD_S),
         description="m/s, m/s, rad/s; backwards and clockwise",
     )
     max_accel: tuple[_Accel, float, _Accel] | None = Field(
