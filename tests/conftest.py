@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import logging
+import platform
 from collections.abc import Iterator
 
 import pytest
@@ -12,6 +14,18 @@ from hypothesis import settings
 # The same examples each time, and no test that fails because the machine is busy.
 settings.register_profile("mazebot", deadline=None, derandomize=True)
 settings.load_profile("mazebot")
+
+
+_M_TOP_PAD = -2
+"""Of mallopt(3): how much the heap grows at a time, and what is left at its end when it shrinks."""
+
+
+def pytest_configure() -> None:
+    """Keep memory that is freed: the next test needs as much again, and to give it back to the
+    system and take it anew costs a tenth of all processor time.
+    """
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).mallopt(_M_TOP_PAD, 64 << 20)
 
 
 def pytest_collection_finish() -> None:
