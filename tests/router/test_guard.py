@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -51,8 +52,12 @@ def is_running(pid: int) -> bool:
 
 def has_a_connection(pid: int) -> bool:
     """Whether the guard has come to ask its router, which then need not begin any more."""
-    descriptors = Path(f"/proc/{pid}/fd").iterdir()
-    return any(str(path.readlink()).startswith("socket:") for path in descriptors)
+    for path in Path(f"/proc/{pid}/fd").iterdir():
+        # One may be closed in the meantime.
+        with contextlib.suppress(FileNotFoundError):
+            if str(path.readlink()).startswith("socket:"):
+                return True
+    return False
 
 
 def test_a_router_that_hangs_is_ended(router: tuple[subprocess.Popen[str], int, str]) -> None:
