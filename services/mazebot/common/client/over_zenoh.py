@@ -136,5 +136,4 @@ class ZenohRobot(Robot):
         """See Robot."""
         for end in tuple(self._ends):
             end()
-        self._publishers.clear()
         self._session.close()  # type: ignore[no-untyped-call]
