@@ -128,6 +128,26 @@ def test_the_shell_completes_commands_and_names(
     assert set(done.stdout.split()) == offered
 
 
+@pytest.mark.parametrize("arguments", [["--version"], ["recordings", "list"], ["map", "--help"]])
+def test_a_short_command_loads_neither_the_compiler_nor_the_bus(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    code = (
+        "import contextlib, sys\n"
+        "from mazebot.cli.app import main\n"
+        "sys.argv = ['mazebot', *sys.argv[1:]]\n"
+        "with contextlib.suppress(SystemExit):\n"
+        "    main()\n"
+        "loaded = {'numba', 'zenoh', 'pybullet', 'cv2', 'rerun'} & set(sys.modules)\n"
+        "sys.exit(', '.join(sorted(loaded)) or 0)"
+    )
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_version_is_told() -> None:
     assert re.fullmatch(r"mazebot \d+\.\d+\.\d+\n", mazebot("--version").stdout)
 

@@ -50,7 +50,12 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox, random_generator
-from mazebot.common.node.pose_estimate import marker_candidates, pose_message, transform_message
+from mazebot.common.node.pose_estimate import (
+    by_stamp,
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.common.world.costmap import MAX_MAP_CELLS
@@ -174,16 +179,9 @@ class LocalizationNode(Node):
         if entities is not None:
             self._entities = entities
             self._register_markers()
-        for tree in inbox.new(TF_STATIC):
-            problem = self._static_frames.add(tree)
-            if problem:
-                inbox.reject(TF_STATIC, problem)
-                continue
-            self._base_from = {}
-            for frame in (SCAN_FRAME, CAMERA_OPTICAL_FRAME):
-                matrix = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
-                if matrix is not None:
-                    self._base_from[frame] = matrix
+        if self._static_frames.receive(inbox, TF_STATIC):
+            sensors = (SCAN_FRAME, CAMERA_OPTICAL_FRAME)
+            self._base_from = self._static_frames.chains(BASE_FOOTPRINT_FRAME, sensors)
 
     def _register_markers(self) -> None:
         """Store the pose of each known marker. Two of one id cannot be distinguished: neither is
@@ -248,10 +246,7 @@ class LocalizationNode(Node):
             self._start_at(localization, self._odom[1])
         for initial in poses:
             self._take_initial_pose(localization, initial, inbox)
-        seen: list[tuple[int, int, msg.LaserScan | msg.Detection3DArray]] = []
-        seen += [(msg.ns_from_time(s.header.stamp), 0, s) for s in scans]
-        seen += [(msg.ns_from_time(s.header.stamp), 1, s) for s in sightings]
-        for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
+        for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                     self._take_scan(localization, message)

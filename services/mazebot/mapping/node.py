@@ -35,7 +35,12 @@ from mazebot.common.messages.topics import (
 )
 from mazebot.common.node.frame_tree import FrameTree
 from mazebot.common.node.node import Inbox, Node, Outbox
-from mazebot.common.node.pose_estimate import marker_candidates, pose_message, transform_message
+from mazebot.common.node.pose_estimate import (
+    by_stamp,
+    marker_candidates,
+    pose_message,
+    transform_message,
+)
 from mazebot.common.node.schedule import Schedule
 from mazebot.common.node.simulation_watch import SimulationWatch
 from mazebot.mapping.config import STEP_PERIOD_NS, MappingConfig
@@ -151,16 +156,9 @@ class MappingNode(Node):
             self._world = world
             self.world_hash = world.hash
             self._reset()
-        for tree in inbox.new(TF_STATIC):
-            problem = self._static_frames.add(tree)
-            if problem:
-                inbox.reject(TF_STATIC, problem)
-                continue
-            self._base_from = {}
-            for frame in (SCAN_FRAME, CAMERA_OPTICAL_FRAME):
-                matrix = self._static_frames.chain(BASE_FOOTPRINT_FRAME, frame)
-                if matrix is not None:
-                    self._base_from[frame] = matrix
+        if self._static_frames.receive(inbox, TF_STATIC):
+            sensors = (SCAN_FRAME, CAMERA_OPTICAL_FRAME)
+            self._base_from = self._static_frames.chains(BASE_FOOTPRINT_FRAME, sensors)
 
     def _reset(self) -> None:
         """Drop the map and all measurements."""
@@ -185,10 +183,7 @@ class MappingNode(Node):
         slam = self._slam
         if slam is None or SCAN_FRAME not in self._base_from:
             return
-        seen: list[tuple[int, int, msg.LaserScan | msg.Detection3DArray]] = []
-        seen += [(msg.ns_from_time(s.header.stamp), 0, s) for s in scans]
-        seen += [(msg.ns_from_time(s.header.stamp), 1, s) for s in sightings]
-        for stamp_ns, _, message in sorted(seen, key=lambda item: item[:2]):
+        for stamp_ns, message in by_stamp(scans, sightings):
             if isinstance(message, msg.LaserScan):
                 if self._watch.is_of_this_run(stamp_ns, SCAN, inbox):
                     self._take_scan(slam, message)

@@ -239,11 +239,7 @@ class NavigationNode(Node):
         if entities is not None:
             self._entities = entities
             self._update_docks()
-        for tree in inbox.new(TF_STATIC):
-            problem = self._static_frames.add(tree)
-            if problem:
-                inbox.reject(TF_STATIC, problem)
-                continue
+        if self._static_frames.receive(inbox, TF_STATIC):
             scan = self._static_frames.chain(BASE_FOOTPRINT_FRAME, SCAN_FRAME)
             self._base_from_scan = None if scan is None else se2_from_matrix(scan)
             self._base_from_camera = self._static_frames.chain(

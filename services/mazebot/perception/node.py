@@ -185,10 +185,7 @@ class PerceptionNode(Node):
         self._finder.register(name, entity.marker_id, entity.marker_size_m, map_from_marker, book)
 
     def _take_transforms(self, inbox: Inbox) -> None:
-        for transforms in inbox.new(TF_STATIC):
-            problem = self._static_frames.add(transforms)
-            if problem:
-                inbox.reject(TF_STATIC, problem)
+        self._static_frames.receive(inbox, TF_STATIC)
         # The clock arrives after the measurements of its time.
         latest_ns = self._now_ns + _CLOCK_LAG_NS
         for transforms in inbox.new(TF):

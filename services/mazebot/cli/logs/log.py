@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
-from mazebot.common.messages.scan import Scan
+
+if TYPE_CHECKING:
+    from mazebot.common.messages.scan import Scan
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,9 @@ class LoggedScan:
 
     def at(self, base_from_scan: SE2, stamp_ns: int) -> Scan:
         """The scan, by a lidar at this place of the robot."""
+        # It loads Numba, which no other command needs.
+        from mazebot.common.messages.scan import Scan  # noqa: PLC0415
+
         return Scan(
             self.ranges_m,
             self.angle_min_rad,

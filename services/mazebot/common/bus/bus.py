@@ -170,7 +170,7 @@ class Bus:
         try:
             if self.matched(SERVICES):
                 return False
-            return not self.matched(alive(self._session, self._prefix) - {self.node_name})
+            return not self.matched(alive(self._session, self._prefix).keys() - {self.node_name})
         except zenoh.ZError:
             # The session has ended, by `close` or on error.
             return not self._closed

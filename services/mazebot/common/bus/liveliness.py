@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import zenoh
@@ -21,7 +22,7 @@ def service_and_source(key: object) -> tuple[str, str]:
     return service.rsplit("/", 1)[-1], source
 
 
-def _watch_tokens(
+def watch_tokens(
     session: zenoh.Session, keys: str, on_change: Callable[[str, str, bool], None]
 ) -> Any:
     """Call `on_change` with the service and source of each liveliness token, and whether it is
@@ -36,13 +37,18 @@ def _watch_tokens(
     )
 
 
-def alive(session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0) -> set[str]:
-    """Names of the services with a liveliness token."""
-    names = set()
+def alive(
+    session: zenoh.Session, prefix: str = "", timeout_s: float = 1.0
+) -> Mapping[str, frozenset[str]]:
+    """The services with a liveliness token, the router among them, each with the message sources
+    of its processes.
+    """
+    found: dict[str, set[str]] = defaultdict(set)
     for reply in session.liveliness().get(alive_key("*", "*", prefix), timeout=timeout_s):
         if reply.ok is not None:
-            names.add(service_and_source(reply.ok.key_expr)[0])
-    return names
+            service, source = service_and_source(reply.ok.key_expr)
+            found[service].add(source)
+    return {service: frozenset(sources) for service, sources in found.items()}
 
 
 def watch_sources(
@@ -51,7 +57,7 @@ def watch_sources(
     """Call `on_change` with the source of each service and whether it is present: now, and on every
     change. Keep a reference to the returned object. It runs on Zenoh's thread: it must only store.
     """
-    return _watch_tokens(
+    return watch_tokens(
         session,
         alive_key("*", "*", prefix),
         lambda _, source, is_there: on_change(source, is_there),

@@ -10,7 +10,7 @@ from typing import Any, cast
 import zenoh
 
 from mazebot.common.bus.bus import Bus
-from mazebot.common.bus.liveliness import _watch_tokens, service_and_source
+from mazebot.common.bus.liveliness import service_and_source, watch_tokens
 
 SEAT_PREFIX = "mazebot/seat/"
 WAKE_PREFIX = "mazebot/wake/"
@@ -62,7 +62,7 @@ def watch_seats(
         on_wake(*service_and_source(sample.key_expr))
 
     return [
-        _watch_tokens(session, f"{prefix}{SEAT_PREFIX}*/*", on_seat),
+        watch_tokens(session, f"{prefix}{SEAT_PREFIX}*/*", on_seat),
         session.declare_subscriber(
             f"{prefix}{WAKE_PREFIX}*/*",
             cast("Any", zenoh.handlers.Callback(on_call, indirect=False)),

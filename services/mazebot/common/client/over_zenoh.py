@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
@@ -12,7 +11,7 @@ import zenoh
 
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
-from mazebot.common.bus.liveliness import alive_key, service_and_source
+from mazebot.common.bus.liveliness import alive
 from mazebot.common.bus.publisher import publish
 from mazebot.common.bus.query import QueryError, ask
 from mazebot.common.bus.session import BusUnavailableError, open_session
@@ -34,8 +33,6 @@ from mazebot.common.node.node import Envelope
 M = TypeVar("M")
 Q = TypeVar("Q")
 A = TypeVar("A")
-
-_ALIVE_TIMEOUT_S = 1.0
 
 
 class ZenohRobot(Robot):
@@ -118,14 +115,9 @@ class ZenohRobot(Robot):
 
     def alive(self) -> Mapping[str, frozenset[str]]:
         """See Robot."""
-        found: dict[str, set[str]] = defaultdict(set)
-        key = alive_key("*", "*", self._prefix)
-        for reply in self._session.liveliness().get(key, timeout=_ALIVE_TIMEOUT_S):
-            if reply.ok is not None:
-                service, source = service_and_source(reply.ok.key_expr)
-                found[service].add(source)
+        found = alive(self._session, self._prefix)
         # The router has a token, too.
-        return {name: frozenset(found[name]) for name in SERVICES if name in found}
+        return {name: found[name] for name in SERVICES if name in found}
 
     def now_ns(self) -> int:
         """See Robot."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from mazebot.common.maths.frames import Array
 from mazebot.common.messages.messages import TFMessage, TransformStamped, chain_transforms, has_ring
+from mazebot.common.messages.topics import Topic
+from mazebot.common.node.node import Inbox
 
 MAX_FRAMES = 2000
 """Several times the frames of a robot and the maximum number of moving bodies."""
@@ -51,6 +55,24 @@ class FrameTree:
                 return "loop in the frame tree"
         entries.update((entry.child_frame_id, entry) for entry in message.transforms)
         return ""
+
+    def receive(self, inbox: Inbox, topic: Topic[TFMessage]) -> bool:
+        """Add the new messages of a topic, and reject those that are refused; return whether one
+        was added.
+        """
+        added = False
+        for message in inbox.new(topic):
+            problem = self.add(message)
+            if problem:
+                inbox.reject(topic, problem)
+            else:
+                added = True
+        return added
+
+    def chains(self, parent_frame: str, child_frames: Iterable[str]) -> dict[str, Array]:
+        """Rigid (4, 4) `parent_from_child` of each frame that is connected, by its name."""
+        found = {frame: self.chain(parent_frame, frame) for frame in child_frames}
+        return {frame: matrix for frame, matrix in found.items() if matrix is not None}
 
     def chain(self, parent_frame: str, child_frame: str) -> Array | None:
         """Rigid (4, 4) `parent_from_child`; None where no transforms connect the frames."""

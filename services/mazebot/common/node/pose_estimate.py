@@ -4,6 +4,8 @@ measured.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from mazebot.common.maths.frames import MAP_FRAME, ODOM_FRAME, SE2, Array
@@ -29,6 +31,15 @@ def transform_message(now_ns: int, map_from_odom: SE2) -> msg.TFMessage:
     """The correction of odometry."""
     transform = msg.planar_transform_stamped(now_ns, MAP_FRAME, ODOM_FRAME, map_from_odom)
     return msg.TFMessage(transforms=[transform])
+
+
+def by_stamp(
+    scans: Iterable[msg.LaserScan], detections: Iterable[msg.Detection3DArray]
+) -> list[tuple[int, msg.LaserScan | msg.Detection3DArray]]:
+    """Measurements with their stamps in ns, the oldest first; of one stamp the scan first."""
+    measured: list[msg.LaserScan | msg.Detection3DArray] = [*scans, *detections]
+    stamped = [(msg.ns_from_time(one.header.stamp), one) for one in measured]
+    return sorted(stamped, key=lambda one: one[0])
 
 
 def marker_candidates(detection: msg.Detection3D) -> list[MarkerCandidate]:
