@@ -15,6 +15,7 @@ from mazebot.navigation.behavior.motions.search_motion import SearchMotion
 from mazebot.navigation.build import made_drive
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
@@ -45,7 +46,9 @@ def compile_kernels(config: NavigationConfig) -> None:
     level = _LOG.level
     _LOG.setLevel(logging.CRITICAL)
     try:
-        compile_mppi_kernels(drive.robot.costmap.static, SE2(1.0, 1.0, 0.0), config.robot())
+        compile_mppi_kernels(
+            drive.robot.costmap.static, SE2(1.0, 1.0, 0.0), Robot(config.controller_server)
+        )
         _drive(drive)
     except NavigationError:
         # The robot is too large for the room; everything else is compiled.

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
+from mazebot.common.config import value_of
 from mazebot.common.messages.documents import Evaluation, Parameters, SimulationStats, World
 from mazebot.common.node.node import TopicCounts
 from mazebot.common.recordings.summary import (
@@ -79,7 +80,7 @@ def summary_text(summary: RunSummary) -> Iterator[bytes]:
 
 def _changed(parameters: Iterable[Parameters]) -> dict[str, ChangedSetting]:
     return {
-        f"{said.service}.{name}": ChangedSetting(value=said.values.get(name), default=default)
+        f"{said.service}.{name}": ChangedSetting(value=value_of(said.values, name), default=default)
         for said in sorted(parameters, key=lambda said: said.service)
         if said.service != "recorder"
         for name, default in sorted(said.defaults.items())
