@@ -16,7 +16,7 @@ from mazebot.bench.navigation import __main__ as bench_nav
 from mazebot.bench.navigation import metrics, runner
 from mazebot.bench.navigation.courses.bench_worlds import BenchWorld, narrow_maze, two_rooms
 from mazebot.bench.navigation.courses.course import Course, rectangle
-from mazebot.bench.navigation.courses.moving import places_in
+from mazebot.bench.navigation.courses.moving import UNPREDICTED, places_in
 from mazebot.bench.navigation.courses.scenarios import BY_NAME, GROUPS, SCENARIOS
 from mazebot.bench.navigation.measure import Leg, alarm_count
 from mazebot.bench.navigation.plots import overview, ways
@@ -361,12 +361,19 @@ def test_a_scenario_is_mastered(name: str) -> None:
 
 def test_settings_of_a_scenario_win_over_those_of_the_user(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
-    path.write_text("navigation: {controller: mppi, mppi: {batch_size: 500}}\nseed: 3\n")
-    made = Options(settings=path).with_settings({"navigation": {"mppi": {"prediction": False}}})
+    path.write_text(
+        "navigation: {controller_server: {controller: mppi, mppi: {batch_size: 500}}}\nseed: 3\n"
+    )
+    made = Options(settings=path).with_settings(UNPREDICTED)
     assert made.settings is not None
     assert yaml.safe_load(made.settings.read_text()) == {
         "seed": 3,
-        "navigation": {"controller": "mppi", "mppi": {"batch_size": 500, "prediction": False}},
+        "navigation": {
+            "controller_server": {
+                "controller": "mppi",
+                "mppi": {"batch_size": 500, "prediction": False},
+            }
+        },
     }
 
 

@@ -7,18 +7,25 @@ import pytest
 import yaml
 from pydantic import Field
 
-from mazebot.common.config import ConfigError, ServiceConfig
-from mazebot.common.settings import load as loading
+from mazebot.common.config import ConfigError, Params, ServiceConfig, merged
 from mazebot.common.settings.load import load, read_nav2_params, read_settings
 from mazebot.embedded.demo import DemoOptions, bringup_config
 from tests.cli.test_app import assert_one_line, mazebot
 from tests.common.nav2_files import shipped
 
 
-class NavigationConfig(ServiceConfig):
+class GoalChecker(Params):
     xy_goal_tolerance: float = Field(0.06, gt=0)
     yaw_goal_tolerance: float = Field(0.06, gt=0)
+
+
+class ControllerServer(Params):
+    general_goal_checker: GoalChecker = GoalChecker()
     failure_tolerance: float = Field(0.3, ge=0)
+
+
+class NavigationConfig(ServiceConfig):
+    controller_server: ControllerServer = ControllerServer()
 
 
 CHECKER = {"plugin": "nav2_controller::SimpleGoalChecker", "xy_goal_tolerance": 0.1}
@@ -106,24 +113,29 @@ def test_flags_environment_and_settings_win_over_the_file_of_nav2(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def loaded(*arguments: str) -> tuple[float, float, float]:
-        config = load(NavigationConfig, "navigation", arguments)
-        return config.xy_goal_tolerance, config.yaw_goal_tolerance, config.failure_tolerance
+        server = load(NavigationConfig, "navigation", arguments).controller_server
+        checker = server.general_goal_checker
+        return checker.xy_goal_tolerance, checker.yaw_goal_tolerance, server.failure_tolerance
 
     named = ("--params", str(file))
     assert loaded() == (0.06, 0.06, 0.3)
     assert loaded(*named) == (0.1, 0.2, 0.5)
     settings = tmp_path / "settings.yaml"
-    settings.write_text("navigation: {xy_goal_tolerance: 0.3}\n")
+    checker = "general_goal_checker: {xy_goal_tolerance: 0.3}"
+    settings.write_text(f"navigation: {{controller_server: {{{checker}}}}}\n")
     assert loaded(*named, "--config", str(settings)) == (0.3, 0.2, 0.5)
     monkeypatch.setenv("MAZEBOT_PARAMS", str(file))
     monkeypatch.setenv("MAZEBOT_NAVIGATION_YAW_GOAL_TOLERANCE", "0.4")
     assert loaded() == (0.1, 0.4, 0.5)
     assert loaded("--xy-goal-tolerance", "0.7") == (0.7, 0.4, 0.5)
+    monkeypatch.setenv("MAZEBOT_NAVIGATION_CONTROLLER_SERVER__FAILURE_TOLERANCE", "0.6")
+    whole = "--controller-server.general-goal-checker.yaw-goal-tolerance"
+    assert loaded(f"{whole}=0.8") == (0.1, 0.8, 0.6)
 
 
 def test_a_mapping_of_the_settings_does_not_hide_the_rest_of_the_file_of_nav2() -> None:
     below = {"a": {"x": 1, "y": 2}, "b": 3}
-    assert loading._over(below, {"a": {"y": 5}, "c": 6}) == {
+    assert merged(below, {"a": {"y": 5}, "c": 6}) == {
         "a": {"x": 1, "y": 5}, "b": 3, "c": 6,
     }  # fmt: skip
 
@@ -133,7 +145,8 @@ def test_a_value_that_a_service_refuses_is_said_with_its_file(file: Path) -> Non
         """The settings contradict each other, which no single field shows."""
 
         def model_post_init(self, _: object) -> None:
-            if self.xy_goal_tolerance < self.yaw_goal_tolerance:
+            checker = self.controller_server.general_goal_checker
+            if checker.xy_goal_tolerance < checker.yaw_goal_tolerance:
                 raise ValueError("the tolerances contradict")
 
     with pytest.raises(ConfigError, match="contradict"):

@@ -108,7 +108,7 @@ def test_a_speed_mask_says_where_the_robot_is_slow(tmp_path: Path) -> None:
     ways = ("plan", "--map", house(tmp_path), "--start", "-0.2,-1", "--goal", "1,-1")
     said = json.loads(mazebot(*ways, "--speed", slow, "--json").stdout)
     (limit,) = said["speed_limits"]
-    highest_m_s = NavigationConfig().desired_linear_vel
+    highest_m_s = NavigationConfig().controller_server.max_linear_vel
     assert limit["speed_limit_m_s"] == pytest.approx(0.4 * highest_m_s, abs=1e-4)
     assert limit["length_m"] == pytest.approx(0.4, abs=0.06)
     lines = mazebot(*ways, "--speed", slow).stdout.splitlines()

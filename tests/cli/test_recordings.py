@@ -112,7 +112,11 @@ def test_an_age_is_a_time(text: str, age: timedelta) -> None:
 
 def test_a_run_is_told_of(runs: Path) -> None:
     text = told("info", REAL)
-    for words in ("0 of 1 reached", "localisation error, mean", "set navigation.controller  "):
+    for words in (
+        "0 of 1 reached",
+        "localisation error, mean",
+        "set navigation.controller_server.controller  ",
+    ):
         assert words in text
     found = read("info", "latest")
     assert (found["name"], found["problem"].partition(":")[0]) == (BAD, "summary.json")

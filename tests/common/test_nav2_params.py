@@ -12,7 +12,7 @@ from mazebot.common.files.root import ROOT
 from mazebot.common.nav2_params import targets
 from mazebot.common.nav2_params.entry import Entry
 from mazebot.common.nav2_params.loader import Nav2Params, load_nav2_params
-from mazebot.common.nav2_params.parameter import Namespace, check
+from mazebot.common.nav2_params.parameter import Namespace, Parameter, check
 from mazebot.common.nav2_params.renames import RENAMES
 from mazebot.common.nav2_params.report import STATUSES, Report, Row, report
 from mazebot.common.nav2_params.tables.nodes import NODES
@@ -60,17 +60,19 @@ class Smoother(BaseModel):
     max_velocity: tuple[float, float, float] = (0.46, 0.0, 1.9)
 
 
+class Controllers(BaseModel):
+    controller: typing.Literal["mppi", "regulated_pure_pursuit"] = "mppi"
+    mppi: Mppi = Mppi()
+
+
 class Navigation(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
-    controller: typing.Literal["mppi", "regulated_pure_pursuit"] = "mppi"
-    mppi: Mppi = Mppi()
+    controller_server: Controllers = Controllers()
     local_costmap: Costmap = Costmap()
     global_costmap: Costmap = Costmap()
     collision_monitor: Monitor = Monitor()
     velocity_smoother: Smoother = Smoother()
-    xy_goal_tolerance: float = Field(0.06, gt=0)
-    dock_direction: str = ""
 
 
 class Localization(BaseModel):
@@ -425,8 +427,9 @@ def test_limits_stay_within_the_robots_own() -> None:
     speed = row_of(told, "controller_server.FollowPath.vx_max")
     assert (speed.status, speed.note) == ("mapped", "converted to 0.46")
     assert row_of(told, "controller_server.FollowPath.ax_max").status == "used"
-    assert told.settings["navigation"]["mppi"] == {"vx_max": 0.46, "ax_max": 0.8}
-    assert told.settings["navigation"]["velocity_smoother"]["max_velocity"] == [0.3, 0.0, 1.9]
+    ours = told.settings["navigation"]
+    assert ours["controller_server"]["mppi"] == {"vx_max": 0.46, "ax_max": 0.8}
+    assert ours["velocity_smoother"]["max_velocity"] == [0.3, 0.0, 1.9]
     assert told.settings["localization"] == {"laser_max_range": 3.5}
     plant = PhysicsConfig()
     assert plant.max_linear_speed_m_s == MAX_LINEAR_M_S
@@ -441,7 +444,7 @@ def test_minus_one_leaves_the_lidars_own_range() -> None:
 
 def test_the_class_of_the_controller_chooses_ours() -> None:
     told = report(load(controller_server={"FollowPath": MPPI}), OURS)
-    assert told.settings == {"navigation": {"controller": "mppi"}}
+    assert told.settings == {"navigation": {"controller_server": {"controller": "mppi"}}}
     dwb = report(
         load(controller_server={"FollowPath": {"plugin": "dwb_core::DWBLocalPlanner",
                                                "max_vel_x": 0.22}}),
@@ -450,7 +453,7 @@ def test_the_class_of_the_controller_chooses_ours() -> None:
     plugin = row_of(dwb, "controller_server.FollowPath.plugin")
     assert plugin.status == "unsupported"
     assert "DWBLocalPlanner is not supported: must be one of MPPIController" in plugin.note
-    assert dwb.settings == {"navigation": {"mppi": {"vx_max": 0.22}}}
+    assert dwb.settings == {"navigation": {"controller_server": {"mppi": {"vx_max": 0.22}}}}
 
 
 def test_only_the_first_controller_is_taken() -> None:
@@ -461,7 +464,7 @@ def test_only_the_first_controller_is_taken() -> None:
         }),
         OURS,
     )  # fmt: skip
-    assert told.settings["navigation"]["mppi"]["batch_size"] == 500
+    assert told.settings["navigation"]["controller_server"]["mppi"]["batch_size"] == 500
     fast = row_of(told, "controller_server.Fast.batch_size")
     assert (fast.status, fast.note) == (
         "unsupported", "only Slow, the first in controller_plugins, is used",
@@ -495,7 +498,7 @@ def test_critics_that_are_not_listed_are_off() -> None:
         }}),
         OURS,
     )  # fmt: skip
-    mppi = told.settings["navigation"]["mppi"]
+    mppi = told.settings["navigation"]["controller_server"]["mppi"]
     assert mppi["CostCritic"]["enabled"] is True
     assert mppi["TwirlingCritic"] == {"enabled": False}
     assert mppi["GoalCritic"]["enabled"] is False
@@ -532,39 +535,37 @@ def test_each_costmap_has_its_own_layers_and_each_polygon_its_own_settings() -> 
 
 
 def test_two_values_for_one_setting_are_said() -> None:
-    class Flat(BaseModel):
-        inflation_radius: float = 0.7
-
-    layer = {"plugin": "nav2_costmap_2d::InflationLayer"}
+    spin = {"plugin": "nav2_behaviors::Spin", "max_rotational_vel": 0.9}
     told = report(
-        load(
-            local_costmap={"inflation_layer": layer | {"inflation_radius": 0.5}},
-            global_costmap={"inflation_layer": layer | {"inflation_radius": 0.9}},
-        ),
-        {"navigation": Flat},
+        load(behavior_server={"max_rotational_vel": 0.5, "spin": spin}),
+        {"navigation": NavigationConfig},
     )
-    assert told.settings == {"navigation": {"inflation_radius": 0.5}}
-    row = row_of(told, "global_costmap.inflation_layer.inflation_radius")
+    assert told.settings == {"navigation": {"behavior_server": {"max_rotational_vel": 0.5}}}
+    row = row_of(told, "behavior_server.spin.max_rotational_vel")
     assert row.status == "unsupported"
-    assert "is already set by local_costmap.inflation_layer.inflation_radius" in row.note
+    assert "is already set by behavior_server.max_rotational_vel" in row.note
 
 
-def test_a_name_with_many_meanings_is_not_taken_for_a_setting_of_the_whole_section() -> None:
-    class Flat(BaseModel):
-        enabled: bool = False
-        transform_tolerance: float = 0.1
+def test_a_name_is_not_taken_for_a_setting_of_another_place() -> None:
+    class Server(BaseModel):
         failure_tolerance: float = 0.3
 
+    class Elsewhere(BaseModel):
+        enabled: bool = False
+        transform_tolerance: float = 0.1
+        inflation_radius: float = 0.7
+        controller_server: Server = Server()
+
+    layer = {"plugin": "nav2_costmap_2d::InflationLayer", "enabled": True, "inflation_radius": 0.5}
     told = report(
         load(
-            local_costmap={"inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer",
-                                               "enabled": True}},
+            local_costmap={"inflation_layer": layer},
             global_costmap={"transform_tolerance": 0.5},
             controller_server={"failure_tolerance": 0.7},
         ),
-        {"navigation": Flat},
-    )  # fmt: skip
-    assert told.settings == {"navigation": {"failure_tolerance": 0.7}}
+        {"navigation": Elsewhere},
+    )
+    assert told.settings == {"navigation": {"controller_server": {"failure_tolerance": 0.7}}}
 
 
 def test_unknown_nodes_and_names_come_with_the_nearest_known_one() -> None:
@@ -576,24 +577,28 @@ def test_unknown_nodes_and_names_come_with_the_nearest_known_one() -> None:
     assert "did you mean sigma_hit?" in notes["amcl"][1]
 
 
-def test_every_place_names_a_section_that_exists() -> None:
-    named = {place.partition(".")[0] for places in targets.PLACES.values() for place in places}
-    assert named <= {"navigation", "localization"}
-    used = {row.conversion for row in _all_rows()} - {""}
+def test_every_row_with_a_target_names_a_setting_that_exists() -> None:
+    """Rows of parameters that change nothing here are names alone."""
+    for place, row in _all_rows():
+        if row.target and place.startswith(("navigation.", "localization")):
+            found = targets.setting(place, row.target, "mine", MODELS)
+            assert found or row.fixed, f"{place}: {row.name}: write it as `- {row.name}`"
+    used = {row.conversion for _, row in _all_rows()} - {""}
     assert used == set(targets.CONVERSIONS)
 
 
-def _all_rows() -> list[typing.Any]:
-    found: list[typing.Any] = []
+def _all_rows() -> list[tuple[str, Parameter]]:
+    """Each row, with the place of its setting."""
+    found: list[tuple[str, Parameter]] = []
 
-    def visit(space: Namespace) -> None:
-        found.extend(space.parameters.values())
+    def visit(space: Namespace, place: str) -> None:
+        found.extend((place, row) for row in space.parameters.values())
         for group in space.groups:
             for child in group.kinds.values():
-                visit(child)
+                visit(child, f"{place}.{child.place}")
 
     for node in NODES.values():
-        visit(node)
+        visit(node, node.place)
     return found
 
 
@@ -610,9 +615,11 @@ def test_masks_and_the_velocity_smoother_are_those_of_navigation() -> None:
         {"navigation": NavigationConfig},
     )  # fmt: skip
     config = NavigationConfig(**told.settings["navigation"])
-    smoother = config.smoother_params()
-    assert (smoother.max_velocity, smoother.max_accel) == ((0.3, 1.9), (1.0, 2.0))
+    smoother = config.velocity_smoother
+    assert (smoother.max_velocity, smoother.max_accel) == ((0.3, 0.0, 1.9), (1.0, 0.0, 2.0))
     assert smoother.scale_velocities
-    assert (config.keepout_mask, config.speed_mask) == ("keepout.yaml", "speed.yaml")
-    assert (config.speed_mask_type, config.speed_mask_multiplier) == (2, 0.01)
+    masks = config.keepout_filter_mask_server, config.speed_filter_mask_server
+    assert [mask.yaml_filename for mask in masks] == ["keepout.yaml", "speed.yaml"]
+    info = config.speed_costmap_filter_info_server
+    assert (info.type, info.multiplier) == (2, 0.01)
     assert {row.status for row in told.rows} <= {"used", "mapped"}

@@ -40,7 +40,12 @@ def summary(number: int = 0, **changes: Any) -> dict[str, Any]:
         "localisation_error_m": {"mean": error_m, "p95": 2.0 * error_m, "max": 3.0 * error_m},
         "distance_m": 20.0,
         "mapping": None,
-        "changed_settings": {"navigation.inflation_radius": {"value": 0.4, "default": 0.55}}
+        "changed_settings": {
+            "navigation.global_costmap.inflation_layer.inflation_radius": {
+                "value": 0.4,
+                "default": 0.55,
+            }
+        }
         if number % 3 == 0
         else {},
         **changes,

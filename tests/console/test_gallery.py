@@ -204,7 +204,7 @@ def test_the_page_of_a_run_has_all_of_it(shared: Served) -> None:
     assert f"/runs/{FIRST}/files/run.rrd" in page
     assert "localisation error, mean" in page
     assert f'href="/runs/{SECOND}"' in page
-    assert "navigation.inflation_radius" in page
+    assert "navigation.global_costmap.inflation_layer.inflation_radius" in page
 
 
 def test_tags_and_a_note_are_kept_and_found(served: Served) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
 from mazebot.cli.pages.api_page import api_page
 from mazebot.cli.pages.parameters_page import CONFIGS, parameters_page, unit_and_meaning
@@ -13,6 +14,7 @@ from mazebot.cli.pages.recipes_page import recipes_page
 from mazebot.cli.pages.recordings_page import recordings_page
 from mazebot.cli.pages.run_schemas import SCHEMAS, schema_text
 from mazebot.cli.pages.topics_page import topics_page
+from mazebot.common.config import section_model
 from mazebot.common.files.root import ROOT
 from mazebot.common.messages import topics
 from mazebot.common.messages.topics import EDGE, SERVICES, TOPICS
@@ -152,9 +154,15 @@ def test_a_generated_schema_is_current(name: str) -> None:
 
 @pytest.mark.parametrize("service", SERVICES)
 def test_each_parameter_says_what_it_means(service: str) -> None:
-    for name, field in CONFIGS[service].model_fields.items():
-        _, meaning = unit_and_meaning(name, field.description or "")
-        assert meaning, f"{service}/config.py: {name} needs a description"
+    sections: list[tuple[str, type[BaseModel]]] = [("", CONFIGS[service])]
+    for prefix, model in sections:
+        for name, field in model.model_fields.items():
+            inner = section_model(field)
+            if inner is not None:
+                sections.append((f"{prefix}{name}.", inner))
+                continue
+            _, meaning = unit_and_meaning(name, field.description or "")
+            assert meaning, f"{service}: {prefix}{name} needs a description"
 
 
 def test_locks_hold_no_address() -> None:

@@ -39,7 +39,7 @@ def driven(run: Path, *words: str, **environment: str) -> dict[str, Any]:
 @pytest.mark.slow
 def test_a_run_s_own_configuration_repeats_it(tmp_path: Path, worlds_dir: Path) -> None:
     settings = {
-        "MAZEBOT_PHYSICS_SCAN_NOISE_M": "0.02", "MAZEBOT_NAVIGATION_DESIRED_LINEAR_VEL": "0.3",
+        "MAZEBOT_PHYSICS_SCAN_NOISE_M": "0.02", "MAZEBOT_NAVIGATION_MAX_LINEAR_VEL": "0.3",
         "MAZEBOT_PHYSICS_CAMERA_PROFILE": "small",
     }  # fmt: skip
     words = ["--world", "room", "--worlds-dir", str(worlds_dir), "--seed", "11"]

@@ -74,7 +74,8 @@ def house_costmap(config: NavigationConfig) -> LayeredCostmap:
     """The costmap of the house."""
     cells, origin = house().map_cells, house().map_origin
     frame = frame_of(house().world.map_resolution_m, origin, cells)
-    return LayeredCostmap(frame, cells, config.inflation(), config.obstacle())
+    params = config.global_costmap
+    return LayeredCostmap(frame, cells, params.inflation_layer, params.obstacle_layer)
 
 
 def box_segments(x_m: float, y_m: float, side_m: float) -> Array:

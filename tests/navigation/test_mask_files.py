@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from mazebot.common.config import ConfigError
-from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.config import FilterInfoServerParams, MaskServerParams, NavigationConfig
 from mazebot.navigation.costmap.filters import FilterInfo
 from mazebot.navigation.mask_files import masks_of, read_mask
 
@@ -37,7 +37,8 @@ def test_a_mask_is_read_with_its_frame(tmp_path: Path) -> None:
 def test_speed_masks_have_the_value_of_each_pixel(tmp_path: Path) -> None:
     file = write(tmp_path, [[np.uint8(40), np.uint8(101)]], mode="raw")
     config = NavigationConfig(
-        speed_mask=file, speed_mask_type=2, speed_mask_base=0.0, speed_mask_multiplier=0.01
+        speed_filter_mask_server=MaskServerParams(yaml_filename=file),
+        speed_costmap_filter_info_server=FilterInfoServerParams(type=2, base=0.0, multiplier=0.01),
     )
     (named,) = masks_of(config).speed
     assert named.mask.cells.tolist() == [[40, -1]]
@@ -75,8 +76,8 @@ def test_a_bad_mask_is_one_line_with_setting_file_and_field(
 ) -> None:
     file = write(tmp_path, **fields)
     with pytest.raises(ConfigError, match=says) as caught:
-        masks_of(NavigationConfig(keepout_mask=file))
-    assert str(caught.value).startswith(f"keepout_mask: {file[:120]}")
+        masks_of(NavigationConfig(keepout_filter_mask_server=MaskServerParams(yaml_filename=file)))
+    assert str(caught.value).startswith(f"keepout_filter_mask_server.yaml_filename: {file[:120]}")
     assert "\n" not in str(caught.value)
 
 

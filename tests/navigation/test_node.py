@@ -626,7 +626,8 @@ def test_the_better_the_pose_is_known_the_nearer_to_walls_things_are_marked() ->
     )
     driver.deliver(AMCL_POSE, claim)
     driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
-    assert driver.node._static_margin_m() == NavigationConfig().obstacle_static_margin
+    layer = NavigationConfig().global_costmap.obstacle_layer
+    assert driver.node._static_margin_m() == layer.static_margin
 
 
 def marker_entity(name: str, marker_id: int, x_m: float, y_m: float) -> MarkerEntity:

@@ -10,6 +10,7 @@ import pytest
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
+from mazebot.navigation.build import planner_params
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import (
@@ -19,12 +20,22 @@ from mazebot.navigation.costmap.layered_costmap import (
     inflate,
 )
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.interface import GridPlannerParams
 from mazebot.navigation.planning.path import PlannedPath
 from mazebot.navigation.planning.planner import Planner
+from mazebot.navigation.robot.planner_server import PlannerServerParams
 from tests.navigation.driving import LOCATIONS, START, house_costmap, wall_distance_m
 
 CONFIG = NavigationConfig()
-PLANNER = Planner(CONFIG.planner_params(0.05, WAFFLE.padded(0.01)))
+COSTMAP = CONFIG.global_costmap
+
+
+def limited_to(iterations: int) -> NavigationConfig:
+    grid = GridPlannerParams(max_iterations=iterations)
+    return NavigationConfig(planner_server=PlannerServerParams(GridBased=grid))
+
+
+PLANNER = Planner(planner_params(CONFIG, 0.05, WAFFLE.padded(0.01)))
 HOUSE = house_costmap(CONFIG).static
 
 SHORTEST_M = {
@@ -52,7 +63,7 @@ def grid(*rows: str) -> LayeredCostmap:
     cells: Cells = np.array([[values[c] for c in row] for row in reversed(rows)], np.int8)
     cells = np.kron(cells, np.ones((10, 10), np.int8))
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
-    return LayeredCostmap(frame, cells, CONFIG.inflation(), CONFIG.obstacle())
+    return LayeredCostmap(frame, cells, COSTMAP.inflation_layer, COSTMAP.obstacle_layer)
 
 
 def plan(
@@ -155,7 +166,7 @@ def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
     for half_width, passable in ((2, False), (5, True)):
         opened = cells.copy()
         opened[15 - half_width : 15 + half_width] = 0
-        gap = LayeredCostmap(costmap.frame, opened, CONFIG.inflation(), CONFIG.obstacle())
+        gap = LayeredCostmap(costmap.frame, opened, COSTMAP.inflation_layer, COSTMAP.obstacle_layer)
         if passable:
             assert plan(gap, (0.75, 0.75), (2.75, 0.75)).length_m < 2.2
         else:
@@ -164,8 +175,8 @@ def test_a_gap_narrower_than_the_robot_is_no_way() -> None:
 
 
 def test_planning_gives_up_after_so_many_cells() -> None:
-    config = NavigationConfig(max_planning_iterations=50)
-    planner = Planner(config.planner_params(0.05, WAFFLE))
+    config = limited_to(50)
+    planner = Planner(planner_params(config, 0.05, WAFFLE))
     with pytest.raises(NavigationError) as caught:
         planner.plan(HOUSE, START, LOCATIONS["location4"])
     assert caught.value.code is ErrorCode.PLANNER_TIMEOUT
@@ -178,21 +189,27 @@ def test_a_map_is_searched_to_its_end_unless_a_limit_is_set() -> None:
         solid[row : row + 2] = True
         solid[row : row + 2, slice(0, 10) if number % 2 else slice(-10, None)] = False
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), solid.astype(np.int8))
-    costmap = inflate(frame, solid, np.zeros_like(solid), InflationParams(0.0, 0.1, 10.0))
+    costmap = inflate(
+        frame,
+        solid,
+        np.zeros_like(solid),
+        InflationParams(
+            custom_inscribed_radius=0.0, inflation_radius=0.1, cost_scaling_factor=10.0
+        ),
+    )
     start, goal = (SE2(*frame.center(row, 5), 0.0) for row in (5, 1205))
 
     def plan_within(iterations: int) -> PlannedPath:
-        config = NavigationConfig(max_planning_iterations=iterations)
-        planner = Planner(replace(config.planner_params(0.05, WAFFLE), footprint=None))
+        config = limited_to(iterations)
+        planner = Planner(replace(planner_params(config, 0.05, WAFFLE), footprint=None))
         return planner.plan(costmap, start, goal)
 
-    assert plan_within(NavigationConfig().max_planning_iterations).length_m > 5000.0
-    with pytest.raises(NavigationError, match="max_planning_iterations"):
+    assert plan_within(NavigationConfig().planner_server.GridBased.max_iterations).length_m > 5000.0
+    with pytest.raises(NavigationError, match="max_iterations"):
         plan_within(1_000_000)
     # As in Nav2, 0 and -1 are no limit.
     limits = {
-        NavigationConfig(max_planning_iterations=none).planner_params(0.05, WAFFLE).max_iterations
-        for none in (0, -1)
+        planner_params(limited_to(none), 0.05, WAFFLE).settings.most_cells for none in (0, -1)
     }
     assert len(limits) == 1
 

@@ -233,14 +233,16 @@ def test_a_place_leaves_room_to_turn_and_navigation_drives_to_it(tmp_path: Path)
     must do with every heading.
     """
     recipe = folder.room() | {"markers": [], "map_resolution_m": 0.05, "wall_thickness_m": 0.11}
-    config = NavigationConfig()
+    params = NavigationConfig().global_costmap
     told = {}
     for y_m in (0.6, 0.69, 0.703, 0.76):
         recipe["locations"] = {"here": {"x_m": 0.0, "y_m": y_m}}
         told[y_m] = said(tmp_path, recipe)
         loaded = load_world("room", worlds_dir=tmp_path)
         frame = frame_of(0.05, loaded.map_origin, loaded.map_cells)
-        costmap = LayeredCostmap(frame, loaded.map_cells, config.inflation(), config.obstacle())
+        costmap = LayeredCostmap(
+            frame, loaded.map_cells, params.inflation_layer, params.obstacle_layer
+        )
         stands = costmap.static.cost_at(0.0, y_m) < INSCRIBED_INFLATED_OBSTACLE
         assert stands or told[y_m], (y_m, told)
     assert told[0.69] == []

@@ -69,11 +69,11 @@ def plan(
     ] = False,
     keepout: Annotated[
         Path | None,
-        typer.Option(metavar="MASK.yaml", help="a keepout mask of Nav2, as `keepout_mask`"),
+        typer.Option(metavar="MASK.yaml", help="a keepout mask, as in Nav2"),
     ] = None,
     speed: Annotated[
         Path | None,
-        typer.Option(metavar="MASK.yaml", help="a speed mask in percent, as `speed_mask`"),
+        typer.Option(metavar="MASK.yaml", help="a speed mask in percent, as in Nav2"),
     ] = None,
     draw: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="draw the map with the path")
@@ -87,7 +87,7 @@ def plan(
     from mazebot.common.maths.frames import SE2  # noqa: PLC0415
     from mazebot.navigation.errors import NavigationError  # noqa: PLC0415
     from mazebot.navigation.planners import make_planner  # noqa: PLC0415
-    from mazebot.navigation.planning.interface import PlannerParams, iterations_of  # noqa: PLC0415
+    from mazebot.navigation.planning.interface import GridPlannerParams, PlannerParams  # noqa: PLC0415
 
     start_pose, goal_pose = SE2(*_pose("--start", start)), SE2(*_pose("--goal", goal))
     if draw is not None and draw.suffix.lower() != ".png":
@@ -96,9 +96,7 @@ def plan(
     costmap, footprint = _costmap(map_file, radius, inflation_radius, cost_scaling_factor)
     zones = _zones(costmap.frame, masks)
     params = PlannerParams(
-        cost_travel_multiplier=cost_travel_multiplier,
-        max_iterations=iterations_of(-1),
-        start_tolerance_m=0.5,
+        GridPlannerParams(cost_travel_multiplier=cost_travel_multiplier),
         path_spacing_m=costmap.frame.resolution_m,
         smoothing_iterations=100,
         allow_unknown=allow_unknown,
@@ -154,29 +152,31 @@ def _costmap(
         raise ConfigError(f"--map: {map_file}: must have at most {_MAX_SIDE_CELLS} cells a side")
     footprint = WAFFLE if radius_m is None else None
     inscribed_m = WAFFLE.half_width_m if radius_m is None else radius_m
-    inflation = InflationParams(inscribed_m, inflation_radius_m, scaling)
+    inflation = InflationParams(
+        custom_inscribed_radius=inscribed_m, inflation_radius=inflation_radius_m,
+        cost_scaling_factor=scaling,
+    )  # fmt: skip
     frame = frame_of(loaded.resolution_m, origin, cells)
     return inflate(frame, cells >= OCCUPIED, cells < 0, inflation), footprint
 
 
 def _masks(keepout: Path | None, speed: Path | None) -> Masks:
-    from mazebot.navigation.config import NavigationConfig  # noqa: PLC0415
-    from mazebot.navigation.mask_files import masks_of  # noqa: PLC0415
+    from mazebot.navigation.config import FilterInfoServerParams  # noqa: PLC0415
+    from mazebot.navigation.costmap.filters import KEEPOUT, FilterInfo  # noqa: PLC0415
+    from mazebot.navigation.mask_files import Masks, read_mask  # noqa: PLC0415
 
-    given = {"keepout_mask": keepout, "speed_mask": speed}
-    files = {name: str(file) for name, file in given.items() if file is not None}
-    try:
-        return masks_of(NavigationConfig.model_validate(files))
-    except ConfigError as error:
-        setting, colon, reason = str(error).partition(":")
-        raise ConfigError(f"--{setting.removesuffix('_mask')}{colon}{reason}") from error
+    in_percent = FilterInfo(**FilterInfoServerParams().model_dump())
+    return Masks(
+        (read_mask("--keepout", str(keepout), FilterInfo(KEEPOUT)),) if keepout else (),
+        (read_mask("--speed", str(speed), in_percent),) if speed else (),
+    )
 
 
 def _zones(frame: GridFrame, masks: Masks) -> Zones | None:
-    from mazebot.navigation.config import NavigationConfig  # noqa: PLC0415
+    from mazebot.navigation.control.controller import RobotLimits  # noqa: PLC0415
     from mazebot.navigation.costmap.zones import zones_of  # noqa: PLC0415
 
-    highest_m_s = NavigationConfig().desired_linear_vel
+    highest_m_s = RobotLimits().max_linear_vel
     return zones_of(frame, highest_m_s, keepout_masks=masks.keepout, speed_masks=masks.speed)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import to_jsonable_python
 
 
@@ -14,26 +15,83 @@ class ConfigError(Exception):
     """An error in the user's input; its text is the one line to show."""
 
 
-class ServiceConfig(BaseModel):
-    """The fields common to every service's configuration."""
+class Params(BaseModel):
+    """The base of all settings: unknown names and numbers that are not finite are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ServiceConfig(Params):
+    """The fields common to every service's configuration."""
 
     seed: int = Field(
         7, ge=0, le=2**63 - 1, description="the run's seed; each random stream derives from it"
     )
 
 
+def section_model(field: FieldInfo) -> type[BaseModel] | None:
+    """The model of a field that is a section of settings; None: it is a setting."""
+    kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def setting_names(model: type[BaseModel], prefix: str = "") -> list[str]:
+    """The dotted names of all sections and settings."""
+    names = []
+    for name, field in model.model_fields.items():
+        names.append(f"{prefix}{name}")
+        inner = section_model(field)
+        if inner is not None:
+            names += setting_names(inner, f"{prefix}{name}.")
+    return names
+
+
 def changed_defaults(config: ServiceConfig) -> dict[str, Any]:
-    """The defaults, as JSON values, of the fields that have another value."""
-    changed = {
-        name: field.get_default(call_default_factory=True)
-        for name, field in type(config).model_fields.items()
-        if not field.is_required()
-    }
-    changed = {name: value for name, value in changed.items() if value != getattr(config, name)}
+    """The defaults, as JSON values, of the settings that have another value, by dotted names."""
+    changed: dict[str, Any] = {}
+    for name, field in type(config).model_fields.items():
+        if not field.is_required():
+            default = field.get_default(call_default_factory=True)
+            changed |= _changed(name, getattr(config, name), default)
     defaults: dict[str, Any] = to_jsonable_python(changed)
     return defaults
+
+
+def _changed(name: str, value: object, default: object) -> dict[str, object]:
+    if isinstance(default, BaseModel) and isinstance(value, type(default)):
+        return {
+            path: each
+            for inner in type(default).model_fields
+            for path, each in _changed(
+                f"{name}.{inner}", getattr(value, inner), getattr(default, inner)
+            ).items()
+        }
+    return {} if value == default else {name: default}
+
+
+def value_of(values: Mapping[str, Any], name: str) -> Any:
+    """The value of a dotted name in nested mappings; None: there is none."""
+    found: Any = values
+    for part in name.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return found
+
+
+def put_value(values: dict[str, Any], name: str, value: Any) -> None:
+    """Set the value of a dotted name in nested mappings."""
+    *sections, last = name.split(".")
+    for section in sections:
+        values = values.setdefault(section, {})
+    values[last] = value
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of both, those of `above` where both have one; mappings are joined likewise."""
+    both = {**below, **above}
+    for name in {*below} & {*above}:
+        if isinstance(below[name], dict) and isinstance(above[name], dict):
+            both[name] = merged(below[name], above[name])
+    return both
 
 
 class PlainText:
@@ -41,11 +99,13 @@ class PlainText:
 
 
 def one_line(error: ValidationError, source: Callable[[str], str] = lambda _: "") -> str:
-    """The errors, field by field, in one line; `source` returns the origin of a field's value."""
+    """The errors, field by field, in one line; `source` returns the origin of the value of a dotted
+    name.
+    """
     parts = []
     for problem in error.errors():
         field = ".".join(str(part) for part in problem["loc"]) or "(whole)"
-        origin = source(str(problem["loc"][0])) if problem["loc"] else ""
+        origin = source(field) if problem["loc"] else ""
         got = f"{problem['input']!r:.80}{f' from {origin}' if origin else ''}"
         parts.append(f"{field}: {must(problem['msg'])} (got {got})")
     return "; ".join(parts)

@@ -141,7 +141,8 @@ def robot_nodes(
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     settings = {**seed, **camera, **physics}
-    navigation = {**seed, "controller": options.controller}
+    named = options.controller and {"controller": options.controller}
+    navigation = {**seed, "controller_server": named}
     mappers: list[Node] = []
     if not slam:
         localization = _configured(options, LocalizationConfig, "localization", seed)

@@ -7,21 +7,20 @@ from __future__ import annotations
 import numpy as np
 
 from mazebot.common.world.costmap import Cells
-from mazebot.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
+from mazebot.navigation.behavior.bt_navigator import BtNavigator, NavigatorParams
 from mazebot.navigation.behavior.motions.search_motion import SearchMotionParams
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
+from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.controllers import make_controller
-from mazebot.navigation.control.safety.collision_monitor import (
-    CollisionMonitor,
-    CollisionMonitorParams,
-)
+from mazebot.navigation.control.safety.collision_monitor import CollisionMonitor
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
-from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.planners import make_planner
+from mazebot.navigation.planning.interface import PlannerParams
 from mazebot.navigation.robot.controller_server import ControllerServer
 from mazebot.navigation.robot.planner_server import PlannerServer
 from mazebot.navigation.robot.robot_context import RobotContext
@@ -45,38 +44,61 @@ def made_drive(
 
     Raises ConfigError where a controller or a tree that is named cannot be used.
     """
-    footprint = WAFFLE.padded(config.footprint_padding)
-    costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle(), footprint=WAFFLE)
+    costmap = LayeredCostmap(
+        frame, cells, config.global_costmap.inflation_layer, config.global_costmap.obstacle_layer,
+        footprint=WAFFLE,
+    )  # fmt: skip
     if zones is not None:
         costmap.set_keepout(zones.costs(costmap.master.inscribed_radius_m))
+    settings = config.local_costmap
     local = LocalCostmap(
-        frame.resolution_m, config.inflation(), config.obstacle(),
-        (config.local_costmap_size, config.local_costmap_size), WAFFLE,
+        frame.resolution_m, settings.inflation_layer, settings.obstacle_layer,
+        (settings.width, settings.height), WAFFLE,
     )  # fmt: skip
-    planner = config.planner_params(frame.resolution_m, footprint)
-    planners = {
-        name: make_planner(name, planner)
-        for name in dict.fromkeys((config.planner, "any_angle", "a_star"))
-    }
+    server, period_s = config.controller_server, CONTROL_PERIOD_NS * 1e-9
+    made = Robot(server, control_period_s=period_s)
     controllers = {
-        name: make_controller(name, config.controller_params_of(name), config.robot(), random)
-        for name in dict.fromkeys((config.controller, "mppi", "regulated_pure_pursuit"))
+        name: make_controller(name, server.params_of(name), made, random)
+        for name in dict.fromkeys((server.controller, "mppi", "regulated_pure_pursuit"))
     }
     robot = RobotContext(
-        footprint, costmap, local,
-        PlannerServer(config.planner_server_params(footprint), costmap, planners, zones),
-        ControllerServer(config.controller_server_params(), controllers),
+        WAFFLE.padded(settings.footprint_padding), costmap, local,
+        made_planner_server(config, costmap, zones),
+        ControllerServer(server, controllers, period_s),
     )  # fmt: skip
-    params = BtNavigatorParams(
-        localization_tolerance_s=config.localization_tolerance,
-        control_period_s=CONTROL_PERIOD_NS * 1e-9,
-    )
+    params = NavigatorParams(
+        config.bt_navigator, config.waypoint_follower, config.behavior_server,
+        config.docking_server,
+    )  # fmt: skip
     return Drive(
         robot, BtNavigator(params, robot), ObstacleTracker(config.tracker),
-        VelocitySmoother(config.smoother_params()),
-        CollisionMonitor(
-            CollisionMonitorParams(source_timeout_s={"scan": config.sensor_timeout}), WAFFLE
-        ),
-        SearchMotionParams(control_period_s=CONTROL_PERIOD_NS * 1e-9), cells,
-        config.sensor_timeout, config.obstacle_static_margin,
+        VelocitySmoother(config.velocity_smoother, server),
+        CollisionMonitor(config.collision_monitor, WAFFLE),
+        SearchMotionParams(control_period_s=period_s), cells, server.sensor_timeout,
+        config.global_costmap.obstacle_layer.static_margin,
+    )  # fmt: skip
+
+
+def made_planner_server(
+    config: NavigationConfig, costmap: LayeredCostmap, zones: Zones | None
+) -> PlannerServer:
+    """The planners on a costmap. Raises ConfigError where one that is named cannot be used."""
+    footprint = WAFFLE.padded(config.global_costmap.footprint_padding)
+    params = planner_params(config, costmap.frame.resolution_m, footprint)
+    planners = {
+        name: make_planner(name, params)
+        for name in dict.fromkeys((config.planner_server.planner, "any_angle", "a_star"))
+    }
+    return PlannerServer(
+        config.planner_server, config.smoother_server, footprint, costmap, planners, zones
+    )
+
+
+def planner_params(
+    config: NavigationConfig, map_resolution_m: float, footprint: Footprint
+) -> PlannerParams:
+    """What the planners on a map are made with; paths are as fine as its cells."""
+    return PlannerParams(
+        config.planner_server.GridBased, map_resolution_m,
+        config.smoother_server.smoothing_iterations, footprint=footprint,
     )  # fmt: skip

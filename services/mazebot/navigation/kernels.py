@@ -18,6 +18,7 @@ from mazebot.navigation.behavior.motions.search_motion import SearchMotion
 from mazebot.navigation.build import made_drive
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
+from mazebot.navigation.control.controller import Robot
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
@@ -57,7 +58,7 @@ def _compile_whatever_the_configuration() -> None:
     run_planning_kernels()
     config = NavigationConfig()
     costmap = _in_a_room(config).robot.costmap.static
-    compile_mppi_kernels(costmap, SE2(1.0, 1.0, 0.0), config.robot())
+    compile_mppi_kernels(costmap, SE2(1.0, 1.0, 0.0), Robot(config.controller_server))
 
 
 def _in_a_room(config: NavigationConfig) -> Drive:

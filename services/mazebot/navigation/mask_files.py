@@ -23,11 +23,13 @@ class Masks:
 
 def masks_of(config: NavigationConfig) -> Masks:
     """The masks of a configuration. Raises ConfigError, see `read_mask`."""
-    keepout, speed = config.keepout_mask, config.speed_mask
-    info = FilterInfo(config.speed_mask_type, config.speed_mask_base, config.speed_mask_multiplier)
+    keepout = config.keepout_filter_mask_server.yaml_filename
+    speed = config.speed_filter_mask_server.yaml_filename
+    info = FilterInfo(**config.speed_costmap_filter_info_server.model_dump())
+    named = "{}_filter_mask_server.yaml_filename"
     return Masks(
-        (read_mask("keepout_mask", keepout, FilterInfo(KEEPOUT)),) if keepout else (),
-        (read_mask("speed_mask", speed, info),) if speed else (),
+        (read_mask(named.format("keepout"), keepout, FilterInfo(KEEPOUT)),) if keepout else (),
+        (read_mask(named.format("speed"), speed, info),) if speed else (),
     )
 
 
@@ -42,7 +44,7 @@ def read_mask(setting: str, file: str, info: FilterInfo) -> NamedMask:
     try:
         info.check()
     except ValueError as error:
-        raise ConfigError(f"{setting}_{error}") from error
+        raise ConfigError(f"{setting}: {error}") from error
     try:
         found = read_map(path)
     except ConfigError as error:

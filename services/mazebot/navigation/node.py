@@ -324,7 +324,7 @@ class NavigationNode(Node):
     def _zones(self, frame: GridFrame) -> Zones | None:
         world, masks = self._world, self._masks
         return zones_of(
-            frame, self._config.desired_linear_vel,
+            frame, self._config.controller_server.max_linear_vel,
             world.keepout_zones if world is not None else (),
             world.speed_limits if world is not None else (), masks.keepout, masks.speed,
         )  # fmt: skip
@@ -382,7 +382,9 @@ class NavigationNode(Node):
                 self._drive.take_scan(scan, measured, self._watch.epoch)
 
     def _static_margin_m(self) -> float:
-        return self._measured.static_margin_m(self._config.obstacle_static_margin)
+        return self._measured.static_margin_m(
+            self._config.global_costmap.obstacle_layer.static_margin
+        )
 
     def _take_detections(self, inbox: Inbox) -> None:
         """Keep the newest sighting of each marker, for docking."""
@@ -523,7 +525,7 @@ class NavigationNode(Node):
             keepout = zones.keepout if zones is not None and zones.keepout.size else None
             outbox.put(KEEPOUT_FILTER_MASK, mask_message(now_ns, frame, keepout))
         if any(each is not None and each.limits_m_s.size for each in (zones, shown)):
-            highest_m_s = self._config.desired_linear_vel
+            highest_m_s = self._config.controller_server.max_linear_vel
             speeds = zones.speed_values(highest_m_s) if zones is not None else None
             outbox.put(SPEED_FILTER_MASK, mask_message(now_ns, frame, speeds))
 

@@ -28,7 +28,7 @@ def compute_path(ask: act.ComputePath, ready: Ready) -> act.ComputePathReply:
 def smooth_path(ask: act.SmoothPath, ready: Ready) -> act.SmoothPathReply:
     """A path, smoothed."""
     try:
-        path = ready().robot.smooth_path(
+        path = ready().robot.planner_server.smooth_path(
             planned_path(ask.path, ErrorCode.SMOOTHER_INVALID_PATH),
             ask.smoother_id,
             ask.check_for_collisions,

@@ -79,9 +79,9 @@ def test_a_service_repeats_what_was_recorded_to_the_last_bit(
 
 
 def test_a_changed_setting_shows_its_effect_and_where_it_begins(run_folder: Path) -> None:
-    setting = ("--set", "desired_linear_vel=0.2")
+    setting = ("--set", "max_linear_vel=0.2")
     told = replayed(run_folder, "navigation", *setting, code=1)
-    assert told["settings"] == {"desired_linear_vel": [0.46, 0.2]}
+    assert told["settings"] == {"controller_server.max_linear_vel": [0.46, 0.2]}
     (row,) = [row for row in told["topics"] if row["topic"] == "/cmd_vel"]
     first = row["first_difference"]
     assert row["same"] < row["recorded"]
@@ -89,7 +89,7 @@ def test_a_changed_setting_shows_its_effect_and_where_it_begins(run_folder: Path
     assert row["largest_differences"]["twist.linear.x"] > 0.05
     done = mazebot("replay", str(run_folder), "--service", "navigation", *setting)
     assert done.returncode == 1
-    assert "navigation.desired_linear_vel: 0.46 recorded, 0.2 here" in done.stdout
+    assert "navigation.controller_server.max_linear_vel: 0.46 recorded, 0.2 here" in done.stdout
     assert f"first difference: {first['time_s']:.3f} s" in done.stdout
 
 
@@ -97,17 +97,19 @@ def test_a_settings_file_wins_over_the_recording_and_the_option_over_both(
     run_folder: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "settings.yaml"
-    path.write_text("navigation: {desired_linear_vel: 0.2, xy_goal_tolerance: 0.3}\n")
-    options = ("--config", str(path), "--set", "desired_linear_vel=0.3")
+    checker = "general_goal_checker: {xy_goal_tolerance: 0.3}"
+    path.write_text(f"navigation: {{controller_server: {{max_linear_vel: 0.2, {checker}}}}}\n")
+    options = ("--config", str(path), "--set", "controller_server.max_linear_vel=0.3")
     told = replayed(run_folder, "navigation", *options, code=1)
-    assert told["settings"]["desired_linear_vel"][1] == 0.3
-    assert told["settings"]["xy_goal_tolerance"][1] == 0.3
+    checker = "controller_server.general_goal_checker"
+    assert told["settings"]["controller_server.max_linear_vel"][1] == 0.3
+    assert told["settings"][f"{checker}.xy_goal_tolerance"][1] == 0.3
 
 
 def test_the_environment_does_not_change_a_replay(
     run_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("MAZEBOT_NAVIGATION_DESIRED_LINEAR_VEL", "0.2")
+    monkeypatch.setenv("MAZEBOT_NAVIGATION_MAX_LINEAR_VEL", "0.2")
     assert replayed(run_folder, "navigation")["settings"] == {}
 
 

@@ -21,8 +21,8 @@ def made_run(folder: Path, seconds: float = 3.0, world: str = "room", **config: 
     bench = Bench(node)
     the_room = room(world)
     bench.say(opening(the_room))
-    values = {"seed": 7, "controller": "mppi"}
-    defaults = {"controller": "regulated_pure_pursuit"}
+    values = {"seed": 7, "controller_server": {"controller": "mppi"}}
+    defaults = {"controller_server.controller": "regulated_pure_pursuit"}
     said = doc.Parameters(service="navigation", values=values, defaults=defaults)
     bench.say([(0, table.PARAMETERS, said)])
     bench.say(driving(the_room, seconds))

@@ -77,7 +77,9 @@ def test_what_a_summary_says_of_a_run_is_listed(tmp_path: Path) -> None:
     summary = {
         "world": "house", "seed": 3, "goals": [{"reached": True}], "contacts": {"count": 2},
         "localisation_error_m": {"mean": 0.5, "p95": 1}, "real_time_factor": 9.5,
-        "changed_settings": {"navigation.controller": {"value": "mppi", "default": "rpp"}},
+        "changed_settings": {
+            "navigation.controller_server.controller": {"value": "mppi", "default": "rpp"},
+        },
     }  # fmt: skip
     run = make(tmp_path, "house", summary)
     (run / "labels.json").write_text('{"tags": ["keep"], "note": "good"}')
@@ -85,7 +87,7 @@ def test_what_a_summary_says_of_a_run_is_listed(tmp_path: Path) -> None:
     (listed,) = list_recordings(tmp_path)
     assert (listed.seed, listed.contacts, listed.real_time_factor) == (3, 2, 9.5)
     assert (listed.error_mean_m, listed.error_p95_m) == (0.5, 1.0)
-    assert listed.changed_settings == {"navigation.controller": "mppi"}
+    assert listed.changed_settings == {"navigation.controller_server.controller": "mppi"}
     assert (listed.tags, listed.note) == (("keep",), "good")
     assert listed.has_thumbnail
     assert (listed.state, listed.failed, listed.problem) == ("ended", False, None)

@@ -22,7 +22,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made_run(folder / "a")
     goal = {"name": "x", "reached": False, "time_s": 1, "goal": None}
     changed = {
-        "navigation.controller": {"value": 3, "default": 1},
+        "navigation.controller_server.controller": {"value": 3, "default": 1},
         "mapping.area_m": {"value": [1, 2], "default": None},
     }
     summary = {"seed": 2**70, "goals": [goal], "changed_settings": changed, "sim_time_s": 1}
@@ -38,7 +38,7 @@ def test_each_run_is_a_row(runs: Path) -> None:
     first = rows["a"]
     assert first["localisation_error_m.mean"] == pytest.approx(0.05, abs=1e-3)
     assert first["goals_missed"] == 1.0
-    assert first["settings.navigation.controller"] == "mppi"
+    assert first["settings.navigation.controller_server.controller"] == "mppi"
     assert first["versions.python"].startswith("3.11")
     assert (rows["b"]["tags"], rows["b"]["settings.mapping.area_m"]) == ("keep,slow", "[1, 2]")
     assert rows["c"]["problem"].startswith("summary.json: ")
@@ -76,7 +76,8 @@ def test_all_formats_hold_the_same(runs: Path, tmp_path: Path, kind: str) -> Non
         if name in names:
             assert table[name].to_pylist() == [one[name] for one in read]
     if kind == "runs":
-        assert table["settings.navigation.controller"].to_pylist() == ["mppi", "3", None, None]
+        controllers = table["settings.navigation.controller_server.controller"]
+        assert controllers.to_pylist() == ["mppi", "3", None, None]
         assert table["seed"].to_pylist() == ["7", str(2**70), None, "1"]
 
 

@@ -88,7 +88,8 @@ def test_a_report_tells_what_there_was(run: Path) -> None:
     for words in (
         "&lt;run&gt;", "0 of 1 goals reached", "world room", "seed 7", "no (105)",
         "corner: error 105: no progress", "Localisation error", "Heading error", "Speed",
-        "marker 60 first seen", "navigation.controller", "mppi", "regulated_pure_pursuit",
+        "marker 60 first seen", "navigation.controller_server.controller", "mppi",
+        "regulated_pure_pursuit",
         "python", "pybullet", "processor", "/ground_truth/odom", "navigation: not finite: 2",
     ):  # fmt: skip
         assert words in text, words

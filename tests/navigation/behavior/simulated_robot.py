@@ -11,7 +11,7 @@ import numpy as np
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.scan import Scan
 from mazebot.navigation.behavior.actions import Request, TaskResult
-from mazebot.navigation.behavior.bt_navigator import BtNavigator, BtNavigatorParams
+from mazebot.navigation.behavior.bt_navigator import BtNavigator, NavigatorParams
 from mazebot.navigation.behavior.context import (
     ClearRequest,
     Dock,
@@ -181,7 +181,7 @@ class Drive:
     """A navigator that is stepped with its robot."""
 
     robot: SimulatedRobot = field(default_factory=SimulatedRobot)
-    params: BtNavigatorParams = field(default_factory=BtNavigatorParams)
+    params: NavigatorParams = field(default_factory=NavigatorParams)
     waypoint_task: WaypointTask | None = None
     now_ns: int = 0
     results: list[TaskResult] = field(default_factory=list)

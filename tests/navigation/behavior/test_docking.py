@@ -47,9 +47,9 @@ def test_it_is_at_rest_within_its_speeds_and_says_its_states() -> None:
     commands = np.array([step.velocity for step in robot.states])
     p = robot.params
     change = np.abs(np.diff(commands, axis=0)).max(0) / PERIOD_S
-    assert change[0] <= p.acceleration_m_s2 + 1e-9
-    assert change[1] <= p.angular_acceleration_rad_s2 + 1e-9
-    assert commands[:, 0].max() <= p.graceful.v_linear_max_m_s
+    assert change[0] <= p.acceleration + 1e-9
+    assert change[1] <= p.angular_acceleration + 1e-9
+    assert commands[:, 0].max() <= p.controller.v_linear_max
     # The last centimetres are slow: there is no bumper.
     assert robot.states[-1].velocity == STOP
 
@@ -195,7 +195,7 @@ def undock(
 
     def time_to_collision(_: Velocity) -> float:
         left_m = room_m - dock.distance_m(robot.map_from_base)
-        return min(contact_s, left_m / DockingParams().graceful.v_linear_max_m_s)
+        return min(contact_s, left_m / DockingParams().controller.v_linear_max)
 
     for i in range(300):
         step = undocker.step(
@@ -245,7 +245,7 @@ def test_the_graceful_law_arrives_with_the_targets_heading(
             break
         velocity = graceful_velocity(params, to_target, backward)
         assert (velocity.linear_m_s < 0.0) is backward
-        assert abs(velocity.angular_rad_s) <= params.v_angular_max_rad_s + 1e-9
+        assert abs(velocity.angular_rad_s) <= params.v_angular_max + 1e-9
         robot.drive(velocity, PERIOD_S)
     assert robot.map_from_base.distance_m(target) < 0.03
     assert abs(robot.map_from_base.yaw_rad) < 0.1

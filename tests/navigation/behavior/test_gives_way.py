@@ -7,6 +7,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.navigation.behavior.context import FollowRequest
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
 from mazebot.navigation.control.controller import ControllerParams, PathlessController, Robot
+from mazebot.navigation.control.safety.progress_checker import ProgressParams
 from mazebot.navigation.control.track import Track
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.robot.view import View
@@ -46,7 +47,7 @@ def track(distance_m: float) -> Track:
 
 
 def test_a_robot_may_stand_longer_where_something_moves_near_it() -> None:
-    allowed_s = SimulatedRobot().inner.controller_server.params.progress.movement_time_allowance_s
+    allowed_s = ProgressParams().movement_time_allowance
     assert patience_s(()) == pytest.approx(allowed_s, abs=0.2)
     assert patience_s((track(3.0),)) == pytest.approx(allowed_s, abs=0.2)
     assert patience_s((track(0.7),)) == pytest.approx(15.0 + allowed_s, abs=0.2)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,11 @@ from mazebot.navigation.behavior.actions import (
     spin,
     wait,
 )
-from mazebot.navigation.behavior.bt_navigator import BtNavigatorParams
+from mazebot.navigation.behavior.bt_navigator import (
+    BtNavigatorParams,
+    NavigatorParams,
+    WaypointFollowerParams,
+)
 from mazebot.navigation.behavior.context import Dock
 from mazebot.navigation.behavior.engine.tree import NodeStatus
 from mazebot.navigation.behavior.nodes.nodes_goals import WaypointState
@@ -179,7 +182,7 @@ def test_a_lost_robot_stands_until_it_has_found_itself_and_goes_on() -> None:
 
 
 def test_a_robot_that_stays_lost_gives_up() -> None:
-    drive = Drive(params=BtNavigatorParams(localization_tolerance_s=5.0))
+    drive = Drive(params=NavigatorParams(BtNavigatorParams(localization_tolerance=5.0)))
     drive.navigator.start(0, NavigateToPose(NEAR))
     drive.robot.localized = False
     result = drive.finish(6.0)
@@ -335,7 +338,9 @@ def test_a_waypoint_waits_for_an_input_of_its_own() -> None:
 
 @pytest.mark.parametrize("stop", [False, True])
 def test_a_missed_waypoint_is_told_and_the_next_one_driven_to(stop: bool) -> None:
-    drive = Drive(params=BtNavigatorParams(stop_on_failure=stop))
+    drive = Drive(
+        params=NavigatorParams(waypoint_follower=WaypointFollowerParams(stop_on_failure=stop))
+    )
     result = drive.until_done(FollowWaypoints((INSIDE_A_WALL, BESIDE[0])))
     (missed,) = result.waypoint_statuses
     assert (missed.waypoint_index, missed.waypoint_status) == (0, WaypointState.FAILED)
@@ -356,7 +361,9 @@ def test_a_missed_waypoint_is_told_and_the_next_one_driven_to(stop: bool) -> Non
     ],
 )
 def test_work_that_fails_at_a_waypoint_is_told(work: WaypointWork, text: str) -> None:
-    drive = Drive(params=BtNavigatorParams(stop_on_failure=True))
+    drive = Drive(
+        params=NavigatorParams(waypoint_follower=WaypointFollowerParams(stop_on_failure=True))
+    )
     result = drive.until_done(FollowWaypoints(BESIDE, works=(work, work)))
     assert result.error_code == ErrorCode.TASK_EXECUTOR_FAILED
     assert result.error_msg == text
@@ -472,7 +479,7 @@ def test_a_tree_that_cannot_be_used_is_refused_by_name(tmp_path: Path) -> None:
         drive.navigator.start(0, NavigateToPose(NEAR, str(path)))
     assert caught.value.code is ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
     with pytest.raises(ConfigError, match="IsBatteryLow"):
-        Drive(params=replace(BtNavigatorParams(), default_nav_to_pose_bt_xml=path))
+        Drive(params=NavigatorParams(BtNavigatorParams(default_nav_to_pose_bt_xml=str(path))))
 
 
 def test_a_tree_that_asks_for_nothing_known_ends_with_a_word(tmp_path: Path) -> None:

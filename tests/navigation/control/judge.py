@@ -11,6 +11,7 @@ import shapely
 
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.messages.scan import Scan
+from mazebot.navigation.build import planner_params
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.control.collision import Surroundings, Velocity
 from mazebot.navigation.control.controller import Controller
@@ -91,7 +92,7 @@ def walls_of(segments: Array) -> shapely.MultiLineString:
 
 def plan(costmap: Costmap, start: SE2, goal: SE2) -> PlannedPath:
     """The planner's path."""
-    params = NavigationConfig().planner_params(costmap.frame.resolution_m, WAFFLE.padded(0.01))
+    params = planner_params(NavigationConfig(), costmap.frame.resolution_m, WAFFLE.padded(0.01))
     return Planner(params).plan(costmap, start, goal)
 
 

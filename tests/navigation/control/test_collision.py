@@ -19,7 +19,14 @@ def house() -> Costmap:
     cells[20:100, 128:132] = 100
     frame = frame_of(0.05, SE2(-1.0, -1.0, 0.0), cells)
     lethal = cells == 100
-    return inflate(frame, lethal, np.zeros_like(lethal), InflationParams(0.153, 0.7, 3.0))
+    return inflate(
+        frame,
+        lethal,
+        np.zeros_like(lethal),
+        InflationParams(
+            custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=3.0
+        ),
+    )
 
 
 HOUSE = house()

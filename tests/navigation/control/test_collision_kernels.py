@@ -23,6 +23,7 @@ from mazebot.navigation.costmap.layered_costmap import (
     ObstacleParams,
     frame_of,
 )
+from mazebot.navigation.costmap.obstacle_layer import ScanSourceParams
 
 MODULES = (braking, footprint, inflation_layer, obstacle_layer, sweep)
 
@@ -40,7 +41,12 @@ def test_nothing_is_compiled_once_the_robot_moves() -> None:
     before = dict(compiled())
     assert len(before) > 10
     cells = np.zeros((50, 50), np.int8)
-    inflation, obstacle = InflationParams(1, 1, 3), ObstacleParams(2, 3, 0)
+    inflation, obstacle = (
+        InflationParams(custom_inscribed_radius=1, inflation_radius=1, cost_scaling_factor=3),
+        ObstacleParams(
+            scan=ScanSourceParams(obstacle_max_range=2, raytrace_max_range=3), static_margin=0
+        ),
+    )
     costmap = LayeredCostmap(frame_of(0.05, SE2(0.0, 0.0, 0.0), cells), cells, inflation, obstacle)
     local = LocalCostmap(0.05, inflation, obstacle)
     ranges_m = np.full(360, 0.5, np.float32)
@@ -60,7 +66,7 @@ def test_nothing_is_compiled_once_the_robot_moves() -> None:
     points_m = np.ones((2, 5)).T * 0.1
     points_m.setflags(write=False)
     first_contact_s(Surroundings(pose, costmap.master, points_m), Velocity(1, 0), 1)
-    monitor = CollisionMonitor(CollisionMonitorParams(source_timeout_s={}))
+    monitor = CollisionMonitor(CollisionMonitorParams(), sources=())
     moved = moved_points(points_m, pose, SE2(1.0, 1.1, 0.2))
     for points in (points_m, moved):
         monitor.step(0, Velocity(1, 0), Velocity(0, 0), {"scan": SourcePoints(0, points)})

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from mazebot.common.config import one_line
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.safety.collision_monitor import (
@@ -16,7 +18,7 @@ from mazebot.navigation.control.safety.collision_monitor import (
     CollisionMonitorParams,
     PolygonParams,
     SourcePoints,
-    VelocityPolygon,
+    VelocityPolygonParams,
     Watched,
     moved_points,
     moving_in_base,
@@ -57,12 +59,11 @@ def box(x_m: float, y_m: float, side_m: float = 0.2) -> Array:
     return np.concatenate([np.stack([x_m + a, y_m + b], axis=1) for a, b in sides])
 
 
-def monitor(*polygons: PolygonParams, **other: Any) -> CollisionMonitor:
-    timeouts = {"scan": 0.5}
+def monitor(**polygons: PolygonParams) -> CollisionMonitor:
+    """By default with the polygon that there is."""
     if not polygons:
-        return CollisionMonitor(CollisionMonitorParams(source_timeout_s=timeouts, **other))
-    params = CollisionMonitorParams(polygons=polygons, source_timeout_s=timeouts, **other)
-    return CollisionMonitor(params)
+        return CollisionMonitor(CollisionMonitorParams())
+    return CollisionMonitor(CollisionMonitorParams(polygons=polygons))
 
 
 def watched(
@@ -186,10 +187,10 @@ def test_it_does_not_hold_a_robot_that_is_met_where_it_stands() -> None:
 def test_what_was_seen_a_while_ago_has_moved_since() -> None:
     thing = np.array([[0.5 + 0.01 * i, 0.0] for i in range(8)])
     moving = moving_in_base([Track(1, 1.5, 0.5, -0.9, 0.0, 0.1)], SE2(1.0, 0.5, 0.0))
-    zone = PolygonParams(name="zone", type="circle", radius_m=0.3, action_type="stop")
+    zone = PolygonParams(type="circle", radius=0.3, action_type="stop")
     for age_ns, stops in ((0, False), (400_000_000, True)):
         scan = {"scan": SourcePoints(1_000_000_000 - age_ns, thing)}
-        now = monitor(zone).step(1_000_000_000, AHEAD, STOP, scan, moving)
+        now = monitor(zone=zone).step(1_000_000_000, AHEAD, STOP, scan, moving)
         assert (now.velocity == STOP) is stops
 
 
@@ -216,76 +217,74 @@ def test_it_does_not_creep_into_what_it_touches() -> None:
 
 
 def test_a_stop_zone_stops_and_says_where_and_why() -> None:
-    zone = PolygonParams(name="Stop", type="circle", radius_m=0.4, action_type="stop")
-    now = watched(monitor(zone), AHEAD, box(0.4, 0.0))
+    zone = PolygonParams(type="circle", radius=0.4, action_type="stop")
+    now = watched(monitor(Stop=zone), AHEAD, box(0.4, 0.0))
     assert now.velocity == STOP
     assert now.state.action is Action.STOP
     assert (now.state.polygon_name, now.state.source) == ("Stop", "scan")
     assert now.state.place_m == pytest.approx((0.3, 0.0))
     assert "scan" in now.state.reason
     assert "(0.30, 0.00)" in now.state.reason
-    assert watched(monitor(zone), AHEAD, box(0.6, 0.0)).velocity == AHEAD
+    assert watched(monitor(Stop=zone), AHEAD, box(0.6, 0.0)).velocity == AHEAD
 
 
 def test_a_stop_zone_does_not_hold_a_robot_that_moves_away() -> None:
-    zone = PolygonParams(name="Stop", type="circle", radius_m=0.4, action_type="stop")
+    zone = PolygonParams(type="circle", radius=0.4, action_type="stop")
     behind = box(-0.4, 0.0)
-    now = watched(monitor(zone), AHEAD, behind)
+    now = watched(monitor(Stop=zone), AHEAD, behind)
     assert now.velocity == pytest.approx((0.15, 0.0))
     assert now.state.action is Action.LIMIT
-    assert watched(monitor(zone), Velocity(-0.1, 0.0), behind).velocity == STOP
+    assert watched(monitor(Stop=zone), Velocity(-0.1, 0.0), behind).velocity == STOP
     robot = Unicycle(SE2(0.0, 0.0, 0.0))
-    drive(monitor(zone), robot, AHEAD, behind, 4.0)
+    drive(monitor(Stop=zone), robot, AHEAD, behind, 4.0)
     assert robot.map_from_base.x_m > 0.5
 
 
 def test_slowdown_limit_and_approach_scale_the_whole_command() -> None:
     command = Velocity(0.4, 0.8)
     near = box(0.5, 0.0)
-    circle: dict[str, Any] = {"name": "zone", "type": "circle", "radius_m": 0.5}
+    circle: dict[str, Any] = {"type": "circle", "radius": 0.5}
     slow = PolygonParams(**circle, action_type="slowdown", slowdown_ratio=0.25)
-    now = watched(monitor(slow), command, near)
+    now = watched(monitor(zone=slow), command, near)
     assert now.velocity == pytest.approx((0.1, 0.2))
     assert now.state.action is Action.SLOWDOWN
-    limit = PolygonParams(
-        **circle, action_type="limit", linear_limit_m_s=0.3, angular_limit_rad_s=0.2
-    )
-    now = watched(monitor(limit), command, near)
+    limit = PolygonParams(**circle, action_type="limit", linear_limit=0.3, angular_limit=0.2)
+    now = watched(monitor(zone=limit), command, near)
     assert now.velocity == pytest.approx((0.1, 0.2))
     assert now.state.action is Action.LIMIT
-    approach = PolygonParams(
-        name="approach", action_type="approach", min_points=1, time_before_collision_s=2.0
-    )
+    approach = PolygonParams(action_type="approach", min_points=1, time_before_collision=2.0)
     # Its front, with the margin of 1 cm, is 0.3215 m away: 1.61 s at 0.2 m/s.
-    now = watched(monitor(approach), Velocity(0.2, 0.0), box(0.5, 0.0))
+    now = watched(monitor(zone=approach), Velocity(0.2, 0.0), box(0.5, 0.0))
     assert now.velocity.linear_m_s == pytest.approx(0.2 * 0.3215 / 0.2 / 2.0, abs=1e-6)
     assert now.state.action is Action.APPROACH
 
 
 def test_the_most_restrictive_zone_wins() -> None:
-    slow = PolygonParams(name="slow", type="circle", radius_m=0.8, action_type="slowdown")
-    stop = PolygonParams(name="stop", type="circle", radius_m=0.4, action_type="stop")
-    for order in ((slow, stop), (stop, slow)):
-        now = watched(monitor(*order), AHEAD, box(0.4, 0.0))
+    slow = PolygonParams(type="circle", radius=0.8, action_type="slowdown")
+    stop = PolygonParams(type="circle", radius=0.4, action_type="stop")
+    zones = {"slow": slow, "stop": stop}
+    for order in (("slow", "stop"), ("stop", "slow")):
+        both = {name: zones[name] for name in order}
+        now = watched(monitor(**both), AHEAD, box(0.4, 0.0))
         assert now.state.polygon_name == "stop"
-        now = watched(monitor(*order), AHEAD, box(0.7, 0.0))
+        now = watched(monitor(**both), AHEAD, box(0.7, 0.0))
         assert now.state.polygon_name == "slow"
 
 
 def test_few_points_are_noise() -> None:
-    zone = PolygonParams(name="zone", type="circle", radius_m=0.4, action_type="stop")
-    assert watched(monitor(zone), AHEAD, np.full((3, 2), 0.2)).velocity == AHEAD
-    assert watched(monitor(zone), AHEAD, np.full((4, 2), 0.2)).velocity == STOP
+    zone = PolygonParams(type="circle", radius=0.4, action_type="stop")
+    assert watched(monitor(zone=zone), AHEAD, np.full((3, 2), 0.2)).velocity == AHEAD
+    assert watched(monitor(zone=zone), AHEAD, np.full((4, 2), 0.2)).velocity == STOP
     ahead = np.array([[0.2, y] for y in (-0.01, 0.0, 0.01)])
     assert watched(monitor(), AHEAD, ahead).velocity == AHEAD
 
 
 def test_points_must_come_and_go_for_several_steps() -> None:
     zone = PolygonParams(
-        name="zone", type="circle", radius_m=0.4, action_type="stop",
+        type="circle", radius=0.4, action_type="stop",
         trigger_consecutive_points=2, release_consecutive_points=3,
     )  # fmt: skip
-    watcher = monitor(zone)
+    watcher = monitor(zone=zone)
     near, far = np.full((4, 2), 0.2), np.empty((0, 2))
     seen = [near, far, near, near, far, far, near, far, far, far]
     moving = [watched(watcher, AHEAD, points).velocity != STOP for points in seen]
@@ -293,13 +292,15 @@ def test_points_must_come_and_go_for_several_steps() -> None:
 
 
 def test_a_velocity_polygon_depends_on_the_command() -> None:
-    square = np.array([[0.5, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.5, -0.3]])
-    forward = VelocityPolygon("forward", square, 0.0, 1.0, -2.0, 2.0)
-    zone = PolygonParams(
-        name="zone", type="velocity_polygon", velocity_polygons=(forward,), action_type="stop"
+    square = ((0.5, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.5, -0.3))
+    forward = VelocityPolygonParams(
+        points=square, linear_min=0.0, linear_max=1.0, theta_min=-2.0, theta_max=2.0
     )
-    assert watched(monitor(zone), AHEAD, box(0.5, 0.0)).velocity == STOP
-    assert watched(monitor(zone), Velocity(-0.2, 0.0), box(-0.3, 0.0)).velocity != STOP
+    zone = PolygonParams(
+        type="velocity_polygon", velocity_polygons={"forward": forward}, action_type="stop"
+    )
+    assert watched(monitor(zone=zone), AHEAD, box(0.5, 0.0)).velocity == STOP
+    assert watched(monitor(zone=zone), Velocity(-0.2, 0.0), box(-0.3, 0.0)).velocity != STOP
 
 
 def test_a_source_that_is_missing_or_too_old_stops_until_it_is_back() -> None:
@@ -317,7 +318,7 @@ def test_a_source_that_is_missing_or_too_old_stops_until_it_is_back() -> None:
 
 
 def test_zero_is_repeated_for_a_while_and_then_no_more() -> None:
-    watcher = monitor(stop_pub_timeout_s=1.0)
+    watcher = CollisionMonitor(CollisionMonitorParams(stop_pub_timeout=1.0))
     scan = {"scan": SourcePoints(0, np.empty((0, 2)))}
     shown = [watcher.step(i * 500_000_000, STOP, STOP, scan).publish for i in range(4)]
     assert shown == [True, True, True, False]
@@ -330,7 +331,7 @@ def test_a_command_that_is_no_number_stops() -> None:
 
 
 def test_switched_off_it_changes_nothing() -> None:
-    watcher = monitor(enabled=False)
+    watcher = CollisionMonitor(CollisionMonitorParams(enabled=False))
     assert watched(watcher, AHEAD, box(0.2, 0.0), AHEAD).velocity == AHEAD
     watcher.enabled = True
     assert watched(watcher, AHEAD, box(0.2, 0.0), AHEAD).velocity == STOP
@@ -343,9 +344,11 @@ def test_switched_off_it_changes_nothing() -> None:
         ({"type": "velocity_polygon"}, "velocity_polygons"),
         ({"min_points": 0}, "min_points"),
         ({"slowdown_ratio": 1.5}, "slowdown_ratio"),
-        ({"time_before_collision_s": -1.0}, "time_before_collision"),
+        ({"time_before_collision": -1.0}, "time_before_collision"),
+        ({"points": ((0.1, 0.1), (0.2, 0.1))}, "points"),
     ],
 )
 def test_a_polygon_that_is_none_is_refused_by_its_field(wrong: dict[str, Any], field: str) -> None:
-    with pytest.raises(ValueError, match=rf"^zone: {field}"):
-        monitor(PolygonParams(**{"name": "zone", "action_type": "stop", **wrong}))
+    with pytest.raises(ValidationError) as caught:
+        PolygonParams(**{"action_type": "stop", **wrong})
+    assert one_line(caught.value).removeprefix("(whole): ").startswith(field)

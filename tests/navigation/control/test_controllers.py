@@ -40,9 +40,9 @@ def room(*boxes_m: tuple[float, float, float, float]) -> tuple[Costmap, Array]:
         faces += [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     for x0, y0, x1, y1 in boxes_m:
         cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
-    config = NavigationConfig()
+    params = NavigationConfig().global_costmap
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
-    costmap = LayeredCostmap(frame, cells, config.inflation(), config.obstacle()).master
+    costmap = LayeredCostmap(frame, cells, params.inflation_layer, params.obstacle_layer).master
     return costmap, np.array(faces)
 
 

@@ -50,7 +50,14 @@ def costmap(*lethal_m: tuple[float, float, float, float]) -> Costmap:
         x0, y0, x1, y1 = (round((value + 3.0) / 0.05) for value in box)
         cells[y0:y1, x0:x1] = 100
     frame = frame_of(0.05, SE2(-3.0, -3.0, 0.0), cells)
-    return inflate(frame, cells >= 100, cells < 0, InflationParams(0.153, 0.7, 10.0))
+    return inflate(
+        frame,
+        cells >= 100,
+        cells < 0,
+        InflationParams(
+            custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=10.0
+        ),
+    )
 
 
 def scene(

@@ -26,7 +26,14 @@ def hall() -> Costmap:
     cells = np.zeros((160, 160), np.int8)
     cells[:3] = cells[-3:] = cells[:, :3] = cells[:, -3:] = 100
     frame = frame_of(0.05, SE2(-4.0, -4.0, 0.0), cells)
-    return inflate(frame, cells >= 100, cells < 0, InflationParams(0.153, 0.7, 10.0))
+    return inflate(
+        frame,
+        cells >= 100,
+        cells < 0,
+        InflationParams(
+            custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=10.0
+        ),
+    )
 
 
 GRID = hall()
@@ -187,7 +194,14 @@ def corridor() -> Costmap:
     cells = np.zeros((160, 160), np.int8)
     cells[90:93] = 100
     frame = frame_of(0.05, SE2(-4.0, -4.0, 0.0), cells)
-    return inflate(frame, cells >= 100, cells < 0, InflationParams(0.153, 0.7, 10.0))
+    return inflate(
+        frame,
+        cells >= 100,
+        cells < 0,
+        InflationParams(
+            custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=10.0
+        ),
+    )
 
 
 def test_what_has_stopped_before_a_wall_is_expected_to_turn_back_for_a_while() -> None:

@@ -16,8 +16,10 @@ from mazebot.navigation.costmap.filters import (
 from mazebot.navigation.costmap.inflation_layer import InflationParams
 from mazebot.navigation.costmap.layered_costmap import LayeredCostmap, ObstacleParams
 
-INFLATION = InflationParams(0.153, 0.7, 3.0)
-OBSTACLE = ObstacleParams(2.5, 3.0, 0.1)
+INFLATION = InflationParams(
+    custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=3.0
+)
+OBSTACLE = ObstacleParams(static_margin=0.1)
 
 
 def mask(info: FilterInfo, *values: int) -> FilterMask:

@@ -19,13 +19,13 @@ from mazebot.navigation.costmap.layered_costmap import (
     inflate,
     scan_points,
 )
-from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
+from mazebot.navigation.costmap.obstacle_layer import ScanSourceParams, denoised_ranges
 from mazebot.navigation.costmap.static_layer import static_costs
 
 INFLATION = InflationParams(
-    inscribed_radius_m=0.22, inflation_radius_m=0.55, cost_scaling_factor=3.0
+    custom_inscribed_radius=0.22, inflation_radius=0.55, cost_scaling_factor=3.0
 )
-OBSTACLE = ObstacleParams(obstacle_max_range_m=2.5, raytrace_max_range_m=3.0, static_margin_m=0.2)
+OBSTACLE = ObstacleParams()
 STEP_RAD = math.tau / 360
 
 
@@ -311,7 +311,7 @@ def test_marks_that_no_ray_meets_again_are_forgotten_after_their_time() -> None:
 
 
 def test_rays_without_an_echo_clear_only_where_that_is_wanted() -> None:
-    obstacle = ObstacleParams(2.5, 3.0, 0.2, inf_is_valid=False)
+    obstacle = ObstacleParams(scan=ScanSourceParams(inf_is_valid=False))
     cells = np.zeros((80, 80), np.int8)
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
     costmap, sensor = LayeredCostmap(frame, cells, INFLATION, obstacle), SE2(1.0, 2.0, 0.0)

@@ -17,7 +17,14 @@ def costmap_of(*solid: tuple[int, int]) -> Costmap:
     for cell in solid:
         cells[cell] = True
     frame = frame_of(0.05, SE2(-1.5, -1.5, 0.0), cells.astype(np.int8))
-    return inflate(frame, cells, np.zeros_like(cells), InflationParams(0.13, 0.5, 5.0))
+    return inflate(
+        frame,
+        cells,
+        np.zeros_like(cells),
+        InflationParams(
+            custom_inscribed_radius=0.13, inflation_radius=0.5, cost_scaling_factor=5.0
+        ),
+    )
 
 
 ALONG = np.stack([np.linspace(-1.0, 1.0, 41), np.zeros(41)], axis=1)

@@ -7,6 +7,7 @@ import pytest
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.documents import KeepoutZone, Point2, SpeedZone
+from mazebot.navigation.build import planner_params
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.control.collision import Surroundings, Velocity, first_contact_s
 from mazebot.navigation.costmap.costmap import GridFrame, frame_of
@@ -121,8 +122,10 @@ def test_no_path_leads_into_a_keepout_zone(planner_id: str) -> None:
     cells = np.zeros((80, 100), np.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
-    params = InflationParams(WAFFLE.half_width_m, 0.7, 7.0)
-    planner = make_planner(planner_id, NavigationConfig().planner_params(0.05, WAFFLE))
+    params = InflationParams(
+        custom_inscribed_radius=WAFFLE.half_width_m, inflation_radius=0.7, cost_scaling_factor=7.0
+    )
+    planner = make_planner(planner_id, planner_params(NavigationConfig(), 0.05, WAFFLE))
     found = 0
     for _ in range(25):
         polygons = [
@@ -133,7 +136,7 @@ def test_no_path_leads_into_a_keepout_zone(planner_id: str) -> None:
             *(KeepoutZone(name=f"z{i}", polygon_m=one) for i, one in enumerate(polygons)),
             frame=frame,
         )
-        costmap = LayeredCostmap(frame, cells, params, ObstacleParams(2.5, 3.0, 0.1))
+        costmap = LayeredCostmap(frame, cells, params, ObstacleParams(static_margin=0.1))
         costmap.set_keepout(zones.costs(WAFFLE.half_width_m))
         start, goal = SE2(0.5, float(rng.uniform(0.5, 3.5)), 0.0), SE2(4.5, 2.0, 0.0)
         try:
@@ -159,10 +162,17 @@ def test_a_goal_beside_a_zone_is_not_reached_along_its_border() -> None:
         frame=frame,
     )  # fmt: skip
     costmap = LayeredCostmap(
-        frame, cells, InflationParams(WAFFLE.half_width_m, 0.7, 7.0), ObstacleParams(2.5, 3.0, 0.1)
+        frame,
+        cells,
+        InflationParams(
+            custom_inscribed_radius=WAFFLE.half_width_m,
+            inflation_radius=0.7,
+            cost_scaling_factor=7.0,
+        ),
+        ObstacleParams(static_margin=0.1),
     )
     costmap.set_keepout(zones.costs(WAFFLE.half_width_m))
-    planner = make_planner("any_angle", NavigationConfig().planner_params(0.05, WAFFLE))
+    planner = make_planner("any_angle", planner_params(NavigationConfig(), 0.05, WAFFLE))
     with pytest.raises(NavigationError, match="no path from"):
         planner.plan(costmap.master, SE2(3.92, 1.08, -2.3), SE2(2.19, 2.72, -1.85))
 
@@ -171,7 +181,12 @@ def test_entering_a_zone_is_a_contact_and_leaving_one_is_none() -> None:
     cells = np.zeros((40, 60), np.int8)
     frame = frame_of(0.05, SE2(0.0, 0.0, 0.0), cells)
     costmap = LayeredCostmap(
-        frame, cells, InflationParams(0.153, 0.7, 3.0), ObstacleParams(2.5, 3.0, 0.1)
+        frame,
+        cells,
+        InflationParams(
+            custom_inscribed_radius=0.153, inflation_radius=0.7, cost_scaling_factor=3.0
+        ),
+        ObstacleParams(static_margin=0.1),
     )
     zones = keepout(KeepoutZone(name="a", polygon_m=moved(1.5, 0.75)), frame=frame)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,16 +10,20 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
-from mazebot.navigation.planning.planner import PlannerParams
+from mazebot.navigation.planning.planner import GridPlannerParams, PlannerParams
 
 RESOLUTION_M = 0.05
 PARAMS = PlannerParams(
-    cost_travel_multiplier=1.0,
-    max_iterations=1_000_000,
-    start_tolerance_m=0.5,
+    GridPlannerParams(cost_travel_multiplier=1.0, max_iterations=1_000_000, start_tolerance=0.5),
     path_spacing_m=RESOLUTION_M,
     smoothing_iterations=100,
 )
+
+
+def weighing(**settings: float) -> PlannerParams:
+    """PARAMS with other settings."""
+    return replace(PARAMS, settings=PARAMS.settings.model_copy(update=settings))
+
 
 Solid = NDArray[np.bool_]
 
@@ -30,7 +35,14 @@ def costmap_of(
     frame = frame_of(RESOLUTION_M, SE2(0.0, 0.0, 0.0), solid.astype(np.int8))
     none = np.zeros_like(solid)
     unknown = none if unknown is None else unknown
-    return inflate(frame, solid, unknown, InflationParams(radius_m, inflation_m, 10.0))
+    return inflate(
+        frame,
+        solid,
+        unknown,
+        InflationParams(
+            custom_inscribed_radius=radius_m, inflation_radius=inflation_m, cost_scaling_factor=10.0
+        ),
+    )
 
 
 def pose(costmap: Costmap, row: int, column: int, yaw_rad: float = 0.0) -> SE2:

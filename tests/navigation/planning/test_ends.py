@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.planner import Planner
-from tests.navigation.planning.grids import PARAMS, Solid, costmap_of
+from tests.navigation.planning.grids import PARAMS, Solid, costmap_of, weighing
 
 RADIUS_M = 0.2
 PLANNER = Planner(PARAMS)
@@ -129,7 +127,7 @@ def test_a_door_that_is_too_narrow_is_named() -> None:
 
 
 def test_too_few_iterations_are_told() -> None:
-    planner = Planner(replace(PARAMS, max_iterations=100))
+    planner = Planner(weighing(max_iterations=100))
     with pytest.raises(NavigationError) as caught:
         planner.plan(HOUSE, SE2(1.0, 1.0, 0.0), SE2(4.0, 1.0, 0.0))
     assert caught.value.code is ErrorCode.PLANNER_TIMEOUT

@@ -13,7 +13,7 @@ from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.planner import Planner, PlannerName
-from tests.navigation.planning.grids import PARAMS, costmap_of, pose, touched_cells
+from tests.navigation.planning.grids import PARAMS, costmap_of, pose, touched_cells, weighing
 
 
 def questions(costmap: Costmap, count: int, seed: int) -> list[tuple[SE2, SE2]]:
@@ -31,7 +31,7 @@ def questions(costmap: Costmap, count: int, seed: int) -> list[tuple[SE2, SE2]]:
 def test_paths_stay_in_free_space_and_cost_no_more_than_the_optimum(
     kind: str, algorithm: PlannerName, weight: float
 ) -> None:
-    params = replace(PARAMS, cost_travel_multiplier=weight)
+    params = weighing(cost_travel_multiplier=weight)
     planner = Planner(replace(params, algorithm=algorithm))
     optimal = Planner(replace(params, algorithm="a_star", smoothing_iterations=0))
     found = 0
@@ -68,7 +68,7 @@ def test_cost_keeps_the_path_away_from_walls() -> None:
     start, goal = pose(costmap, 10, 10), pose(costmap, 10, 50)
     nearest_m = []
     for weight in (0.0, 10.0):
-        planner = Planner(replace(PARAMS, cost_travel_multiplier=weight))
+        planner = Planner(weighing(cost_travel_multiplier=weight))
         points = planner.plan(costmap, start, goal).points_m
         nearest_m.append(min(costmap.clearance_at(*point) for point in points))
     assert nearest_m[0] < 0.2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +15,7 @@ from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.grid.anya import anya
 from mazebot.navigation.planning.grid.search_grid import NARROW, search_grid
 from mazebot.navigation.planning.planner import Planner
-from tests.navigation.planning.grids import PARAMS, RESOLUTION_M, Solid, costmap_of, pose
+from tests.navigation.planning.grids import RESOLUTION_M, Solid, costmap_of, pose, weighing
 
 SIDE = 20
 Point = tuple[float, float]
@@ -116,7 +115,7 @@ def test_a_planned_path_is_the_shortest_to_half_a_percent(kind: str) -> None:
     random = np.random.default_rng(4)
     solid = KINDS[kind](SIDE, random)
     costmap = costmap_of(solid)
-    planner = Planner(replace(PARAMS, cost_travel_multiplier=0.0))
+    planner = Planner(weighing(cost_travel_multiplier=0.0))
     free = np.argwhere(~solid)
     ratios = []
     for _ in range(5):

@@ -7,7 +7,7 @@ import functools
 import shutil
 import tempfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from mazebot.common.config import merged
 from mazebot.common.maths.frames import Array
 
 Settings = dict[str, dict[str, Any]]
@@ -34,21 +35,10 @@ class Options:
         """The same with more settings, which win over those of the file."""
         text = "" if self.settings is None else self.settings.read_text(encoding="utf-8")
         given: dict[str, Any] = yaml.safe_load(text or "{}")
-        merged = _merged(given, more)
-        path = scratch_folder() / f"settings_{zlib.crc32(repr(merged).encode()):08x}.yaml"
-        path.write_text(yaml.safe_dump(merged), encoding="utf-8")
+        both = merged(given, more)
+        path = scratch_folder() / f"settings_{zlib.crc32(repr(both).encode()):08x}.yaml"
+        path.write_text(yaml.safe_dump(both), encoding="utf-8")
         return Options(self.camera, path)
-
-
-def _merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    both = dict(one)
-    for name, value in other.items():
-        old = both.get(name)
-        if isinstance(old, Mapping) and isinstance(value, Mapping):
-            both[name] = _merged(old, value)
-        else:
-            both[name] = value
-    return both
 
 
 @functools.cache

@@ -22,7 +22,6 @@ from mazebot.navigation.control.safety.collision_monitor import (
     CollisionMonitorParams,
     SourcePoints,
 )
-from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
@@ -30,9 +29,10 @@ from mazebot.navigation.costmap.layered_costmap import (
     ObstacleParams,
     frame_of,
 )
+from mazebot.navigation.costmap.obstacle_layer import ScanSourceParams
 
-_INFLATION = InflationParams(WAFFLE.half_width_m, 0.7, 3.0)
-_OBSTACLE = ObstacleParams(2.5, 3.5, 0.1)
+_INFLATION = InflationParams(cost_scaling_factor=3.0)
+_OBSTACLE = ObstacleParams(scan=ScanSourceParams(raytrace_max_range=3.5), static_margin=0.1)
 _STEP_RAD = math.tau / 360
 _RUNS = 1000
 
@@ -88,7 +88,7 @@ def _costmaps(side: int) -> None:
 
 
 def _monitor(radius_m: float, velocity: Velocity) -> None:
-    monitor = CollisionMonitor(CollisionMonitorParams(source_timeout_s={"scan": 0.5}))
+    monitor = CollisionMonitor(CollisionMonitorParams())
     scan = {"scan": SourcePoints(0, _around(radius_m))}
     v, w = velocity
     _times(

@@ -32,11 +32,12 @@ from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.world.grids import connected_regions
 from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planning.interface import GridPlannerParams
 from mazebot.navigation.planning.planner import Planner, PlannerParams
 
 _RESOLUTION_M = 0.05
-_PARAMS = PlannerParams(0.0, 100_000_000, 0.5, _RESOLUTION_M, 100)
-_INFLATION = InflationParams(0.0, 0.7, 10.0)
+_PARAMS = PlannerParams(GridPlannerParams(cost_travel_multiplier=0.0), _RESOLUTION_M, 100)
+_INFLATION = InflationParams(custom_inscribed_radius=0.0, cost_scaling_factor=10.0)
 _WEIGHTED = 1.0
 _NO_OPTIMUM = 1e-9
 
@@ -141,7 +142,7 @@ def _compared(
     optimum: Array | None,
 ) -> Iterator[Figure]:  # fmt: skip
     for weight in (0.0, _WEIGHTED):
-        params = replace(_PARAMS, cost_travel_multiplier=weight)
+        params = replace(_PARAMS, settings=GridPlannerParams(cost_travel_multiplier=weight))
         exact = replace(params, algorithm="a_star", smoothing_iterations=0)
         answers = [_answers(Planner(exact), costmap, asked)]
         answers += [

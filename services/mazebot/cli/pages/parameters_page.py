@@ -72,12 +72,16 @@ one of five places; the first that sets it wins:
 
    ```yaml
    physics: {scan_rate_hz: 5.0}
-   navigation: {desired_linear_vel: 0.3}
+   navigation:
+     controller_server: {max_linear_vel: 0.3, mppi: {batch_size: 1000}}
    ```
 
 4. [a parameter file of Nav2](nav2-params.md), named by `MAZEBOT_PARAMS` or `--params`
 5. the default.
 
+A setting of a section has a dotted name: `--controller-server.max-linear-vel 0.3`, and with two
+underscores for a dot `MAZEBOT_NAVIGATION_CONTROLLER_SERVER__MAX_LINEAR_VEL=0.3`. Where the last
+part of the name is unique, it is enough: `--max-linear-vel 0.3`.
 A value that is a mapping or a list is JSON in the environment
 (`MAZEBOT_BRINGUP_GOAL='[0.5, -0.9, 0]'`). `MAZEBOT_SEED` sets the seed of all
 services. The values in force are on the topic `/parameters` and in the `config.yaml` of every run.
@@ -112,6 +116,13 @@ def _rows(
             rows += _rows(nested, definitions, f"{prefix}{name}.")
             continue
         unit, meaning = unit_and_meaning(name, field.get("description", ""))
+        each = field.get("additionalProperties")
+        if isinstance(each, dict) and "$ref" in each:
+            default = default_in_yaml(list(field.get("default", {})))
+            rows.append((prefix + name, "", "mapping of names to sections", default, meaning))
+            nested = definitions[each["$ref"].rpartition("/")[2]]
+            rows += _rows(nested, definitions, f"{prefix}{name}.NAME.")
+            continue
         # A default folder is relative to the repository, not to this machine's root.
         value = field.get("default")
         if isinstance(value, str):

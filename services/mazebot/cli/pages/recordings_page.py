@@ -119,9 +119,8 @@ _COMMANDS = (
     (
         "export --out FILE",
         "writes one table of all runs as Parquet, CSV or JSON: one row per run, nested "
-        "names joined by "
-        "dots (`localisation_error_m.p95`, `settings.navigation.controller`); with `--goals` a row "
-        "a goal",
+        "names joined by dots (`localisation_error_m.p95`, "
+        "`settings.navigation.controller_server.controller`); with `--goals` a row a goal",
     ),
     (
         "prune",

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from importlib import import_module
 from pathlib import Path
 
-from mazebot.common.config import ConfigError, ServiceConfig
+from mazebot.common.config import ConfigError, ServiceConfig, setting_names
 from mazebot.common.settings.known_settings import PREFIX, unknown_variable
 from mazebot.common.settings.load import read_settings, sections
 
@@ -58,7 +58,7 @@ def check_not_for_make(given: Collection[str]) -> None:
 
 def fields_of_all() -> dict[str, Collection[str]]:
     """The names of all settings, by section."""
-    return {section: model_of(section).model_fields for section in sections()}
+    return {section: setting_names(model_of(section)) for section in sections()}
 
 
 def model_of(section: str) -> type[ServiceConfig]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -11,12 +11,19 @@ from typing import Any
 from pydantic import ValidationError
 
 from mazebot.cli.parsing.known import fields_of_all, model_of
-from mazebot.common.config import ConfigError, ServiceConfig, one_line
+from mazebot.common.config import (
+    ConfigError,
+    ServiceConfig,
+    merged,
+    one_line,
+    setting_names,
+    value_of,
+)
 from mazebot.common.messages.topics import SERVICES
 from mazebot.common.node.node import Node
-from mazebot.common.settings.known_settings import unknown_name
+from mazebot.common.settings.known_settings import matching, unknown_setting
 from mazebot.common.settings.load import read_settings
-from mazebot.common.settings.settings import settings
+from mazebot.common.settings.settings import flag_of, settings
 
 REPLAYABLE = tuple(service for service in SERVICES if service != "recorder")
 """The recorder sends nothing but its verdict, which holds wall times."""
@@ -50,20 +57,17 @@ def settings_of(
     Raises ConfigError where one is unknown or invalid.
     """
     model = model_of(service)
-    fields = model.model_fields
-    given = {name: value for name, value in recorded.items() if name in fields}
-    values = dict(given)
-    filed: dict[str, Any] = {}
-    if path is not None:
-        filed = read_settings(path, fields_of_all()).get(service, {})
-        values |= filed
-    flags = [_flag(service, override, fields) for override in overrides]
-    named = {override.partition("=")[0].partition(".")[0] for override in overrides}
+    names = setting_names(model)
+    given = {name: value for name, value in recorded.items() if name in names}
+    filed = {} if path is None else read_settings(path, fields_of_all()).get(service, {})
+    values = merged(given, filed)
+    flags = [_flag(service, override, names) for override in overrides]
+    overridden = [flag.partition("=")[0] for flag in flags]
 
     def source(field: str) -> str:
-        if field in named:
+        if flag_of(field) in overridden:
             return "--set"
-        return str(path) if field in filed else "the recording"
+        return "the recording" if value_of(filed, field) is None else str(path)
 
     try:
         if flags:
@@ -73,19 +77,26 @@ def settings_of(
     except ValidationError as error:
         raise ConfigError(f"{service}: {one_line(error, source)}") from error
     now = config.model_dump(mode="json")
-    changed = {name: (before[name], now[name]) for name in before if before[name] != now[name]}
+    both = {name: (value_of(before, name), value_of(now, name)) for name in names if before}
+    changed = {
+        name: values
+        for name, values in both.items()
+        if values[0] != values[1] and not isinstance(values[0], dict)
+    }
     return Settings(config, changed)
 
 
-def _flag(service: str, override: str, fields: Mapping[str, Any]) -> str:
+def _flag(service: str, override: str, names: Collection[str]) -> str:
     name, equals, value = override.partition("=")
-    top = name.partition(".")[0]
     if not equals or not name:
         raise ConfigError(f"--set: {override!r:.60}: must be name=value")
-    if top not in fields:
-        hint = unknown_name(top, fields)
-        raise ConfigError(f"--set: {override!r:.60}: {service} has no setting {top!r:.40}{hint}")
-    return f"--{name.replace('_', '-')}={value}"
+    found = matching(name, names)
+    if not found:
+        hint = unknown_setting(name, names)
+        raise ConfigError(f"--set: {override!r:.60}: {service} has no setting {name!r:.40}{hint}")
+    if len(found) > 1:
+        raise ConfigError(f"--set: {override!r:.60}: ambiguous: must be {' or '.join(found)}")
+    return f"{flag_of(found[0])}={value}"
 
 
 def make_node(service: str, config: ServiceConfig) -> Node:

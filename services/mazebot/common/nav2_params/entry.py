@@ -34,7 +34,7 @@ class Entry:
     """Of the parameter's kind; of a plugin, the last part of its class."""
     knowledge: Knowledge
     place: str = ""
-    """Where its setting is; see targets.PLACES."""
+    """The section with its setting."""
     parameter: Parameter | None = None
     group: Group | None = None
     """Of a plugin, or of a parameter that lists names: the group."""

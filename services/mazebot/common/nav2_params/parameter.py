@@ -15,6 +15,8 @@ Value = Any
 """bool, int, float, str, or a list of these; of the kind `polygon` a list of [x, y] in metres."""
 
 KINDS = ("bool", "int", "double", "string", "words", "polygon", "ints", "doubles", "strings")
+UNCHECKED = ""
+"""The kind of a parameter without a setting."""
 OWN_NAME = "="
 """The `key` of a group whose namespaces have the names of their kinds, such as MPPI's critics."""
 _ELEMENT = {"ints": "int", "doubles": "double", "strings": "string"}
@@ -37,15 +39,16 @@ class Parameter:
     name: str
     """Below its node or plugin; parts with dots between them."""
     kind: str
-    """One of KINDS."""
+    """One of KINDS, or UNCHECKED."""
     default: Value
     """The default in Nav2's code; None: none."""
     valid: str = "*"
     """`*` any, `>0`, `0..1`, `{a,b}`; of a list, that of each element."""
     length: int | None = None
     """The length of a list; None: any."""
-    targets: tuple[str, ...] = ()
-    """Names of our setting below the place of its namespace; the first that exists is meant."""
+    target: str = ""
+    """Name of our setting below the place of its namespace, or with `/` of the whole section; "":
+    there is none."""
     conversion: str = ""
     """The name of a conversion of targets.py from Nav2's value to ours."""
     fixed: tuple[str, ...] = ()
@@ -74,23 +77,24 @@ class Namespace:
     """The parameters of a node or of a plugin."""
 
     place: str
-    """A part of the name in targets.PLACES of where our settings for it are."""
+    """The dotted name, below that of its node, of the section with our settings for it; `*` is the
+    instance's name in the file."""
     parameters: Mapping[str, Parameter]
     groups: tuple[Group, ...] = ()
     note: str = ""
     """Why its parameters are not supported, where none of their settings exists."""
 
 
-def namespace(
-    place: str, rows: str, groups: Sequence[Group] = (), note: str = "", whole: str = ""
-) -> Namespace:
-    """A namespace from rows of text: `name kind default valid [=target,...[:conversion]]
-    [!fixed|...] [# note]`, one a line.
+def namespace(place: str, rows: str, groups: Sequence[Group] = (), note: str = "") -> Namespace:
+    """A namespace from rows of text: `name kind default valid [=target[:conversion]]
+    [!fixed|...] [# note]`, one a line, or `- name ... [# note]` for parameters of Nav2 that change
+    nothing here: their values are not checked.
 
-    A default `-` is none. Without `=`, the target has the parameter's own name; `=-` is no target.
-    `doubles:3` is a list of three. `whole` is a common beginning of all names.
+    A default `-` is none. The target has by default the parameter's own name, below `place`; one
+    that begins with `/` is a dotted name of the whole section, and `=-` is no target. `doubles:3`
+    is a list of three.
     """
-    found = [_row(f"{whole}{line.strip()}") for line in rows.splitlines() if line.strip()]
+    found = [row for line in rows.splitlines() if line.strip() for row in _rows(line.strip())]
     return Namespace(place, {row.name: row for row in found}, tuple(groups), note)
 
 
@@ -101,25 +105,33 @@ def joined(first: Namespace, second: Namespace) -> Namespace:
     )
 
 
+def _rows(line: str) -> list[Parameter]:
+    if not line.startswith("- "):
+        return [_row(line)]
+    names, _, note = line.removeprefix("- ").partition(" # ")
+    return [Parameter(name, UNCHECKED, None, note=note.strip()) for name in names.split()]
+
+
 def _row(line: str) -> Parameter:
     definition, _, note = line.partition(" # ")
     name, kind, default, valid, *rest = definition.split()
     kind, _, length = kind.partition(":")
     if kind not in KINDS:
         raise ValueError(f"{name}: {kind}: must be one of {', '.join(KINDS)}")
-    targets: tuple[str, ...] = (name,)
+    target = name
     conversion = ""
     fixed: tuple[str, ...] = ()
     for word in rest:
         if word.startswith("="):
-            names, _, conversion = word[1:].partition(":")
-            targets = () if names == "-" else tuple(names.split(","))
+            other, _, conversion = word[1:].partition(":")
+            target = other or name
         elif word.startswith("!"):
             fixed = tuple(word[1:].split("|"))
         else:
             raise ValueError(f"{name}: {word}: must begin with = or !")
     row = Parameter(
-        name, kind, None, valid, int(length) if length else None, targets, conversion, fixed,
+        name, kind, None, valid, int(length) if length else None,
+        "" if target == "-" else target, conversion, fixed,
         note.strip(),
     )  # fmt: skip
     if default == "-":
@@ -136,6 +148,8 @@ def typed(parameter: Parameter, given: Value) -> Value:
     Raises ValueError, with what it must be, where it is of another kind.
     """
     kind = parameter.kind
+    if kind == UNCHECKED:
+        return given
     if kind == "polygon":
         return _polygon(given)
     if kind not in _ELEMENT:

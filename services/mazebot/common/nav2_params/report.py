@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from mazebot.common.config import put_value
 from mazebot.common.nav2_params.entry import Entry, joined_notes
 from mazebot.common.nav2_params.loader import Nav2Params
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Value
@@ -91,8 +92,8 @@ def _row(
     target = _setting_of(entry)
     if target is None:
         return row
-    names, value = target
-    found = setting(entry.place, names, entry.instance, models)
+    name, value = target
+    found = setting(entry.place, name, entry.instance, models)
     if found is None:
         return _as_always(entry, row)
     path, field = found
@@ -115,7 +116,7 @@ def _row(
     if before[0] != converted:
         note = joined_notes(row.note, f"{path} is already set by {before[1]}")
         return dataclasses.replace(row, note=note)
-    _put(settings, path, converted)
+    put_value(settings, path, converted)
     note = row.note if converted == value else joined_notes(row.note, f"converted to {converted!r}")
     return dataclasses.replace(row, status=status, setting=path, note=note)
 
@@ -134,14 +135,14 @@ def _switched(
     """The row of a list such as MPPI's critics, of which each has a switch `enabled` here."""
     switches = {}
     for name in group.kinds:
-        found = setting(f"{entry.place}.{name}", ("enabled",), entry.instance, models)
+        found = setting(f"{entry.place}.{name}", "enabled", entry.instance, models)
         if found is not None:
             switches[name] = found[0]
     if not switches:
         return dataclasses.replace(row, note=joined_notes(row.note, "has no setting here"))
     for name, path in switches.items():
         # The critic's own switch, where the file has it, is read later and counts.
-        _put(settings, path, name in entry.value)
+        put_value(settings, path, name in entry.value)
     missing = [name for name in entry.value if name not in switches]
     note = f"without {', '.join(missing)}" if missing else ""
     on = sum(name in switches for name in entry.value)
@@ -152,15 +153,15 @@ def _switched(
     )
 
 
-def _setting_of(entry: Entry) -> tuple[tuple[str, ...], Value] | None:
-    """The names of our settings that may take the entry's value, and the value; None: none can."""
+def _setting_of(entry: Entry) -> tuple[str, Value] | None:
+    """The name of our setting for the entry's value, and the value; None: there is none."""
     if entry.knowledge == "plugin" and entry.group is not None:
         chosen = entry.group.values.get(str(entry.value))
-        return None if chosen is None else ((entry.group.setting,), chosen)
+        return None if chosen is None else (entry.group.setting, chosen)
     if entry.knowledge == "parameter" and entry.parameter is not None:
         if entry.value is None:
             return None
-        return entry.parameter.targets, entry.value
+        return entry.parameter.target, entry.value
     return None
 
 
@@ -210,11 +211,3 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
     note = joined_notes(note, "its parameters are used")
     status: Status = "mapped" if entry.renamed else "used"
     return dataclasses.replace(row, status=status, note=note)
-
-
-def _put(settings: dict[str, dict[str, Value]], path: str, value: Value) -> None:
-    section, *spaces, last = path.split(".")
-    inner: dict[str, Value] = settings.setdefault(section, {})
-    for space in spaces:
-        inner = inner.setdefault(space, {})
-    inner[last] = value

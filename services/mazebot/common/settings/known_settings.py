@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from difflib import SequenceMatcher
 
 PREFIX = "MAZEBOT_"
@@ -12,9 +12,23 @@ ALONE = (
 )  # fmt: skip
 """Variables that are not a field of a service. The ports are used by Docker Compose."""
 _NEAR = 0.6
+_MOST_NAMED = 4
 
 Fields = Mapping[str, Collection[str] | None]
-"""The fields of each section; None: the section exists, but its fields are known elsewhere."""
+"""The dotted names of each section; None: the section exists, but its fields are known elsewhere.
+"""
+
+
+def matching(name: str, known: Iterable[str]) -> list[str]:
+    """The settings that a name stands for: the one of this dotted name, or all that end with it.
+    A setting of any depth can be given by its last name, if that is unique; sections that have the
+    same name do not count.
+    """
+    lower, names = name.lower(), list(known)
+    exact = [one for one in names if one.lower() == lower]
+    ending = [one for one in names if one.lower().endswith(f".{lower}")]
+    settings = [one for one in ending if not any(each.startswith(f"{one}.") for each in names)]
+    return exact or settings or ending
 
 
 def unknown_variable(names: Iterable[str], fields_of: Fields) -> str:
@@ -27,10 +41,46 @@ def unknown_variable(names: Iterable[str], fields_of: Fields) -> str:
         if not section:
             return f"{name}: unknown variable{_meant(upper, _variables(upper, fields_of))}"
         fields = fields_of[section]
-        if fields is not None and field not in fields:
-            known = [*ALONE, *(variable(section, one) for one in fields)]
-            return f"{name}: {section} has no field {field!r}{_meant(upper, known)}"
+        if fields is None:
+            continue
+        found = matching(field, fields)
+        if len(found) > 1:
+            return (
+                f"{name}: ambiguous: must be {' or '.join(variable(section, one) for one in found)}"
+            )
+        if not found:
+            start = variable(section, "")
+            ports = [one.removeprefix(start).lower() for one in ALONE if one.startswith(start)]
+            near = [variable(section, one) for one in _nearest(field, [*ports, *fields])]
+            hint = f"; did you mean {' or '.join(near)}?" if near else ""
+            return f"{name}: {section} has no field {field!r}{hint}"
     return ""
+
+
+def unknown_setting(name: str, known: Collection[str], shown: Callable[[str], str] = str) -> str:
+    """The end of the message about an unknown setting: where the nearest ones are, by their last
+    names, or all sections. `shown` says how a dotted name is shown.
+    """
+    near = _nearest(name, known)
+    if near:
+        return f"; did you mean {' or '.join(map(shown, near))}?"
+    return f"; must be one of {', '.join(shown(one) for one in known if '.' not in one)}"
+
+
+def _nearest(name: str, known: Iterable[str]) -> list[str]:
+    """The known dotted names that are nearest to a name, most often one."""
+
+    def nearness(one: str) -> float:
+        words, there = set(name.split("_")), set(one.replace(".", "_").split("_"))
+        last = one.rpartition(".")[2]
+        whole = max(SequenceMatcher(None, name, each).ratio() for each in (one, last))
+        both = len(words & there)
+        ends = last.endswith(f"_{name}") or (name.endswith(f"_{last}") and both > 1)
+        return max(whole, 0.99 * ends, 0.9 * both / len(words))
+
+    near = [(nearness(one), one) for one in known]
+    best = max(near, default=(0.0, ""))[0]
+    return [one for each, one in near if each >= max(best, _NEAR)][:_MOST_NAMED]
 
 
 def unknown_name(name: str, known: Collection[str]) -> str:
@@ -39,15 +89,15 @@ def unknown_name(name: str, known: Collection[str]) -> str:
 
 
 def variable(section: str, field: str) -> str:
-    """The environment variable of a field."""
-    return f"{PREFIX}{section}_{field}".upper()
+    """The environment variable of a setting, by its dotted name."""
+    return f"{PREFIX}{section}_{field.replace('.', '__')}".upper()
 
 
 def _parted(name: str, sections: Iterable[str]) -> tuple[str, str]:
     for section in sections:
         start = f"{PREFIX}{section}_".upper()
         if name.startswith(start):
-            return section, name.removeprefix(start).lower()
+            return section, name.removeprefix(start).lower().replace("__", ".")
     return "", ""
 
 

@@ -11,9 +11,23 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import yaml
 from pydantic import ValidationError
 
-from mazebot.common.config import ConfigError, ServiceConfig, one_line
+from mazebot.common.config import (
+    ConfigError,
+    ServiceConfig,
+    merged,
+    one_line,
+    setting_names,
+    value_of,
+)
 from mazebot.common.files.yaml_words import line_and_words
-from mazebot.common.settings.known_settings import PREFIX, unknown_name, unknown_variable, variable
+from mazebot.common.settings.known_settings import (
+    PREFIX,
+    matching,
+    unknown_name,
+    unknown_setting,
+    unknown_variable,
+    variable,
+)
 
 if TYPE_CHECKING:
     from mazebot.common.nav2_params.loader import Nav2Params
@@ -39,7 +53,7 @@ def load(
     """
     rest, path = _take_file_flag(arguments, "config")
     rest, params_path = _take_file_flag(rest, "params")
-    fields = model.model_fields
+    fields = setting_names(model)
     if any(name.upper().startswith(PREFIX) for name in os.environ):
         others: dict[str, Collection[str] | None] = dict.fromkeys(sections())
         problem = unknown_variable(os.environ, {**others, service: fields})
@@ -47,7 +61,7 @@ def load(
             raise ConfigError(problem)
     filed = read_settings(path, {service: fields}).get(service, {}) if path else {}
     from_nav2 = nav2_settings(model, service, params_path) if params_path else {}
-    values = _over(from_nav2, filed)
+    values = merged(from_nav2, filed)
     if os.environ.get("MAZEBOT_SEED"):
         # One variable for the seed of all services.
         values = {**values, "seed": os.environ["MAZEBOT_SEED"]}
@@ -58,12 +72,10 @@ def load(
             from mazebot.common.settings.settings import settings  # noqa: PLC0415
 
             values = settings(model, service, rest, prefix, values)
-        return model.model_validate({**values, **given})
+        return model.model_validate(merged(values, given))
     except ValidationError as error:
-        source = functools.partial(
-            _source, service, rest, given, {**dict.fromkeys(from_nav2, params_path),
-                                            **dict.fromkeys(filed, path)}
-        )  # fmt: skip
+        files = {path: filed, params_path: from_nav2}
+        source = functools.partial(_source, service, rest, given, files, fields)
         raise ConfigError(f"{service}: {one_line(error, source)}") from error
 
 
@@ -113,15 +125,22 @@ def read_settings(
     return read
 
 
-def _check_section(path: Path, name: str, section: Any, fields: Collection[str] | None) -> None:
+def _check_section(
+    path: Path, name: str, section: Any, fields: Collection[str] | None, prefix: str = ""
+) -> None:
     """Raises ConfigError where a section is not a mapping, or has a field not in `fields`."""
     if not isinstance(section, dict):
         reason = "must be a mapping of fields to values"
         raise ConfigError(f"{path}: {name}: {section!r:.60}: {reason}")
+    if fields is None:
+        return
     for field, value in section.items():
-        if fields is not None and field not in fields:
-            reason = f"{value!r:.60}: unknown field{unknown_name(str(field), fields)}"
-            raise ConfigError(f"{path}: {name}.{field!s:.60}: {reason}")
+        dotted = f"{prefix}{field}"
+        if dotted not in fields:
+            where = f"{path}: {name}.{field!s:.60}: {value!r:.60}"
+            raise ConfigError(f"{where}: unknown field{unknown_setting(str(field), fields)}")
+        if any(one.startswith(f"{dotted}.") for one in fields):
+            _check_section(path, f"{name}.{field}", value, fields, f"{dotted}.")
 
 
 def world_hash_of_run(path: Path) -> str:
@@ -157,23 +176,35 @@ def config_flag(path: Path | None, params: Path | None = None) -> tuple[str, ...
 
 
 def _source(
-    service: str, flags: Sequence[str], given: Collection[str],
-    filed: Mapping[str, Path | None], field: str,
+    service: str, flags: Sequence[str], given: Mapping[str, object],
+    files: Mapping[Path | None, Mapping[str, Any]], fields: Collection[str], field: str,
 ) -> str:  # fmt: skip
-    """The flag, variable or file from which a field has its value."""
-    if field in given:
+    """The flag, variable or file from which the value of a dotted name comes."""
+    inside = [one for one in fields if f"{field}.".startswith(f"{one}.")]
+    # A part of a value that is a list or a mapping comes from where that value does.
+    setting = max(inside, key=len, default=field)
+    if value_of(given, setting) is not None:
         return ""
-    names = {f"--{field}", f"--{field.replace('_', '-')}"}
+
+    def is_of(name: str) -> bool:
+        return any(one in inside for one in matching(name, fields))
+
     for word in flags:
-        # Flags of nested fields, as --localization.max-particles.
         flag = word.partition("=")[0]
-        if flag.partition(".")[0] in names:
+        if flag.startswith("--") and is_of(flag.removeprefix("--").replace("-", "_")):
             return flag
-    variables = [variable(service, field), *(["MAZEBOT_SEED"] if field == "seed" else [])]
+    prefix = variable(service, "")
     for name in os.environ:
-        if name.upper() in variables:
+        upper = name.upper()
+        if upper == "MAZEBOT_SEED" and field == "seed":
             return name
-    return str(filed.get(field) or "")
+        if upper.startswith(prefix):
+            if is_of(upper.removeprefix(prefix).lower().replace("__", ".")):
+                return name
+    for path, values in files.items():
+        if value_of(values, setting) is not None:
+            return str(path)
+    return ""
 
 
 def _take_file_flag(arguments: Sequence[str], name: str) -> tuple[list[str], Path | None]:
@@ -216,15 +247,6 @@ def nav2_settings(model: type[ServiceConfig], service: str, path: Path) -> dict[
     from mazebot.common.nav2_params.report import report  # noqa: PLC0415
 
     return dict(report(read_nav2_params(path), {service: model}).settings.get(service, {}))
-
-
-def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of both, those of `above` where both have one; mappings are joined likewise."""
-    both = {**below, **above}
-    for name in {*below} & {*above}:
-        if isinstance(below[name], dict) and isinstance(above[name], dict):
-            both[name] = _over(below[name], above[name])
-    return both
 
 
 def _text(path: Path, kind: str) -> str:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from mazebot.common.config import ConfigError
+from pydantic import Field
+
+from mazebot.common.config import ConfigError, Params
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode, code_name
 from mazebot.navigation.behavior.actions import (
@@ -53,19 +55,40 @@ _LOG = logging.getLogger("navigation")
 Hold = Literal["", "paused", "lost"]
 
 
-@dataclass(frozen=True)
-class BtNavigatorParams:
-    """Names as in Nav2's bt_navigator and waypoint_follower."""
+class BtNavigatorParams(Params):
+    """Names as in Nav2's bt_navigator."""
 
-    default_nav_to_pose_bt_xml: Path = DEFAULT_NAV_TO_POSE
-    default_nav_through_poses_bt_xml: Path = DEFAULT_NAV_THROUGH_POSES
-    stop_on_failure: bool = False
-    localization_tolerance_s: float = 90.0
-    """A task is held for as long while the robot is lost; after that it fails with TF_ERROR."""
-    control_period_s: float = 0.05
-    usual_speed_m_s: float = 0.25
-    behaviors: BehaviorServerParams = field(default_factory=BehaviorServerParams)
-    docking: DockingParams = field(default_factory=DockingParams)
+    default_nav_to_pose_bt_xml: str = Field(
+        DEFAULT_NAV_TO_POSE.stem, description="a tree that comes with navigation, or an XML file"
+    )
+    default_nav_through_poses_bt_xml: str = Field(
+        DEFAULT_NAV_THROUGH_POSES.stem,
+        description="a tree that comes with navigation, or an XML file",
+    )
+    localization_tolerance: float = Field(
+        90.0,
+        ge=0,
+        description="s; how long a goal is held, and the robot moves to localize itself, while it "
+        "is lost; after that the goal fails",
+    )
+
+
+class WaypointFollowerParams(Params):
+    """Names as in Nav2's waypoint_follower."""
+
+    stop_on_failure: bool = Field(
+        False, description="whether a waypoint that cannot be reached ends the task"
+    )
+
+
+@dataclass(frozen=True)
+class NavigatorParams:
+    """The settings of what the navigator runs, as Nav2's nodes have them."""
+
+    bt_navigator: BtNavigatorParams = field(default_factory=BtNavigatorParams)
+    waypoint_follower: WaypointFollowerParams = field(default_factory=WaypointFollowerParams)
+    behavior_server: BehaviorServerParams = field(default_factory=BehaviorServerParams)
+    docking_server: DockingParams = field(default_factory=DockingParams)
 
 
 def tree_path(name: str) -> str:
@@ -90,7 +113,7 @@ class BtNavigator:
 
     def __init__(
         self,
-        params: BtNavigatorParams,
+        params: NavigatorParams,
         context: NavigationContext,
         waypoint_task: WaypointTask | None = None,
         read: Callable[[Path], TreeFile] = read_tree_file,
@@ -111,12 +134,11 @@ class BtNavigator:
         self.exchange = WaypointExchange()
         """What the tasks at waypoints want, and what has come."""
         self._read = read
-        self._task_params = TaskParams(
-            params.behaviors, params.docking, params.control_period_s, params.usual_speed_m_s
-        )
+        self._task_params = TaskParams(params.behavior_server, params.docking_server)
         self._files: dict[str, TreeFile] = {}
-        for path in (params.default_nav_to_pose_bt_xml, params.default_nav_through_poses_bt_xml):
-            self._file(str(path))
+        trees = params.bt_navigator
+        for path in (trees.default_nav_to_pose_bt_xml, trees.default_nav_through_poses_bt_xml):
+            self._file(tree_path(path))
         self._running: _Running | None = None
         self._paused = False
         self._last_ns: int | None = None
@@ -221,7 +243,7 @@ class BtNavigator:
             running.lost_since_ns = now_ns
             _LOG.warning("The robot is lost: holding the task until it is localized again")
         lost_s = (now_ns - running.lost_since_ns) * 1e-9
-        if lost_s <= self._params.localization_tolerance_s:
+        if lost_s <= self._params.bt_navigator.localization_tolerance:
             return None
         return self._end(
             now_ns, Ending(int(ErrorCode.TF_ERROR), f"the robot has been lost for {lost_s:.0f} s")
@@ -254,12 +276,17 @@ class BtNavigator:
             if request.works:
                 at_each = WorkOfEach(request.works, self.exchange)
             return FollowWaypointsTask(
-                request, self._navigate_checked, at_each, self._params.stop_on_failure
+                request,
+                self._navigate_checked,
+                at_each,
+                self._params.waypoint_follower.stop_on_failure,
             )
         if isinstance(request, NavigateToPose):
             return self._navigate(request)
         if isinstance(request, NavigateThroughPoses):
-            path = request.behavior_tree or str(self._params.default_nav_through_poses_bt_xml)
+            path = (
+                request.behavior_tree or self._params.bt_navigator.default_nav_through_poses_bt_xml
+            )
             code = ErrorCode.THROUGH_POSES_FAILED_TO_LOAD_BEHAVIOR_TREE
             return self._tree_task(request, path, code)
         kind = request.action
@@ -274,7 +301,7 @@ class BtNavigator:
         return self._navigate(request)
 
     def _navigate(self, request: NavigateToPose) -> TreeTask:
-        path = request.behavior_tree or str(self._params.default_nav_to_pose_bt_xml)
+        path = request.behavior_tree or self._params.bt_navigator.default_nav_to_pose_bt_xml
         return self._tree_task(request, path, ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE)
 
     def _navigate_to(self, pose: SE2) -> TreeTask:

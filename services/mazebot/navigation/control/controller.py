@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import Field, ValidationError
 
-from mazebot.common.config import ConfigError, one_line
+from mazebot.common.config import ConfigError, Params, one_line
 from mazebot.common.robot import waffle
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity
 from mazebot.navigation.control.goal_checker import GoalCheckerParams
@@ -19,32 +19,52 @@ from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
 from mazebot.navigation.planning.path import PlannedPath
 
 
-class ControllerParams(BaseModel):
-    """The base of a controller's parameters: unknown names and infinite numbers are errors."""
+class ControllerParams(Params):
+    """The base of a controller's parameters."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+class RobotLimits(Params):
+    """What every controller keeps to."""
+
+    max_linear_vel: float = Field(
+        waffle.MAX_LINEAR_M_S,
+        gt=0,
+        description="m/s; speed on a straight path; the robot's own limit is 0.46",
+    )
+    max_angular_vel: float = Field(
+        waffle.MAX_ANGULAR_RAD_S,
+        gt=0,
+        description="rad/s; highest turning speed; the robot's own limit is 1.9",
+    )
+    max_linear_accel: float = Field(
+        waffle.MAX_LINEAR_ACCELERATION_M_S2,
+        gt=0,
+        description="m/s2; highest acceleration; the robot's own limit is 1",
+    )
+    max_angular_accel: float = Field(
+        waffle.MAX_ANGULAR_ACCELERATION_RAD_S2,
+        gt=0,
+        description="rad/s2; highest angular acceleration; the robot's own limit is 2",
+    )
+    general_goal_checker: GoalCheckerParams = GoalCheckerParams()
+    path_handler: PathHandlerParams = PathHandlerParams()
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
     """What every controller must know of the robot and of the goal's tolerances."""
 
+    limits: RobotLimits = field(default_factory=RobotLimits)
+    """No command may ask for more."""
     footprint: Footprint = WAFFLE
     """The convex outline in base_footprint."""
-    max_linear_vel_m_s: float = waffle.MAX_LINEAR_M_S
-    max_angular_vel_rad_s: float = waffle.MAX_ANGULAR_RAD_S
-    max_linear_accel_m_s2: float = waffle.MAX_LINEAR_ACCELERATION_M_S2
-    max_angular_accel_rad_s2: float = waffle.MAX_ANGULAR_ACCELERATION_RAD_S2
-    """No command may ask for more."""
     control_period_s: float = 0.05
-    goal_checker: GoalCheckerParams = field(default_factory=GoalCheckerParams)
-    path_handler: PathHandlerParams = field(default_factory=PathHandlerParams)
 
     def limited(self, wanted: Velocity, last: Velocity, elapsed_s: float) -> Velocity:
         """The velocity nearest to a wanted one within the limits of speed and acceleration."""
-        dv = self.max_linear_accel_m_s2 * elapsed_s
-        dw = self.max_angular_accel_rad_s2 * elapsed_s
-        v_max, w_max = self.max_linear_vel_m_s, self.max_angular_vel_rad_s
+        dv = self.limits.max_linear_accel * elapsed_s
+        dw = self.limits.max_angular_accel * elapsed_s
+        v_max, w_max = self.limits.max_linear_vel, self.limits.max_angular_vel
         linear = min(max(wanted.linear_m_s, -v_max), v_max)
         angular = min(max(wanted.angular_rad_s, -w_max), w_max)
         return Velocity(
@@ -155,7 +175,7 @@ class PathlessController:
 
     def arrived(self, to_goal_m: float) -> bool:
         """Whether the drive is over; here within the goal's position tolerance."""
-        return to_goal_m <= self.robot.goal_checker.xy_goal_tolerance
+        return to_goal_m <= self.robot.limits.general_goal_checker.xy_goal_tolerance
 
     def command(self, around: Surroundings) -> Velocity:
         """The wanted velocity."""

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.navigation.control.collision import Velocity
 
 
-class GoalCheckerParams(BaseModel):
+class GoalCheckerParams(Params):
     """Names as in Nav2's SimpleGoalChecker and StoppedGoalChecker."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     xy_goal_tolerance: float = Field(
-        0.06, gt=0, description="m; a goal is reached within this distance; usual is half of it"
+        0.06, gt=0, description="m; a goal is reached within this distance; half of it is usual"
     )
-    xy_goal_tolerance_buffer: float = Field(
-        0.06,
+    xy_goal_tolerance_buffer: float | None = Field(
+        None,
         ge=0,
-        description="m; a goal once reached is lost only beyond the tolerance and this",
+        description="m; a goal once reached is lost only beyond the tolerance and this; none: as "
+        "large as the tolerance",
     )
     yaw_goal_tolerance: float = Field(
         0.06, gt=0, description="rad; a goal is reached within this angle"
@@ -49,6 +49,8 @@ class GoalChecker:
 
     def __init__(self, params: GoalCheckerParams) -> None:
         self._params = params
+        buffer_m = params.xy_goal_tolerance_buffer
+        self._buffer_m = params.xy_goal_tolerance if buffer_m is None else buffer_m
         self._xy_reached = False
 
     @property
@@ -66,7 +68,7 @@ class GoalChecker:
         to_goal_m = pose.distance_m(goal)
         if to_goal_m <= p.xy_goal_tolerance and remaining_m <= p.path_length_tolerance:
             self._xy_reached = True
-        elif not p.stateful or to_goal_m > p.xy_goal_tolerance + p.xy_goal_tolerance_buffer:
+        elif not p.stateful or to_goal_m > p.xy_goal_tolerance + self._buffer_m:
             # Localisation may find that the robot had not arrived.
             self._xy_reached = False
         return self._xy_reached

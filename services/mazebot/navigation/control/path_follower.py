@@ -37,10 +37,10 @@ class PathFollower(ABC):
         self, robot: Robot, rotate_angular_vel_rad_s: float, rotate_decel_rad_s2: float
     ) -> None:
         self._robot = robot
-        self._rotate_rad_s = min(rotate_angular_vel_rad_s, robot.max_angular_vel_rad_s)
+        self._rotate_rad_s = min(rotate_angular_vel_rad_s, robot.limits.max_angular_vel)
         self._rotate_decel_rad_s2 = rotate_decel_rad_s2
-        self._handler = PathHandler(robot.path_handler)
-        self._goal_checker = GoalChecker(robot.goal_checker)
+        self._handler = PathHandler(robot.limits.path_handler)
+        self._goal_checker = GoalChecker(robot.limits.general_goal_checker)
         self._velocity = STOP
         self._aligning = False
 
@@ -128,7 +128,7 @@ class PathFollower(ABC):
         rate_rad_s = 0.0 if self._aligning else _PER_S * error_rad
         wanted = Velocity(math.copysign(speed_m_s, left_m), rate_rad_s)
         velocity = robot.limited(wanted, self._velocity, elapsed_s)
-        stop_s = abs(velocity.linear_m_s) / robot.max_linear_accel_m_s2
+        stop_s = abs(velocity.linear_m_s) / robot.limits.max_linear_accel
         horizon_s = stop_s + 2.0 * robot.control_period_s
         return velocity if first_contact_s(around, velocity, horizon_s) == math.inf else None
 
@@ -140,7 +140,7 @@ class PathFollower(ABC):
         self, elapsed_s: float, around: Surroundings, goal: SE2, to_goal_m: float
     ) -> Control:
         error_rad = self._goal_checker.yaw_error_rad(around.map_from_base, goal)
-        if abs(error_rad) <= self._robot.goal_checker.yaw_goal_tolerance:
+        if abs(error_rad) <= self._robot.limits.general_goal_checker.yaw_goal_tolerance:
             velocity = self._robot.limited(STOP, self._velocity, elapsed_s)
             measured = around.velocity or self._velocity
             stands = max(map(abs, velocity)) <= 1e-9 and max(map(abs, self._velocity)) <= 1e-9
@@ -166,7 +166,7 @@ class PathFollower(ABC):
     def _is_free(self, around: Surroundings, velocity: Velocity, turn_rad: float) -> bool:
         """Whether a turn on the spot stays free until it can be stopped."""
         rate = abs(velocity.angular_rad_s)
-        stop_s = rate / self._robot.max_angular_accel_rad_s2 + 2.0 * self._robot.control_period_s
+        stop_s = rate / self._robot.limits.max_angular_accel + 2.0 * self._robot.control_period_s
         ahead_s = min(turn_rad / max(rate, _SLOWEST_TURN_RAD_S), 1.0)
         horizon_s = max(stop_s, ahead_s)
         return first_contact_s(around, velocity, horizon_s) == math.inf

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.navigation.planning.path import PlannedPath, even_points
 
 
-class PathHandlerParams(BaseModel):
+class PathHandlerParams(Params):
     """Names as in Nav2's FeasiblePathHandler."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     prune_distance: float = Field(
         1.7, gt=0, description="m; the controller is given this much of the path ahead of the robot"

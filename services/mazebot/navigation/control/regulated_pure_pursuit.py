@@ -10,7 +10,6 @@ from pydantic import Field
 
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2
-from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import STOP, Surroundings, Velocity, first_contact_s
 from mazebot.navigation.control.controller import ControllerParams, Robot
 from mazebot.navigation.control.path_follower import PathFollower
@@ -27,16 +26,6 @@ _BENDS_PER_M = (0.0, 0.8, -0.8, 1.6, -1.6, 3.0, -3.0)
 class RegulatedPurePursuitParams(ControllerParams):
     """Names as in Nav2's RegulatedPurePursuitController."""
 
-    max_linear_vel: float = Field(
-        MAX_LINEAR_M_S,
-        gt=0,
-        description="m/s; speed on a straight path; the robot's own limit is 0.46",
-    )
-    max_angular_vel: float = Field(
-        MAX_ANGULAR_RAD_S,
-        gt=0,
-        description="rad/s; highest turning speed; the robot's own limit is 1.9",
-    )
     use_velocity_scaled_lookahead_dist: bool = Field(
         True, description="scale the lookahead distance with the speed; else lookahead_dist"
     )
@@ -66,8 +55,8 @@ class RegulatedPurePursuitParams(ControllerParams):
     min_approach_linear_velocity: float = Field(
         0.05, gt=0, description="m/s; lowest speed on the approach to the goal"
     )
-    max_linear_decel: float = Field(
-        -0.5, lt=0, description="m/s2; deceleration on the approach to the goal, negative"
+    approach_decel: float = Field(
+        0.5, gt=0, description="m/s2; deceleration on the approach to the goal"
     )
     use_rotate_to_heading: bool = Field(True, description="turn on the spot towards the path")
     rotate_to_heading_min_angle: float = Field(
@@ -141,13 +130,14 @@ class RegulatedPurePursuitController(PathFollower):
         """The curvature is kept where braking limits the speed."""
         reached = self._robot.limited(Velocity(speed_m_s, 0.0), self._velocity, elapsed_s)
         turn = curvature * reached.linear_m_s
-        turn = min(max(turn, -self._params.max_angular_vel), self._params.max_angular_vel)
+        most_rad_s = self._robot.limits.max_angular_vel
+        turn = min(max(turn, -most_rad_s), most_rad_s)
         wanted = Velocity(reached.linear_m_s, turn)
         return self._robot.limited(wanted, self._velocity, elapsed_s)
 
     def _regulated_speed(self, around: Surroundings, curvature: float, left_m: float) -> float:
         p = self._params
-        speed_m_s = p.max_linear_vel
+        speed_m_s = self._robot.limits.max_linear_vel
         bend = abs(curvature)
         if bend > 1e-6:
             radius_m = 1.0 / bend
@@ -156,7 +146,7 @@ class RegulatedPurePursuitController(PathFollower):
                 and radius_m < p.regulated_linear_scaling_min_radius
             ):
                 speed_m_s *= radius_m / p.regulated_linear_scaling_min_radius
-            speed_m_s = min(speed_m_s, p.max_angular_vel / bend)
+            speed_m_s = min(speed_m_s, self._robot.limits.max_angular_vel / bend)
         pose = around.map_from_base
         clearance_m = around.costmap.clearance_at(pose.x_m, pose.y_m)
         if p.use_cost_regulated_linear_velocity_scaling and clearance_m < p.cost_scaling_dist:
@@ -165,14 +155,14 @@ class RegulatedPurePursuitController(PathFollower):
         speed_m_s = min(speed_m_s, around.speed_limit_m_s)
         if left_m >= p.approach_velocity_scaling_dist:
             return speed_m_s
-        approach_m_s = math.sqrt(-2.0 * p.max_linear_decel * left_m)
+        approach_m_s = math.sqrt(2.0 * p.approach_decel * left_m)
         return min(speed_m_s, max(approach_m_s, p.min_approach_linear_velocity))
 
     def _is_clear(self, around: Surroundings, velocity: Velocity) -> bool:
         p, robot = self._params, self._robot
         # Long enough to stop in, and no longer than the time to the carrot: beyond it the path
         # bends.
-        stop_s = abs(velocity.linear_m_s) / robot.max_linear_accel_m_s2
+        stop_s = abs(velocity.linear_m_s) / robot.limits.max_linear_accel
         horizon_s = stop_s + 2.0 * robot.control_period_s
         if velocity.linear_m_s > 0.0:
             to_carrot_s = p.min_lookahead_dist / velocity.linear_m_s

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import Array
 from mazebot.common.maths.kernels import kernel
 from mazebot.navigation.control.track import Track
@@ -28,10 +29,8 @@ _FAR_S = 1.0
 """Scans farther apart than this reset the tracks: nothing can be associated."""
 
 
-class TrackerParams(BaseModel):
+class TrackerParams(Params):
     """How obstacles are found and followed."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     static_margin: float = Field(
         0.15, ge=0, description="m; points this near to a wall of the map belong to it"

@@ -7,12 +7,13 @@ can be combined by the smaller one, and every processor gets the same.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.kernels import kernel
 from mazebot.common.world.costmap import Clearance, Mask
@@ -25,6 +26,7 @@ from mazebot.navigation.costmap.costmap import (
     Costs,
     GridFrame,
 )
+from mazebot.navigation.costmap.footprint import WAFFLE
 
 Squares = NDArray[np.int32]
 Window = tuple[int, int, int, int]
@@ -36,26 +38,31 @@ _MOST_CELLS: Final = 400
 """And no farther than this many cells."""
 
 
-@dataclass(frozen=True, slots=True)
-class InflationParams:
+class InflationParams(Params):
     """How the cost falls with the distance from an obstacle; names as in Nav2's inflation layer."""
 
-    inscribed_radius_m: float
-    """Up to this distance a cell costs 253. The half width of a robot that drives forwards: it
-    passes nothing narrower, wherever its axle is. Nav2's custom_inscribed_radius.
-    """
-    inflation_radius_m: float
-    cost_scaling_factor: float
-    inflate_unknown: bool = False
+    inflation_radius: float = Field(
+        0.7, gt=0, description="m; cells nearer than this to an obstacle have a cost"
+    )
+    cost_scaling_factor: float = Field(
+        7.0, gt=0, description="1/m; how fast the cost decays with the distance from an obstacle"
+    )
+    custom_inscribed_radius: float = Field(
+        WAFFLE.half_width_m,
+        ge=0,
+        description="m; up to this distance a cell costs 253. The half width of a robot that "
+        "drives forwards: it passes nothing narrower, wherever its axle is",
+    )
+    inflate_unknown: bool = Field(False, description="whether unknown cells get a cost")
 
 
 class Inflation:
     """Tables of distance and cost by the squared distance in cells, for one resolution."""
 
     def __init__(self, params: InflationParams, resolution_m: float) -> None:
-        self.inscribed_radius_m = params.inscribed_radius_m
+        self.inscribed_radius_m = params.custom_inscribed_radius
         self.inflate_unknown = params.inflate_unknown
-        limit_m = max(DISTANCE_LIMIT_M, params.inflation_radius_m, params.inscribed_radius_m)
+        limit_m = max(DISTANCE_LIMIT_M, params.inflation_radius, params.custom_inscribed_radius)
         self.reach = min(math.ceil(limit_m / resolution_m - 1e-6) + 1, _MOST_CELLS)
         """Cells up to which distances are exact."""
         far = self.reach * self.reach
@@ -63,10 +70,10 @@ class Inflation:
         self.distance_m: Clearance = np.asarray(np.sqrt(squares) * resolution_m, np.float32)
         """(reach^2 + 1,) metres."""
         distance_m = self.distance_m.astype(np.float64)
-        beyond_m = distance_m - params.inscribed_radius_m
+        beyond_m = distance_m - params.custom_inscribed_radius
         fall = MAX_NON_OBSTACLE * portable_kernels.exp_each(-params.cost_scaling_factor * beyond_m)
         fall = np.minimum(fall, float(MAX_NON_OBSTACLE))
-        cost = np.where(self.distance_m <= params.inflation_radius_m, fall, 0.0).astype(np.uint8)
+        cost = np.where(self.distance_m <= params.inflation_radius, fall, 0.0).astype(np.uint8)
         cost[beyond_m <= 0.0] = INSCRIBED_INFLATED_OBSTACLE
         cost[0] = LETHAL_OBSTACLE
         self.cost: Costs = cost
@@ -203,4 +210,4 @@ def inflate(frame: GridFrame, lethal: Mask, unknown: Mask, params: InflationPara
         np.zeros(lethal.shape, np.bool_), inflation.cost, inflation.distance_m, inflation.reach,
         inflation.inflate_unknown, 0, frame.rows, 0, frame.columns,
     )  # fmt: skip
-    return Costmap(frame, params.inscribed_radius_m, costs, distance_m)
+    return Costmap(frame, params.custom_inscribed_radius, costs, distance_m)

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import Array
 from mazebot.common.maths.kernels import kernel
@@ -45,25 +46,40 @@ Moving = Array
 NOTHING_MOVES: Final[Moving] = np.empty((0, 3))
 
 
-@dataclass(frozen=True, slots=True)
-class ObstacleParams:
-    """How the scan marks and clears; names as in Nav2's obstacle layer."""
+class ScanSourceParams(Params):
+    """How the scan marks and clears; names as in Nav2's observation sources."""
 
-    obstacle_max_range_m: float
-    raytrace_max_range_m: float
-    """At least obstacle_max_range_m is used."""
-    static_margin_m: float
-    """An echo this near to a wall of the map is ignored: a small pose error must not narrow a
-    doorway.
-    """
-    obstacle_min_range_m: float = 0.0
-    raytrace_min_range_m: float = 0.0
-    inf_is_valid: bool = True
-    """Whether a ray without an echo clears."""
-    footprint_clearing_enabled: bool = True
-    """Whether the robot's own place is free."""
-    decay_s: float = 30.0
-    """Marks not seen again for this long are forgotten; 0: never."""
+    obstacle_max_range: float = Field(
+        2.5, gt=0, description="m; returns nearer than this mark obstacles"
+    )
+    obstacle_min_range: float = Field(0.0, ge=0, description="m; nearer returns mark nothing")
+    raytrace_max_range: float = Field(
+        3.0,
+        gt=0,
+        description="m; rays clear obstacles up to this range, and at least up to "
+        "obstacle_max_range",
+    )
+    raytrace_min_range: float = Field(0.0, ge=0, description="m; rays clear nothing nearer")
+    inf_is_valid: bool = Field(True, description="whether a ray without a return clears")
+
+
+class ObstacleParams(Params):
+    """Names as in Nav2's obstacle layer."""
+
+    scan: ScanSourceParams = ScanSourceParams()
+    footprint_clearing_enabled: bool = Field(
+        True, description="whether the robot's own place is free"
+    )
+    static_margin: float = Field(
+        0.2,
+        ge=0,
+        description="m; in the global costmap, a return this near to a wall of the map marks no "
+        "obstacle, as a small pose error must not narrow a doorway; where the pose is known well, "
+        "it has to be nearer",
+    )
+    decay_time: float = Field(
+        30.0, ge=0, description="s; marks not seen again for this long are forgotten; 0: never"
+    )
 
 
 class ObstacleLayer:
@@ -111,15 +127,15 @@ class ObstacleLayer:
         _mark_and_clear(
             self.marked, self._score, self._seen, changed,
             no_map if static_distance_m is None else static_distance_m,
-            float(params.static_margin_m if static_margin_m is None else static_margin_m),
+            float(params.static_margin if static_margin_m is None else static_margin_m),
             # A copy: a kernel is compiled again for a read-only array.
             np.array(scan.ranges_m, np.float32),
             float(scan.angle_min_rad + sensor[2]), float(scan.angle_increment_rad),
-            float(max(scan.range_min_m, params.obstacle_min_range_m)),
-            float(params.obstacle_max_range_m),
-            float(max(scan.range_min_m, params.raytrace_min_range_m)),
-            float(max(params.raytrace_max_range_m, params.obstacle_max_range_m)),
-            bool(params.inf_is_valid),
+            float(max(scan.range_min_m, params.scan.obstacle_min_range)),
+            float(params.scan.obstacle_max_range),
+            float(max(scan.range_min_m, params.scan.raytrace_min_range)),
+            float(max(params.scan.raytrace_max_range, params.scan.obstacle_max_range)),
+            bool(params.scan.inf_is_valid),
             float(sensor[0]), float(sensor[1]), float(resolution_m), self._scans,
             np.array(moving_cells, np.float64).reshape(-1, 3),
         )  # fmt: skip
@@ -212,7 +228,7 @@ class ObstacleLayer:
         if times and now_ns - times[-1][0] < _DECAY_CHECK_NS:
             return
         times.append((now_ns, self._scans))
-        decay_ns = self._params.decay_s * 1e9
+        decay_ns = self._params.decay_time * 1e9
         if decay_ns <= 0.0 or now_ns - times[0][0] < decay_ns:
             return
         extent = np.array(self._extent)

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
+from pydantic import Field
+
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2
+from mazebot.common.world.costmap import START_TOLERANCE_M
 from mazebot.navigation.costmap.footprint import Footprint
 from mazebot.navigation.costmap.layered_costmap import Costmap
 from mazebot.navigation.planning.path import PlannedPath
@@ -16,21 +20,46 @@ PlannerName = Literal["any_angle", "a_star"]
 _NO_LIMIT: Final = 2**62
 
 
-def iterations_of(setting: int) -> int:
-    """PlannerParams.max_iterations for a setting of Nav2's, where 0 and -1 mean no limit."""
-    return setting if setting > 0 else _NO_LIMIT
+class GridPlannerParams(Params):
+    """How the planners weigh length against cost; names as in Nav2's Smac 2D."""
+
+    tolerance: float = Field(
+        0.0,
+        ge=0,
+        description="m; a goal that is occupied is replaced by the nearest free pose within this",
+    )
+    cost_travel_multiplier: float = Field(
+        1.5,
+        ge=0,
+        description="extra path length that one metre through the costliest free cells "
+        "counts for, in metres",
+    )
+    max_iterations: int = Field(
+        -1,
+        ge=-1,
+        description="the planner gives up after expanding this many cells; 0 or -1: never, so that "
+        "a map of any size is searched to its end (Nav2: 1000000)",
+    )
+    start_tolerance: float = Field(
+        START_TOLERANCE_M,
+        ge=0,
+        description="m; planning from a start inside an obstacle begins at the nearest "
+        "free cell within this distance",
+    )
+
+    @property
+    def most_cells(self) -> int:
+        """Cells to expand before failing with PLANNER_TIMEOUT: time does not advance within a
+        step.
+        """
+        return self.max_iterations if self.max_iterations > 0 else _NO_LIMIT
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerParams:
-    """How the planner weighs length against cost."""
+    """What a planner is made with."""
 
-    cost_travel_multiplier: float
-    """A metre through the costliest free cell costs 1 + this many metres; the name is Smac 2D's."""
-    max_iterations: int
-    """Cells to expand before failing with PLANNER_TIMEOUT: time does not advance within a step."""
-    start_tolerance_m: float
-    """How far a start inside inflated cells may be from the nearest free one."""
+    settings: GridPlannerParams
     path_spacing_m: float
     smoothing_iterations: int
     algorithm: PlannerName = "any_angle"

@@ -37,10 +37,21 @@ from mazebot.navigation.planning.grid.search_grid import (
     prices,
     search_grid,
 )
-from mazebot.navigation.planning.interface import GlobalPlanner, PlannerName, PlannerParams
+from mazebot.navigation.planning.interface import (
+    GlobalPlanner,
+    GridPlannerParams,
+    PlannerName,
+    PlannerParams,
+)
 from mazebot.navigation.planning.path import PlannedPath, path_through
 
-__all__ = ["GlobalPlanner", "Planner", "PlannerName", "PlannerParams"]
+__all__ = [
+    "GlobalPlanner",
+    "GridPlannerParams",
+    "Planner",
+    "PlannerName",
+    "PlannerParams",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +74,7 @@ class Planner:
 
     def __init__(self, params: PlannerParams) -> None:
         self._params = params
-        self._price = prices(params.cost_travel_multiplier)
+        self._price = prices(params.settings.cost_travel_multiplier)
         self._kept = Workspace()
 
     def plan(
@@ -128,7 +139,7 @@ class Planner:
         start_cell, goal_cell = grid.cell(*start[:2]), grid.cell(*goal[:2])
         assert start_cell is not None
         assert goal_cell is not None
-        within_m = self._params.start_tolerance_m
+        within_m = self._params.settings.start_tolerance
         if not grid.is_free(start_cell):
             inside = grid.cells[start_cell] >= SOLID
             free = nearest_free_cell(grid, *start[:2], within_m, in_sight=not inside)
@@ -185,7 +196,12 @@ class Planner:
             kept.marks[:] = 0
             kept.regions.mark(kept.regions.at(goal), OF_GOAL, kept.marks)
             other = nearest_free_cell(
-                grid, *task.start[:2], self._params.start_tolerance_m, kept.marks, OF_GOAL, True
+                grid,
+                *task.start[:2],
+                self._params.settings.start_tolerance,
+                kept.marks,
+                OF_GOAL,
+                True,
             )
             if other is not None:
                 return replace(task, start_cell=other)
@@ -228,7 +244,7 @@ class Planner:
         assert footprint is not None
         found = through_narrow_places(
             task.grid, task.costmap, footprint, task.start, task.goal, self._price, self._kept,
-            params.smoothing_iterations, params.allow_reverse, params.max_iterations,
+            params.smoothing_iterations, params.allow_reverse, params.settings.most_cells,
         )  # fmt: skip
         if found is not None:
             if found.begin is task.start and (found.backwards is None or params.allow_reverse):

@@ -12,10 +12,13 @@ from mazebot.common.maths.frames import SE2
 from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import Costmap, InflationParams, frame_of, inflate
 from mazebot.navigation.errors import NavigationError
-from mazebot.navigation.planning.planner import Planner, PlannerParams
+from mazebot.navigation.planning.planner import GridPlannerParams, Planner, PlannerParams
 
 _RESOLUTION_M: Final = 0.05
-_PARAMS: Final = PlannerParams(1.0, 100_000, 0.5, _RESOLUTION_M, 100, footprint=WAFFLE)
+_PARAMS: Final = PlannerParams(
+    GridPlannerParams(cost_travel_multiplier=1.0, max_iterations=100_000, start_tolerance=0.5),
+    _RESOLUTION_M, 100, footprint=WAFFLE,
+)  # fmt: skip
 _IN_THE_ROOM: Final = SE2(0.5, 0.5, 0.0)
 
 
@@ -36,9 +39,9 @@ def run_planning_kernels() -> None:
         for tolerance_m in (0.0, 0.3):
             with contextlib.suppress(NavigationError):
                 planner.plan(room, start, goal, tolerance_m, room)
-    Planner(replace(_PARAMS, footprint=None, cost_travel_multiplier=0.0)).plan(
-        _room(0.1), _IN_THE_ROOM, SE2(1.0, 0.9, 0.0)
-    )
+    shortest = GridPlannerParams(cost_travel_multiplier=0.0)
+    planner = Planner(replace(_PARAMS, footprint=None, settings=shortest))
+    planner.plan(_room(0.1), _IN_THE_ROOM, SE2(1.0, 0.9, 0.0))
 
 
 def _room(inscribed_radius_m: float) -> Costmap:
@@ -48,5 +51,7 @@ def _room(inscribed_radius_m: float) -> Costmap:
     cells[40:58, 22:31] = 0
     frame = frame_of(_RESOLUTION_M, SE2(0.0, 0.0, 0.0), cells)
     lethal = cells > 0
-    params = InflationParams(inscribed_radius_m, 0.7, 10.0)
+    params = InflationParams(
+        custom_inscribed_radius=inscribed_radius_m, inflation_radius=0.7, cost_scaling_factor=10.0
+    )
     return inflate(frame, lethal, np.zeros_like(lethal), params)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from pydantic import Field
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.navigation.behavior.context import FollowRequest
 from mazebot.navigation.behavior.nodes.path_parts import nearest_index, piece
 from mazebot.navigation.control.collision import Surroundings, Velocity
-from mazebot.navigation.control.controller import Control, Controller
+from mazebot.navigation.control.controller import Control, Controller, ControllerParams, RobotLimits
+from mazebot.navigation.control.mppi.critic_params import MPPIParams
+from mazebot.navigation.control.regulated_pure_pursuit import RegulatedPurePursuitParams
 from mazebot.navigation.control.safety.progress_checker import ProgressChecker, ProgressParams
 from mazebot.navigation.control.safety.stuck_detector import StuckDetector, StuckDetectorParams
 from mazebot.navigation.errors import NavigationError
@@ -26,32 +29,58 @@ _GIVES_WAY_NS = 15_000_000_000
 """For so long a robot may stand, or drive slowly, with a moving obstacle this near."""
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerServerParams:
-    """Which controller, and when it has failed."""
+class ControllerServerParams(RobotLimits):
+    """The controllers, and when one of them has failed."""
 
-    control_period_s: float
-    failure_tolerance_s: float
-    """How long the controller may find no valid command."""
-    max_speed_m_s: float
-    """The controllers' highest."""
-    default_controller: str
-    progress: ProgressParams
+    controller: str = Field(
+        "mppi",
+        description="mppi, regulated_pure_pursuit, my_package.my_module:MyController or "
+        "FILE.py:MyController",
+    )
+    mppi: MPPIParams = MPPIParams()
+    regulated_pure_pursuit: RegulatedPurePursuitParams = RegulatedPurePursuitParams()
+    controller_params: dict[str, object] = Field(
+        default_factory=dict, description="parameters of a controller of your own"
+    )
+    failure_tolerance: float = Field(
+        0.3,
+        ge=0,
+        description="s; how long the controller may find no valid command before a recovery begins",
+    )
+    progress_checker: ProgressParams = ProgressParams()
+    stuck_detector: StuckDetectorParams = StuckDetectorParams()
+    sensor_timeout: float = Field(
+        0.5, gt=0, description="s; the robot stops if odometry or the scan is older than this"
+    )
+
+    def params_of(self, name: str) -> ControllerParams | dict[str, object]:
+        """Parameters of the controller of a name."""
+        if name == "mppi":
+            return self.mppi
+        return (
+            self.regulated_pure_pursuit
+            if name == "regulated_pure_pursuit"
+            else (self.controller_params)
+        )
 
 
 class ControllerServer:
     """Runs one of the controllers along a path."""
 
     def __init__(
-        self, params: ControllerServerParams, controllers: Mapping[str, Controller]
+        self,
+        params: ControllerServerParams,
+        controllers: Mapping[str, Controller],
+        control_period_s: float,
     ) -> None:
+        self.control_period_s = control_period_s
         self.params = params
         self.controllers = controllers
-        self.controller = controllers[params.default_controller]
+        self.controller = controllers[params.controller]
         """The one that was used last."""
         self.followed: PlannedPath | None = None
-        self._progress = ProgressChecker(params.progress)
-        self._stuck = StuckDetector(StuckDetectorParams())
+        self._progress = ProgressChecker(params.progress_checker)
+        self._stuck = StuckDetector(params.stuck_detector)
         self._blocked_since_ns: int | None = None
         self._gives_way_since_ns: int | None = None
         self._controlled_ns = 0
@@ -63,7 +92,7 @@ class ControllerServer:
         """
         name = request.controller_id
         if name in _NAV2_DEFAULTS:
-            name = self.params.default_controller
+            name = self.params.controller
         if name not in self.controllers:
             raise NavigationError(
                 ErrorCode.INVALID_CONTROLLER,
@@ -99,8 +128,8 @@ class ControllerServer:
         params, pose = self.params, around.map_from_base
         elapsed_s = (view.now_ns - self._controlled_ns) * 1e-9
         # A late step is followed by one in time: less than a period after it.
-        if not 0.0 < elapsed_s < params.control_period_s:
-            elapsed_s = params.control_period_s
+        if not 0.0 < elapsed_s < self.control_period_s:
+            elapsed_s = self.control_period_s
         self._controlled_ns = view.now_ns
         made = self.controller.step(elapsed_s, around)
         where = f"at ({pose.x_m:.2f}, {pose.y_m:.2f})"
@@ -111,12 +140,12 @@ class ControllerServer:
             self._blocked_since_ns = None
         elif self._blocked_since_ns is None:
             self._blocked_since_ns = now_ns
-        elif now_ns - self._blocked_since_ns > params.failure_tolerance_s * 1e9:
+        elif now_ns - self._blocked_since_ns > params.failure_tolerance * 1e9:
             raise NavigationError(
                 ErrorCode.NO_VALID_CONTROL, f"every motion along the path collides {where}"
             )
         if not self._progress.makes_progress(now_ns, pose):
-            allowance_s = params.progress.movement_time_allowance_s
+            allowance_s = params.progress_checker.movement_time_allowance
             raise NavigationError(
                 ErrorCode.FAILED_TO_MAKE_PROGRESS, f"no progress for {allowance_s:.1f} s {where}"
             )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
 from mazebot.common.world.costmap import Cells
@@ -26,7 +27,7 @@ from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.planning.ends import nearest_free_pose
 from mazebot.navigation.planning.grid.search_grid import search_grid
-from mazebot.navigation.planning.interface import GlobalPlanner
+from mazebot.navigation.planning.interface import GlobalPlanner, GridPlannerParams
 from mazebot.navigation.planning.path import PlannedPath
 from mazebot.navigation.planning.planner import Planner
 from mazebot.navigation.planning.smoother import smoothed
@@ -39,18 +40,26 @@ _ON_PATH_CELLS = 3.0
 """A path is kept only while the robot is this near to it."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlannerServerParams:
+class PlannerServerParams(Params):
     """Which planner, and which of its paths are kept."""
 
-    path_improvement: float
-    """A path that is still free is replaced only by one shorter by this fraction."""
-    tolerance_m: float
-    """A goal that is occupied is replaced by the nearest free place within this."""
-    footprint: Footprint
-    default_planner: str
-    smoothing_iterations: int = 100
-    """Most passes of the path smoother."""
+    planner: str = Field(
+        "any_angle",
+        description="any_angle, a_star, my_package.my_module:MyPlanner or FILE.py:MyPlanner",
+    )
+    GridBased: GridPlannerParams = GridPlannerParams()
+    path_improvement: float = Field(
+        0.05,
+        ge=0,
+        lt=1,
+        description="a new path replaces a valid one only if it is shorter by this share",
+    )
+
+
+class SmootherServerParams(Params):
+    """How paths are smoothed, those of the planners as well."""
+
+    smoothing_iterations: int = Field(100, ge=0, description="most passes of the path smoother")
 
 
 class PlannerServer:
@@ -59,12 +68,16 @@ class PlannerServer:
     def __init__(
         self,
         params: PlannerServerParams,
+        smoother: SmootherServerParams,
+        footprint: Footprint,
         costmap: LayeredCostmap,
         planners: Mapping[str, GlobalPlanner],
         zones: Zones | None,
     ) -> None:
         """`zones`: keepout zones, which the costmap has as well; None: there are none."""
         self._params = params
+        self._smoother = smoother
+        self._footprint = footprint
         self._costmap = costmap
         self._planners = planners
         self.zones = zones
@@ -89,7 +102,7 @@ class PlannerServer:
                 np.full_like(costmap.master.distance_m, np.inf),
             )  # fmt: skip
             hit = new_collisions(
-                costmap.static, nothing, self._params.footprint, kept.points_m, kept.yaws_rad,
+                costmap.static, nothing, self._footprint, kept.points_m, kept.yaws_rad,
                 LETHAL_OBSTACLE, True,
             )  # fmt: skip
             if len(hit):
@@ -145,7 +158,7 @@ class PlannerServer:
         """A path to one goal; raises NavigationError, which names a keepout zone at the goal."""
         static, master = self._costmaps_from(start, goal)
         costmap = static if static_only else master
-        tolerance_m = self._params.tolerance_m
+        tolerance_m = self._params.GridBased.tolerance
         try:
             if isinstance(planner, Planner) and not static_only:
                 # With the map alone too, it names the obstacle that is in the way.
@@ -171,8 +184,8 @@ class PlannerServer:
         static, master = costmap.with_keepout(costs)
         zone, cell = zones.keepout_at(*goal[:2]), master.frame.cell(*goal[:2])
         if zone is not None and cell is not None and costs[cell] < LETHAL_OBSTACLE:
-            grid = search_grid(costmap.master, self._params.footprint.half_width_m, False)
-            near = nearest_free_pose(grid, costmap.master, self._params.footprint, goal, math.inf)
+            grid = search_grid(costmap.master, self._footprint.half_width_m, False)
+            near = nearest_free_pose(grid, costmap.master, self._footprint, goal, math.inf)
             raise forbidden_goal(goal, zone, near)
         return static, master
 
@@ -200,9 +213,9 @@ class PlannerServer:
                 f"{', '.join(filter(None, _SMOOTHERS))}",
             )
         costmap = self._costmap.master
-        safe_m = self._params.footprint.circumscribed_radius_m
+        safe_m = self._footprint.circumscribed_radius_m
         smooth = smoothed(
-            costmap, path, costmap.frame.resolution_m, safe_m, self._params.smoothing_iterations
+            costmap, path, costmap.frame.resolution_m, safe_m, self._smoother.smoothing_iterations
         )
         for index in range(len(smooth.points_m)) if check_for_collisions else ():
             pose = pose_on(smooth, index)
@@ -222,13 +235,13 @@ class PlannerServer:
         if check.max_lookahead_distance_m >= 0.0:
             end = int(np.searchsorted(path.along_m, check.max_lookahead_distance_m, side="right"))
         found = new_collisions(
-            self._costmap.master, self._costmap.static, self._params.footprint, path.points_m[:end],
+            self._costmap.master, self._costmap.static, self._footprint, path.points_m[:end],
             path.yaws_rad, check.max_cost, check.stop_at_first_collision,
         )  # fmt: skip
         return tuple(pose_on(path, index) for index in found.tolist())
 
     def _touches(self, costmap: Costmap, pose: SE2) -> bool:
-        footprint, frame = self._params.footprint, costmap.frame
+        footprint, frame = self._footprint, costmap.frame
         column, row = frame.place(pose.x_m, pose.y_m)
         x_axis = pose @ SE2(1.0, 0.0, 0.0)
         return bool(
@@ -245,7 +258,7 @@ class PlannerServer:
         return self._costmap.master.cost_at(pose.x_m, pose.y_m)
 
     def _planner(self, planner_id: str) -> GlobalPlanner:
-        name = self._params.default_planner if planner_id in _NAV2_DEFAULTS else planner_id
+        name = self._params.planner if planner_id in _NAV2_DEFAULTS else planner_id
         if name not in self._planners:
             raise NavigationError(
                 ErrorCode.INVALID_PLANNER,

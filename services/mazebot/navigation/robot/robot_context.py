@@ -83,9 +83,9 @@ class RobotContext:
         """The pose and the obstacles around it."""
         view, pose, server = self._view(), self.pose(), self.controller_server
         # A command is obeyed in the period after it, and the pose is as old as that again.
-        late_m = abs(view.velocity.linear_m_s) * _LATE_PERIODS * server.params.control_period_s
+        late_m = abs(view.velocity.linear_m_s) * _LATE_PERIODS * server.control_period_s
         limit_m_s = speed_limit_m_s(
-            self.zones, server.followed, pose, late_m, server.params.max_speed_m_s
+            self.zones, server.followed, pose, late_m, server.params.max_linear_vel
         )
         return Surroundings(
             pose, self.costmap.master, view.echoes_m, self.footprint, view.tracks,
@@ -121,12 +121,6 @@ class RobotContext:
         return self.planner_server.compute_path(
             start or self.pose(), goals, planner_id, self.controller_server.followed, start is None
         )
-
-    def smooth_path(
-        self, path: PlannedPath, smoother_id: str, check_for_collisions: bool
-    ) -> PlannedPath:
-        """The path, smoothed. Raises NavigationError with Nav2's codes of SmoothPath."""
-        return self.planner_server.smooth_path(path, smoother_id, check_for_collisions)
 
     def collisions(self, path: PlannedPath, check: PathCheck) -> tuple[SE2, ...]:
         """See NavigationContext."""

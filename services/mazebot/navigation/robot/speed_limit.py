@@ -20,12 +20,7 @@ def speed_limit_m_s(
 ) -> float:
     """The speed limit here, by the zones at the robot and along its path.
 
-    Args:
-        zones: with the limits; None: there are none.
-        path: what the robot follows; None: it follows none.
-        pose: the robot's.
-        late_m: how far it drives until a lower speed takes effect.
-        highest_m_s: its highest speed.
+    It drives `late_m` until a lower speed takes effect, and follows no path where that is None.
     """
     if zones is None:
         return math.inf

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
+from mazebot.common.config import value_of
 from mazebot.common.messages.documents import Evaluation, Parameters, SimulationStats, World
 from mazebot.common.node.node import TopicCounts
 from mazebot.common.recordings.summary import (
@@ -79,7 +80,9 @@ def summary_text(summary: RunSummary) -> Iterator[bytes]:
 
 def _changed(parameters: Iterable[Parameters]) -> dict[str, ChangedSetting]:
     return {
-        f"{entry.service}.{name}": ChangedSetting(value=entry.values.get(name), default=default)
+        f"{entry.service}.{name}": ChangedSetting(
+            value=value_of(entry.values, name), default=default
+        )
         for entry in sorted(parameters, key=lambda entry: entry.service)
         if entry.service != "recorder"
         for name, default in sorted(entry.defaults.items())

@@ -106,7 +106,7 @@ def _choice(
     while True:
         dock = docks[int(random.integers(len(docks)))]
         docked = dock.map_from_dock
-        staged = docked @ SE2(LEAST_STAGING_SHARE * params.staging_x_offset_m, 0.0, 0.0)
+        staged = docked @ SE2(LEAST_STAGING_SHARE * params.staging_x_offset, 0.0, 0.0)
         if min(around.point_clearance_m(*pose[:2]) for pose in (docked, staged)) < (
             _DOCK_CLEARANCE_M
         ):
@@ -157,7 +157,7 @@ def _undocks(course: Course, docked: SE2, row: Row) -> bool:
     result = _act(course, UndockRobot(), row)
     course.run_for(0.5)
     row.extra["undocked_m"] = docked.distance_m(course.pose)
-    least_m = -LEAST_STAGING_SHARE * DockingParams().staging_x_offset_m
+    least_m = -LEAST_STAGING_SHARE * DockingParams().staging_x_offset
     return result is not None and row.error_code == 0 and row.extra["undocked_m"] > least_m - 0.05
 
 

@@ -26,8 +26,14 @@ ROOM_M = 0.28
 APART_M = 1.2
 """Least distance between the places where two posts cross the way."""
 _LETHAL = 100
-PREDICTED: Settings = {"navigation": {"controller": "mppi", "mppi": {"prediction": True}}}
-UNPREDICTED: Settings = {"navigation": {"controller": "mppi", "mppi": {"prediction": False}}}
+
+
+def _mppi(prediction: bool) -> Settings:
+    server = {"controller": "mppi", "mppi": {"prediction": prediction}}
+    return {"navigation": {"controller_server": server}}
+
+
+PREDICTED, UNPREDICTED = _mppi(True), _mppi(False)
 DOOR = "door"
 CLOSED_CODES = (208, 106, 105, 104)
 """Codes that say that there is no way: of the planner, or of the controller before the door."""

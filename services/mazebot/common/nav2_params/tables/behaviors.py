@@ -8,35 +8,28 @@ from __future__ import annotations
 
 from mazebot.common.nav2_params.parameter import Group, namespace
 
-_SPIN = namespace(
-    "spin",
-    """
-max_rotational_vel double 1.0 >=0 =max_rotational_vel:max_turn
-min_rotational_vel double 0.4 >=0
-rotational_acc_lim double 3.2 >=0 =rotational_acc_lim:max_turn_accel
-simulate_ahead_time double 2.0 >=0
-""",
-)
-_DRIVE = """
-acceleration_limit double 2.5 >=0 =acceleration_limit:max_accel
-deceleration_limit double -2.5 <=0 =deceleration_limit:min_accel
-minimum_speed double 0.1 >=0
-simulate_ahead_time double 2.0 >=0
+_TURN = """
+max_rotational_vel double 1.0 >=0 =/behavior_server.max_rotational_vel:max_turn
+min_rotational_vel double 0.4 >=0 =/behavior_server.min_rotational_vel
+rotational_acc_lim double 3.2 >=0 =/behavior_server.rotational_acc_lim:max_turn_accel
+simulate_ahead_time double 2.0 >=0 =/behavior_server.simulate_ahead_time
 """
-_TELEOP = namespace(
-    "assisted_teleop",
-    """
-projection_time double 1.0 >0
-simulation_time_step double 0.1 >0
-cmd_vel_teleop string cmd_vel_teleop *
-""",
-)
+_DRIVE = """
+acceleration_limit double 2.5 >=0 =/behavior_server.acceleration_limit:max_accel
+deceleration_limit double -2.5 <=0 =/behavior_server.deceleration_limit:min_accel
+minimum_speed double 0.1 >=0 =/behavior_server.minimum_speed
+simulate_ahead_time double 2.0 >=0 =/behavior_server.simulate_ahead_time
+"""
+_TELEOP = """
+projection_time double 1.0 >0 =/behavior_server.projection_time
+- simulation_time_step cmd_vel_teleop
+"""
 
 BEHAVIOR_SERVER = namespace(
-    "behavior_server",
-    """
+    "navigation.behavior_server",
+    f"""{_TURN}{_TELEOP}
 behavior_plugins strings [spin,backup,drive_on_heading,assisted_teleop,wait] * =-
-cycle_frequency double 10.0 >0 !20.0 # behaviours run at the controller's 20 Hz
+cycle_frequency double 10.0 >0 !20.0 # behaviors run at the controller's 20 Hz
 local_frame string odom * !odom
 global_frame string map * !map
 robot_base_frame string base_link * !base_footprint|base_link
@@ -44,23 +37,16 @@ local_costmap_topic string local_costmap/costmap_raw * !default
 global_costmap_topic string global_costmap/costmap_raw * !default
 local_footprint_topic string local_costmap/published_footprint * !default
 global_footprint_topic string global_costmap/published_footprint * !default
-transform_tolerance double 0.1 >=0
-simulate_ahead_time double 2.0 >=0
-max_rotational_vel double 1.0 >=0 =max_rotational_vel:max_turn
-min_rotational_vel double 0.4 >=0
-rotational_acc_lim double 3.2 >=0 =rotational_acc_lim:max_turn_accel
-projection_time double 1.0 >0
-simulation_time_step double 0.1 >0
-cmd_vel_teleop string cmd_vel_teleop *
+- transform_tolerance
 """,
     [
         Group(
             "behavior_plugins",
             {
-                "Spin": _SPIN,
+                "Spin": namespace("spin", _TURN),
                 "BackUp": namespace("backup", _DRIVE),
                 "DriveOnHeading": namespace("drive_on_heading", _DRIVE),
-                "AssistedTeleop": _TELEOP,
+                "AssistedTeleop": namespace("assisted_teleop", _TELEOP),
                 "Wait": namespace("wait", ""),
             },
             defaults={
@@ -71,42 +57,30 @@ cmd_vel_teleop string cmd_vel_teleop *
     ],
 )  # fmt: skip
 
-_GROOT = "\nenable_groot_monitoring bool false *\ngroot_server_port int 1667 1..65535\n"
+_GROOT = "\n- path_blackboard_id enable_groot_monitoring groot_server_port\n"
 
 BT_NAVIGATOR = namespace(
-    "bt_navigator",
+    "navigation.bt_navigator",
     """
 global_frame string map * !map
 robot_base_frame string base_link * !base_footprint|base_link
 odom_topic string odom * !odom
-transform_tolerance double 0.1 >=0
-bt_loop_duration int 10 >=1
-filter_duration double 0.3 >=0
-default_server_timeout int 20 >=0
-default_cancel_timeout int 50 >=0
-wait_for_service_timeout int 1000 >=0
-bt_search_directories strings - *
-default_nav_to_pose_bt_xml string - *
-default_nav_through_poses_bt_xml string - *
-always_reload_bt_xml bool false *
-always_reload_bt bool false *
-bt_log_idle_transitions bool true *
-plugin_lib_names strings [] *
-error_code_name_prefixes strings - *
 navigators strings [navigate_to_pose,navigate_through_poses] * =-
+- default_nav_to_pose_bt_xml default_nav_through_poses_bt_xml # must be set in our own settings
+- transform_tolerance bt_loop_duration filter_duration default_server_timeout
+- default_cancel_timeout wait_for_service_timeout bt_search_directories always_reload_bt_xml
+- always_reload_bt bt_log_idle_transitions plugin_lib_names error_code_name_prefixes
 """,
     [
         Group(
             "navigators",
             {
                 "NavigateToPoseNavigator": namespace(
-                    "navigate_to_pose",
-                    f"goal_blackboard_id string goal *\npath_blackboard_id string path *{_GROOT}",
+                    "navigate_to_pose", f"- goal_blackboard_id{_GROOT}"
                 ),
                 "NavigateThroughPosesNavigator": namespace(
                     "navigate_through_poses",
-                    "goals_blackboard_id string goals *\npath_blackboard_id string path *\n"
-                    f"waypoint_statuses_blackboard_id string waypoint_statuses *{_GROOT}",
+                    f"- goals_blackboard_id waypoint_statuses_blackboard_id{_GROOT}",
                 ),
             },
             defaults={
@@ -118,38 +92,24 @@ navigators strings [navigate_to_pose,navigate_through_poses] * =-
 )
 
 WAYPOINT_FOLLOWER = namespace(
-    "waypoint_follower",
+    "navigation.waypoint_follower",
     """
 stop_on_failure bool true *
-loop_rate int 20 >=1
 global_frame_id string map * !map
 waypoint_task_executor_plugin string wait_at_waypoint * =-
+- loop_rate
 """,
     [
         Group(
             "waypoint_task_executor_plugin",
             {
                 "WaitAtWaypoint": namespace(
-                    "wait_at_waypoint",
-                    "enabled bool true *\nwaypoint_pause_duration int 0 >=0",
+                    "wait_at_waypoint", "- enabled waypoint_pause_duration"
                 ),
                 "PhotoAtWaypoint": namespace(
-                    "photo_at_waypoint",
-                    """
-enabled bool true *
-image_topic string /camera/color/image_raw *
-save_dir string /tmp/waypoint_images *
-image_format string png *
-""",
+                    "photo_at_waypoint", "- enabled image_topic save_dir image_format"
                 ),
-                "InputAtWaypoint": namespace(
-                    "input_at_waypoint",
-                    """
-enabled bool true *
-timeout double 10.0 >=0
-input_topic string input_at_waypoint/input *
-""",
-                ),
+                "InputAtWaypoint": namespace("input_at_waypoint", "- enabled timeout input_topic"),
             },
             defaults={"wait_at_waypoint": "WaitAtWaypoint"},
         )
@@ -157,90 +117,56 @@ input_topic string input_at_waypoint/input *
 )
 
 _DOCK = """
-docking_threshold double 0.05 >0
-staging_x_offset double -0.7 *
-staging_yaw_offset double 0.0 *
-dock_direction string forward {forward,backward}
-rotate_to_dock bool false *
-use_external_detection_pose bool false *
-external_detection_timeout double 1.0 >=0
-external_detection_translation_x double -0.2 *
-external_detection_translation_y double 0.0 *
-external_detection_rotation_roll double -1.57 *
-external_detection_rotation_pitch double 1.57 *
-external_detection_rotation_yaw double 0.0 *
-filter_coef double 0.1 0..1
-use_stall_detection bool false *
-stall_velocity_threshold double 1.0 >=0
-stall_effort_threshold double 1.0 >=0
-stall_joint_names strings [] *
-detector_service_name string "" *
-detector_service_timeout double 5.0 >=0
-subscribe_toggle bool false *
-"""
-_BATTERY = "use_battery_status bool true *\ncharging_threshold double 0.5 *\n"
-_DOCK_INSTANCE = namespace(
-    "dock",
-    """
-type string - *
-frame string map *
-pose doubles:3 - *
-id string "" *
-""",
-)
-
-_DOCK_CONTROLLER = """
-k_phi double 3.0 >=0
-k_delta double 2.0 >=0
-beta double 0.4 >=0
-lambda double 2.0 >=0
-v_linear_min double 0.1 >=0
-v_linear_max double 0.25 >=0
-v_angular_max double 0.75 >=0
-slowdown_radius double 0.25 >=0
-deceleration_max double 2.5 >=0
-rotate_to_heading_angular_vel double 1.0 >=0
-rotate_to_heading_max_angular_accel double 3.2 >=0
-use_collision_detection bool true *
-projection_time double 5.0 >0
-simulation_time_step double 0.1 >0
-dock_collision_threshold double 0.3 >=0
-transform_tolerance double 0.1 >=0
-costmap_topic string local_costmap/costmap_raw *
-footprint_topic string local_costmap/published_footprint *
+staging_x_offset double -0.7 * =/docking_server.staging_x_offset
+external_detection_timeout double 1.0 >=0 =/docking_server.external_detection_timeout
+- docking_threshold staging_yaw_offset dock_direction rotate_to_dock use_external_detection_pose
+- external_detection_translation_x external_detection_translation_y
+- external_detection_rotation_roll external_detection_rotation_pitch
+- external_detection_rotation_yaw filter_coef use_stall_detection stall_velocity_threshold
+- stall_effort_threshold stall_joint_names detector_service_name detector_service_timeout
+- subscribe_toggle
 """
 
 DOCKING_SERVER = namespace(
-    "docking_server",
+    "navigation.docking_server",
     """
 controller_frequency double 50.0 >0 !20.0 # docking runs at the controller's 20 Hz
 initial_perception_timeout double 5.0 >=0
-wait_charge_timeout double 5.0 >=0
 dock_approach_timeout double 30.0 >=0
-rotate_to_dock_timeout double 10.0 >=0
 undock_linear_tolerance double 0.05 >=0
 undock_angular_tolerance double 0.05 >=0
 max_retries int 3 >=0
+dock_prestaging_tolerance double 0.5 >=0
 base_frame string base_link * !base_footprint|base_link
 fixed_frame string odom * !odom
 odom_topic string odom * !odom
-odom_duration double 0.3 >=0
-dock_prestaging_tolerance double 0.5 >=0
-rotation_angular_tolerance double 0.05 >=0
-navigator_bt_xml string "" *
-dock_database string "" *
 dock_plugins strings - * =-
 docks strings [] * =-
-"""
-    + "\n".join(f"controller.{row}" for row in _DOCK_CONTROLLER.strip().splitlines()),
+controller.k_phi double 3.0 >=0
+controller.k_delta double 2.0 >=0
+controller.beta double 0.4 >=0
+controller.lambda double 2.0 >=0 =controller.lambda_
+controller.v_linear_min double 0.1 >=0
+controller.v_linear_max double 0.25 >=0 =:max_speed
+controller.v_angular_max double 0.75 >=0 =:max_turn
+controller.slowdown_radius double 0.25 >=0
+controller.rotate_to_heading_angular_vel double 1.0 >=0 =:max_turn
+- controller.deceleration_max controller.rotate_to_heading_max_angular_accel
+- controller.use_collision_detection controller.projection_time controller.simulation_time_step
+- controller.dock_collision_threshold controller.transform_tolerance controller.costmap_topic
+- controller.footprint_topic wait_charge_timeout rotate_to_dock_timeout odom_duration
+- rotation_angular_tolerance navigator_bt_xml dock_database
+""",
     [
         Group(
             "dock_plugins",
             {
-                "SimpleChargingDock": namespace("dock_plugin", f"{_DOCK}{_BATTERY}"),
+                "SimpleChargingDock": namespace(
+                    "dock_plugin", f"{_DOCK}- use_battery_status charging_threshold"
+                ),
                 "SimpleNonChargingDock": namespace("dock_plugin", _DOCK),
             },
         ),
-        Group("docks", {"": _DOCK_INSTANCE}, key=""),
+        Group("docks", {"": namespace("dock", "- type frame pose id")}, key=""),
     ],
 )

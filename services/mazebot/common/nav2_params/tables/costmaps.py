@@ -5,199 +5,116 @@ Defaults are those of Nav2's code (nav2_costmap_2d), version 1.5.
 
 from __future__ import annotations
 
-from mazebot.common.nav2_params.parameter import Group, Namespace, joined, namespace
+from mazebot.common.nav2_params.parameter import Group, Namespace, namespace
 
 _OBSERVATION = namespace(
-    "source",
+    "scan",
     """
 topic string "" * !scan
-sensor_frame string "" *
 data_type string LaserScan {LaserScan,PointCloud2} !LaserScan
-observation_persistence double 0.0 >=0
-expected_update_rate double 0.0 >=0
-min_obstacle_height double 0.0 *
-max_obstacle_height double 0.0 *
 inf_is_valid bool false *
-marking bool true *
-clearing bool false *
+clearing bool false * =-
 obstacle_max_range double 2.5 >=0
 obstacle_min_range double 0.0 >=0
 raytrace_max_range double 3.0 >=0
 raytrace_min_range double 0.0 >=0
-transport_type string raw *
+- sensor_frame observation_persistence expected_update_rate min_obstacle_height
+- max_obstacle_height marking transport_type
 """,
 )
 
 _SOURCES = (Group("observation_sources", {"": _OBSERVATION}, key=""),)
-
-_OBSTACLE = namespace(
-    "obstacle_layer",
-    """
-enabled bool true *
+_MARKS = """
 footprint_clearing_enabled bool true *
-min_obstacle_height double 0.0 *
-max_obstacle_height double 2.0 *
-combination_method int 1 {0,1,2}
 observation_sources words "" * =-
-tf_filter_tolerance double 0.05 >=0
-""",
-    _SOURCES,
-)
-
-_VOXEL = joined(
-    _OBSTACLE,
-    namespace(
-        "obstacle_layer",
-        """
-unknown_threshold int 15 >=0 =- # the lidar scans one plane: voxels are one layer of obstacles
-mark_threshold int 0 >=0 =- # the lidar scans one plane: voxels are one layer of obstacles
-z_voxels int 10 1..16 =- # the lidar scans one plane: voxels are one layer of obstacles
-z_resolution double 0.2 >0 =- # the lidar scans one plane: voxels are one layer of obstacles
-origin_z double 0.0 * =- # the lidar scans one plane: voxels are one layer of obstacles
-publish_voxel_map bool false * =- # the lidar scans one plane: voxels are one layer of obstacles
-""",
-    ),
-)
+- enabled min_obstacle_height max_obstacle_height combination_method tf_filter_tolerance
+"""
+_ONE_PLANE = "# the lidar scans one plane: voxels are one layer of obstacles"
+_VOXELS = "unknown_threshold mark_threshold z_voxels z_resolution origin_z publish_voxel_map"
+_OBSTACLE = namespace("obstacle_layer", _MARKS, _SOURCES)
+_VOXEL = namespace("obstacle_layer", f"{_MARKS}- {_VOXELS} {_ONE_PLANE}", _SOURCES)
 
 _STATIC = namespace(
     "static_layer",
     """
-enabled bool true *
 map_topic string map * !map
-subscribe_to_updates bool false *
 map_subscribe_transient_local bool true * !true
-transform_tolerance double 0.0 >=0
-footprint_clearing_enabled bool false *
-restore_cleared_footprint bool true *
+- enabled subscribe_to_updates transform_tolerance footprint_clearing_enabled
+- restore_cleared_footprint
 """,
 )
 
 _INFLATION = namespace(
     "inflation_layer",
     """
-enabled bool true *
 inflation_radius double 0.55 >=0
 cost_scaling_factor double 10.0 >=0
 inflate_unknown bool false *
-inflate_around_unknown bool false *
-custom_inscribed_radius double -1.0 *
-num_threads int -1 >=-1 # one thread
+- custom_inscribed_radius # the footprint is that of the waffle
+- num_threads # one thread
+- enabled inflate_around_unknown
 """,
 )
 
-_DENOISE = namespace(
-    "denoise_layer",
-    """
-enabled bool true *
-minimal_group_size int 2 >=1
-group_connectivity_type int 8 {4,8}
-""",
-)
+_DENOISE = namespace("denoise_layer", "- enabled minimal_group_size group_connectivity_type")
 
 _RANGE = namespace(
     "range_sensor_layer",
     """
-enabled bool true *
-topics strings [] *
-phi double 1.2 *
-inflate_cone double 1.0 0..1
-no_readings_timeout double 0.0 >=0
-clear_threshold double 0.2 0..1
-mark_threshold double 0.8 0..1
-clear_on_max_reading bool false *
-input_sensor_type string ALL {ALL,VARIABLE,FIXED}
+- enabled topics phi inflate_cone no_readings_timeout clear_threshold mark_threshold
+- clear_on_max_reading input_sensor_type
 """,
     note="the robot has no range sensors",
 )
 
-_FILTER = """
-enabled bool true *
-filter_info_topic string - *
-transform_tolerance double 0.1 >=0
-"""
-
-_KEEPOUT = namespace(
-    "keepout_filter",
-    f"{_FILTER}override_lethal_cost bool false *\nlethal_override_cost int 252 0..255\n",
-)
+_FILTER = "enabled bool true * =-\n- filter_info_topic transform_tolerance\n"
+_KEEPOUT = namespace("keepout_filter", f"{_FILTER}- override_lethal_cost lethal_override_cost")
 _SPEED = namespace(
     "speed_filter",
-    f"""{_FILTER}speed_limit_topic string speed_limit *
-enable_path_lookahead bool false *
-max_decel double -0.5 *
-min_lookahead double 0.3 >=0
-max_lookahead double 5.0 >=0
-""",
+    f"{_FILTER}- speed_limit_topic enable_path_lookahead max_decel min_lookahead max_lookahead",
 )
-_BINARY = namespace(
-    "binary_filter",
-    f"""{_FILTER}default_state bool false *
-binary_state_topic string binary_state *
-flip_threshold double 50.0 0..100
-""",
-)
+_BINARY = namespace("binary_filter", f"{_FILTER}- default_state binary_state_topic flip_threshold")
 _CONTAINER = namespace(
     "plugin_container_layer",
-    """
-enabled bool true *
-combination_method int 1 {0,1,2}
-plugins strings [] *
-""",
+    "- enabled combination_method plugins",
     note="layers cannot be nested",
 )
 
-_LAYERS = {
-    "StaticLayer": _STATIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _VOXEL,
-    "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION, "DenoiseLayer": _DENOISE,
-    "RangeSensorLayer": _RANGE, "PluginContainerLayer": _CONTAINER,
-}  # fmt: skip
-_FILTERS = {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}
 _GROUPS = (
     Group(
         "plugins",
-        _LAYERS,
+        {
+            "StaticLayer": _STATIC, "ObstacleLayer": _OBSTACLE, "VoxelLayer": _VOXEL,
+            "InflationLayer": _INFLATION, "LegacyInflationLayer": _INFLATION,
+            "DenoiseLayer": _DENOISE, "RangeSensorLayer": _RANGE,
+            "PluginContainerLayer": _CONTAINER,
+        },
         defaults={
             "static_layer": "StaticLayer",
             "obstacle_layer": "ObstacleLayer",
             "inflation_layer": "InflationLayer",
         },
     ),
-    Group("filters", _FILTERS),
-)
+    Group("filters", {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}),
+)  # fmt: skip
 
-_COSTMAP = """
-update_frequency double 5.0 >=0
-publish_frequency double 1.0 *
-resolution double 0.1 >0
-origin_x double 0.0 *
-origin_y double 0.0 *
-rolling_window bool false *
-track_unknown_space bool false *
-robot_radius double 0.1 >=0 =robot_radius:robot_radius # the footprint is that of the waffle
-footprint polygon [] * # the footprint is that of the waffle
+
+def _costmap(name: str, frame: str, size: str) -> Namespace:
+    rows = f"""{size}
 footprint_padding double 0.01 >=0
+footprint polygon [] * =- # the footprint is that of the waffle
+global_frame string map * !{frame}
 robot_base_frame string base_link * !base_footprint|base_link
-transform_tolerance double 0.3 >=0
-initial_transform_timeout double 60.0 >=0
-always_send_full_costmap bool false *
-lethal_cost_threshold int 100 0..100
-unknown_cost_value int 255 0..255
-trinary_costmap bool true *
-inscribed_obstacle_cost_value int 99 0..100
-use_maximum bool false *
-map_vis_z double 0.0 *
 plugins strings [static_layer,obstacle_layer,inflation_layer] * =-
 filters strings [] * =-
+- robot_radius # the footprint is that of the waffle
+- update_frequency publish_frequency resolution origin_x origin_y rolling_window
+- track_unknown_space transform_tolerance initial_transform_timeout always_send_full_costmap
+- lethal_cost_threshold unknown_cost_value trinary_costmap inscribed_obstacle_cost_value
+- use_maximum map_vis_z
 """
+    return namespace(f"navigation.{name}", rows, _GROUPS)
 
 
-def _costmap(place: str, frame: str, size: str) -> Namespace:
-    rows = f"""{_COSTMAP}global_frame string map * !{frame}
-width int 5 >=1 =width,{size}
-height int 5 >=1 =height,{size}
-"""
-    return namespace(place, rows, _GROUPS)
-
-
-LOCAL_COSTMAP = _costmap("local_costmap", "odom", "local_costmap_size")
-GLOBAL_COSTMAP = _costmap("global_costmap", "map", "global_costmap_size")
+LOCAL_COSTMAP = _costmap("local_costmap", "odom", "width int 5 >=1\nheight int 5 >=1")
+GLOBAL_COSTMAP = _costmap("global_costmap", "map", "- width height")

@@ -8,12 +8,12 @@ EVERY_NODE = namespace(
     "every_node",
     """
 use_sim_time bool false * =- !true
-bond_heartbeat_period double 0.25 * =- # bringup monitors the nodes
 introspection_mode string disabled {disabled,metadata,contents} =- !disabled
 enable_stamped_cmd_vel bool true * =- !true|false
-allow_parameter_qos_overrides bool true * =- # QoS is defined in the table of topics
-autostart_node bool false * =- # bringup starts the nodes
-start_type_description_service bool true * =-
+- bond_heartbeat_period # bringup monitors the nodes
+- allow_parameter_qos_overrides # QoS is defined in the table of topics
+- autostart_node # bringup starts the nodes
+- start_type_description_service
 """,
 )
 

@@ -10,7 +10,7 @@ from mazebot.common.nav2_params.parameter import namespace
 _MODELS = "{likelihood_field,likelihood_field_prob,beam}"
 
 AMCL = namespace(
-    "amcl",
+    "localization",
     f"""
 alpha1 double 0.2 >=0
 alpha2 double 0.2 >=0
@@ -24,19 +24,15 @@ scan_topic string scan * !scan
 map_topic string map * !map
 laser_model_type string likelihood_field {_MODELS} !likelihood_field|likelihood_field_prob
 max_beams int 60 >=2
-laser_max_range double 100.0 >=-1 =laser_max_range:lidar_max_range
-laser_min_range double -1.0 >=-1 =laser_min_range:lidar_min_range
+laser_max_range double 100.0 >=-1 =:lidar_max_range
+laser_min_range double -1.0 >=-1 =:lidar_min_range
 laser_likelihood_max_dist double 2.0 >0
 sigma_hit double 0.2 >0
 z_hit double 0.5 0..1
 z_rand double 0.5 0..1
-z_short double 0.05 0..1 # of the beam model only
-z_max double 0.05 0..1 # of the beam model only
-lambda_short double 0.1 >=0 # of the beam model only
-do_beamskip bool false *
-beam_skip_distance double 0.5 >=0
-beam_skip_threshold double 0.3 0..1
-beam_skip_error_threshold double 0.9 0..1
+- z_short z_max lambda_short # of the beam model only
+do_beamskip bool false * =-
+- beam_skip_distance beam_skip_threshold beam_skip_error_threshold
 max_particles int 2000 >=1
 min_particles int 500 >=1
 pf_err double 0.05 >0
@@ -52,15 +48,12 @@ initial_pose.x double 0.0 *
 initial_pose.y double 0.0 *
 initial_pose.z double 0.0 * !0.0
 initial_pose.yaw double 0.0 *
-always_reset_initial_pose bool false *
-first_map_only bool false *
-save_pose_rate double 0.5 * # the pose is not saved to a file
-saved_pose_filepath string - * # the pose is not saved to a file
+- always_reset_initial_pose first_map_only
+- save_pose_rate saved_pose_filepath # the pose is not saved to a file
 initialize_at_saved_pose bool false * !false
 tf_broadcast bool true * !true
-transform_tolerance double 1.0 >=0
-freespace_downsampling bool false *
-random_seed int -1 >=-1 # the seed is --seed; runs with the same seed are identical
+- transform_tolerance freespace_downsampling
+- random_seed # the seed is --seed; runs with the same seed are identical
 """,
 )
 
@@ -69,36 +62,36 @@ _MAP = "maps come from the world, or from --map of a command"
 MAP_SERVER = namespace(
     "map_server",
     """
-yaml_filename string "" *
 topic_name string map * !map
 frame_id string map * !map
+- yaml_filename
 """,
     note=_MAP,
 )
 
 _MASK_SERVER = """
+yaml_filename string "" *
 frame_id string map * !map
 topic_name string map *"""
 
 KEEPOUT_MASK_SERVER = namespace(
-    "filter_mask_server",
-    f'yaml_filename string "" * =keepout_mask{_MASK_SERVER} !keepout_filter_mask',
+    "navigation.keepout_filter_mask_server", f"{_MASK_SERVER} !keepout_filter_mask"
 )
 SPEED_MASK_SERVER = namespace(
-    "filter_mask_server", f'yaml_filename string "" * =speed_mask{_MASK_SERVER} !speed_filter_mask'
+    "navigation.speed_filter_mask_server", f"{_MASK_SERVER} !speed_filter_mask"
 )
 MASK_SERVER = namespace(
     "filter_mask_server",
-    f'yaml_filename string "" * =-{_MASK_SERVER}',
+    "frame_id string map * !map\n- yaml_filename topic_name",
     note="masks are those of keepout_filter_mask_server and speed_filter_mask_server",
 )
 
 _FILTER_INFO = """
-filter_info_topic string costmap_filter_info *
+- filter_info_topic
 mask_topic string filter_mask *"""
 
 KEEPOUT_FILTER_INFO = namespace(
-    "costmap_filter_info_server",
+    "keepout_costmap_filter_info_server",
     f"""{_FILTER_INFO} !keepout_filter_mask
 type int 0 {{0,1,2,3}} =- !0
 base double 0.0 * =- !0.0
@@ -106,30 +99,23 @@ multiplier double 1.0 * =- !1.0
 """,
 )
 SPEED_FILTER_INFO = namespace(
-    "costmap_filter_info_server",
+    "navigation.speed_costmap_filter_info_server",
     f"""{_FILTER_INFO} !speed_filter_mask
-type int 0 {{0,1,2,3}} =speed_mask_type
-base double 0.0 * =speed_mask_base
-multiplier double 1.0 * =speed_mask_multiplier
+type int 0 {{0,1,2,3}}
+base double 0.0 *
+multiplier double 1.0 *
 """,
 )
 FILTER_INFO = namespace(
     "costmap_filter_info_server",
-    f"""{_FILTER_INFO}
-type int 0 {{0,1,2,3}} =-
-base double 0.0 * =-
-multiplier double 1.0 * =-
-""",
+    "- filter_info_topic mask_topic type base multiplier",
     note="masks are those of keepout_filter_mask_server and speed_filter_mask_server",
 )
 
 MAP_SAVER = namespace(
     "map_saver",
     """
-save_map_timeout double 2.0 >=0
-free_thresh_default double 0.25 0..1
-occupied_thresh_default double 0.65 0..1
-map_subscribe_transient_local bool true *
+- save_map_timeout free_thresh_default occupied_thresh_default map_subscribe_transient_local
 """,
     note=_MAP,
 )

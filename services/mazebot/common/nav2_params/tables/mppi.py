@@ -10,13 +10,13 @@ from mazebot.common.nav2_params.parameter import OWN_NAME, Group, namespace
 _CRITICS = {
     "ConstraintCritic": "cost_weight double 4.0 >=0",
     "CostCritic": """cost_weight double 3.81 >=0
-consider_footprint bool false *
+- consider_footprint
 critical_cost double 300.0 >=0
-near_collision_cost int 253 0..255
+- near_collision_cost
 collision_cost double 1000000.0 >=0
 near_goal_distance double 0.5 >=0
 trajectory_point_step int 2 >=1
-inflation_layer_name string "" * =- # the local costmap has one inflation layer""",
+- inflation_layer_name # the local costmap has one inflation layer""",
     "GoalCritic": "cost_weight double 5.0 >=0\nthreshold_to_consider double 1.4 >=0",
     "GoalAngleCritic": """cost_weight double 3.0 >=0
 threshold_to_consider double 0.5 >=0
@@ -26,7 +26,7 @@ max_path_occupancy_ratio double 0.07 0..1
 trajectory_point_step int 4 >=1
 threshold_to_consider double 0.5 >=0
 offset_from_furthest int 20 >=0
-use_path_orientations bool false *""",
+- use_path_orientations""",
     "PathFollowCritic": """cost_weight double 5.0 >=0
 offset_from_furthest int 6 >=0
 threshold_to_consider double 1.4 >=0""",
@@ -38,17 +38,16 @@ mode int 0 {0,1,2}""",
     "PreferForwardCritic": "cost_weight double 5.0 >=0\nthreshold_to_consider double 0.5 >=0",
     "ObstaclesCritic": """repulsion_weight double 1.5 >=0
 critical_weight double 20.0 >=0
-consider_footprint bool false *
+- consider_footprint
 collision_cost double 100000.0 >=0
 collision_margin_distance double 0.1 >=0
 near_goal_distance double 0.5 >=0
-cost_scaling_factor double 10.0 >=0
+- cost_scaling_factor
 inflation_radius double 0.55 >=0
-inflation_layer_name string "" * =- # the local costmap has one inflation layer""",
-    "TwirlingCritic": "cost_weight double 10.0 >=0\nthreshold_to_consider double 0.5 >=0",
+- inflation_layer_name # the local costmap has one inflation layer""",
+    "TwirlingCritic": "cost_weight double 10.0 >=0\n- threshold_to_consider",
     "VelocityDeadbandCritic": """cost_weight double 35.0 >=0
 deadband_velocities doubles:3 [0.0,0.0,0.0] >=0""",
-    "PathHugCritic": "cost_weight double 0.0 >=0",
 }  # fmt: skip
 
 _OWN = """
@@ -58,63 +57,41 @@ model_dt double 0.05 >0
 iteration_count int 1 >=1
 temperature double 0.3 >0
 gamma double 0.015 >=0
-vx_max double 0.5 >=0 =vx_max:max_speed
-vx_min double -0.35 * =vx_min:min_speed
-vy_max double 0.5 >=0 =- # the robot cannot move sideways
-wz_max double 1.9 >=0 =wz_max:max_turn
-ax_max double 3.0 >=0 =ax_max:max_accel
-ax_min double -3.0 <=0 =ax_min:min_accel
-ay_max double 3.0 >=0 =- # the robot cannot move sideways
-ay_min double -3.0 <=0 =- # the robot cannot move sideways
-az_max double 3.5 >=0 =az_max:max_turn_accel
+vx_max double 0.5 >=0 =:max_speed
+vx_min double -0.35 * =:min_speed
+wz_max double 1.9 >=0 =:max_turn
+ax_max double 3.0 >=0 =:max_accel
+ax_min double -3.0 <=0 =:min_accel
+az_max double 3.5 >=0 =:max_turn_accel
 vx_std double 0.2 >=0
-vy_std double 0.2 >=0 =- # the robot cannot move sideways
 wz_std double 0.4 >=0
 retry_attempt_limit int 1 >=0
-reset_period double 1.0 >=0
 open_loop bool false *
-regenerate_noises bool false * =- # takes 20 ms in each period: must be set in our own settings
-clamp_raw_controls bool false *
 sgf_order int 2 {1,2}
-model_delay_vx double 0.0 >=0
-model_delay_vy double 0.0 >=0 =- # the robot cannot move sideways
-model_delay_wz double 0.0 >=0
 motion_model string diff_drive * =- !diff_drive
 diff_drive.plugin string mppi::DiffDriveMotionModel * =- !mppi::DiffDriveMotionModel
-omni.plugin string - * =- # the robot cannot move sideways
-ackermann.plugin string - * =- # the robot rotates in place
-ackermann.min_turning_r double - >=0 =- # the robot rotates in place
-visualize bool false * =- # thirty rollouts are drawn into every recording
-critic_index_to_visualize int 0 *
-publish_optimal_trajectory bool false *
-publish_optimal_path bool false *
-publish_optimal_footprints bool false *
-publish_transformed_path bool false *
-publish_trajectories_with_total_cost bool false *
-publish_trajectories_with_individual_cost bool false *
-TrajectoryVisualizer.trajectory_step int 5 >=1
-TrajectoryVisualizer.time_step int 3 >=1
-TrajectoryVisualizer.footprint_downsample_factor int 3 >=1
-TrajectoryVisualizer.publish_optimal_footprints bool false *
-TrajectoryVisualizer.publish_optimal_path bool false *
-TrajectoryVisualizer.publish_transformed_path bool false *
-TrajectoryVisualizer.publish_trajectories_with_total_cost bool false *
-TrajectoryVisualizer.publish_trajectories_with_individual_cost bool false *
-Visualization.publish_critics_stats bool false *
-Visualization.publish_optimal_trajectory_msg bool false *
-Visualization.publish_optimal_footprints bool false *
-Visualization.publish_optimal_path bool false *
-Visualization.publish_transformed_path bool false *
-Visualization.publish_trajectories_with_total_cost bool false *
-Visualization.publish_trajectories_with_individual_cost bool false *
-Visualization.trajectory_step int 5 >=1
-Visualization.time_step int 3 >=1
-Visualization.footprint_downsample_factor int 3 >=1
 TrajectoryValidator.plugin string mppi::DefaultOptimalTrajectoryValidator * =- !default
 TrajectoryValidator.collision_lookahead_time double 2.0 >=0 =collision_lookahead_time
-TrajectoryValidator.consider_footprint bool false *
-AckermannConstraints.min_turning_r double 0.2 >=0 =- # the robot rotates in place
-speed_limit_topic string speed_limit *
+- vy_max ay_max ay_min vy_std model_delay_vy omni.plugin # the robot cannot move sideways
+- ackermann.plugin ackermann.min_turning_r # the robot rotates in place
+- AckermannConstraints.min_turning_r # the robot rotates in place
+- regenerate_noises # takes 20 ms in each period: must be set in our own settings
+- visualize # thirty rollouts are drawn into every recording
+- reset_period clamp_raw_controls model_delay_vx model_delay_wz critic_index_to_visualize
+- publish_optimal_trajectory publish_optimal_path publish_optimal_footprints
+- publish_transformed_path publish_trajectories_with_total_cost
+- publish_trajectories_with_individual_cost TrajectoryVisualizer.trajectory_step
+- TrajectoryVisualizer.time_step TrajectoryVisualizer.footprint_downsample_factor
+- TrajectoryVisualizer.publish_optimal_footprints TrajectoryVisualizer.publish_optimal_path
+- TrajectoryVisualizer.publish_transformed_path
+- TrajectoryVisualizer.publish_trajectories_with_total_cost
+- TrajectoryVisualizer.publish_trajectories_with_individual_cost
+- Visualization.publish_critics_stats Visualization.publish_optimal_trajectory_msg
+- Visualization.publish_optimal_footprints Visualization.publish_optimal_path
+- Visualization.publish_transformed_path Visualization.publish_trajectories_with_total_cost
+- Visualization.publish_trajectories_with_individual_cost Visualization.trajectory_step
+- Visualization.time_step Visualization.footprint_downsample_factor
+- TrajectoryValidator.consider_footprint speed_limit_topic
 """
 
 
@@ -130,7 +107,10 @@ MPPI = namespace(
     [
         Group(
             "critics",
-            {name: namespace(name, f"{_EVERY}{rows}") for name, rows in _CRITICS.items()},
+            {
+                **{name: namespace(name, f"{_EVERY}{rows}") for name, rows in _CRITICS.items()},
+                "PathHugCritic": namespace("PathHugCritic", "- enabled cost_power cost_weight"),
+            },
             key=OWN_NAME,
             defaults={name: name for name in _DEFAULT},
         )

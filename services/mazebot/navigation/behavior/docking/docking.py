@@ -5,9 +5,12 @@ final straight steered by the marker's lateral and heading error.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 
+from pydantic import Field
+
+from mazebot.common.config import Params
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
@@ -38,34 +41,54 @@ class DockState(IntEnum):
     RETRY = 5
 
 
-@dataclass(frozen=True, slots=True)
-class DockingParams:
+class DockingParams(Params):
     """Names as in Nav2's docking server and its SimpleNonChargingDock."""
 
-    staging_x_offset_m: float = -0.7
-    """Of the staging pose, along the docked robot's heading."""
-    initial_perception_timeout_s: float = 8.0
-    external_detection_timeout_s: float = 1.0
-    dock_approach_timeout_s: float = 40.0
-    max_retries: int = 3
-    dock_prestaging_tolerance_m: float = 0.5
-    rotate_to_heading_angular_vel_rad_s: float = 0.5
-    lateral_tolerance_m: float = 0.012
-    longitudinal_tolerance_m: float = 0.015
-    yaw_tolerance_rad: float = 0.014
-    """Nav2 tests the straight distance alone (docking_threshold); each error has its own bound."""
-    undock_linear_tolerance_m: float = 0.05
-    undock_angular_tolerance_rad: float = 0.1
-    views: int = 15
-    """Sightings before the approach, and standing before the verdict."""
-    final_straight_m: float = 0.3
-    straight_speed_m_s: float = 0.06
-    lateral_length_m: float = 0.07
-    """On the final straight, errors fall to 1/e over about this length."""
-    acceleration_m_s2: float = 0.3
-    angular_acceleration_rad_s2: float = 1.5
-    graceful: GracefulParams = field(default_factory=GracefulParams)
-    sighting: SightingParams = field(default_factory=SightingParams)
+    staging_x_offset: float = Field(
+        -0.7, lt=0, description="m; place of the staging pose along the docked robot's heading"
+    )
+    initial_perception_timeout: float = Field(
+        8.0, gt=0, description="s; how long the marker is searched for at the staging pose"
+    )
+    external_detection_timeout: float = Field(
+        1.0, gt=0, description="s; a sighting older than this is no longer used"
+    )
+    dock_approach_timeout: float = Field(
+        40.0, gt=0, description="s; an approach that takes longer is tried again"
+    )
+    max_retries: int = Field(3, ge=0, description="approaches after the first one")
+    dock_prestaging_tolerance: float = Field(
+        0.5, ge=0, description="m; nearer to the staging pose than this, it is not driven to first"
+    )
+    undock_linear_tolerance: float = Field(
+        0.05, gt=0, description="m; undocking ends within this distance of the staging pose"
+    )
+    undock_angular_tolerance: float = Field(
+        0.1, gt=0, description="rad; undocking ends within this angle of the staging pose"
+    )
+    lateral_tolerance: float = Field(
+        0.012,
+        gt=0,
+        description="m; docked within this to the side: Nav2 tests the straight distance alone "
+        "(docking_threshold), here each error has its own bound",
+    )
+    longitudinal_tolerance: float = Field(
+        0.015, gt=0, description="m; docked within this along the axis"
+    )
+    yaw_tolerance: float = Field(0.014, gt=0, description="rad; docked within this angle")
+    views: int = Field(
+        15, ge=1, description="sightings before the approach, and standing before the verdict"
+    )
+    final_straight: float = Field(0.3, gt=0, description="m; length of the final straight")
+    straight_speed: float = Field(0.06, gt=0, description="m/s; speed on the final straight")
+    lateral_length: float = Field(
+        0.07, gt=0, description="m; on the final straight, errors fall to 1/e over about this"
+    )
+    acceleration: float = Field(0.3, gt=0, description="m/s2; highest acceleration")
+    angular_acceleration: float = Field(
+        1.5, gt=0, description="rad/s2; highest angular acceleration"
+    )
+    controller: GracefulParams = GracefulParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +103,7 @@ class DockingStep:
 
 def staging_pose(params: DockingParams, map_from_dock: SE2) -> SE2:
     """Where docking begins: before the dock, on its axis."""
-    return map_from_dock @ SE2(params.staging_x_offset_m, 0.0, 0.0)
+    return map_from_dock @ SE2(params.staging_x_offset, 0.0, 0.0)
 
 
 class _Limited:
@@ -93,11 +116,11 @@ class _Limited:
     def toward(self, wanted: Velocity, elapsed_s: float) -> Velocity:
         p = self._params
         self.velocity = Velocity(
-            toward(self.velocity.linear_m_s, wanted.linear_m_s, p.acceleration_m_s2 * elapsed_s),
+            toward(self.velocity.linear_m_s, wanted.linear_m_s, p.acceleration * elapsed_s),
             toward(
                 self.velocity.angular_rad_s,
                 wanted.angular_rad_s,
-                p.angular_acceleration_rad_s2 * elapsed_s,
+                p.angular_acceleration * elapsed_s,
             ),
         )
         return self.velocity
@@ -123,7 +146,7 @@ class Docker:
         self._marker_from_dock = dock.marker_from_dock
         self._dock = dock
         self._expected = odom_from_dock
-        self._estimate = DockEstimate(params.sighting)
+        self._estimate = DockEstimate(SightingParams())
         self._limited = _Limited(params)
         self._state = DockState.INITIAL_PERCEPTION
         self._since_ns: int | None = None
@@ -159,7 +182,7 @@ class Docker:
         """
         if self._since_ns is None:
             self._since_ns = self._began_ns = now_ns
-        oldest_ns = self._began_ns - self._params.external_detection_timeout_s * 1e9
+        oldest_ns = self._began_ns - self._params.external_detection_timeout * 1e9
         if marker is not None and marker.stamp_ns >= oldest_ns:
             self._estimate.add(marker)
         try:
@@ -188,19 +211,19 @@ class Docker:
     def _perceive(self, now_ns: int, elapsed_s: float, base: SE2) -> DockingStep:
         p, estimate = self._params, self._estimate
         running_s = self._running_s(now_ns)
-        fresh = now_ns - estimate.last_stamp_ns <= p.external_detection_timeout_s * 1e9
+        fresh = now_ns - estimate.last_stamp_ns <= p.external_detection_timeout * 1e9
         seen = estimate.count > 0 and fresh
         if estimate.count - self._seen_before >= p.views and self._stands(elapsed_s):
             dock = self.odom_from_dock
             assert dock is not None
             at = dock.inverse() @ base
             # Further back there is nothing to gain.
-            near = at.x_m > p.staging_x_offset_m - p.dock_prestaging_tolerance_m
+            near = at.x_m > p.staging_x_offset - p.dock_prestaging_tolerance
             too_near = near and _needs_more_room(p, at) and self._returns < _MOST_RETURNS
             self._returns = self._returns + 1 if too_near else 0
             self._enter(DockState.RETRY if too_near else DockState.CONTROLLING, now_ns)
             return self._answer(STOP, elapsed_s)
-        if running_s > p.initial_perception_timeout_s:
+        if running_s > p.initial_perception_timeout:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
                 f"the dock's marker was detected {estimate.count - self._seen_before} times in "
@@ -225,7 +248,7 @@ class Docker:
                 return self._turn(expected_rad)
         # Once to the left, twice as far to the right, and so on.
         left = int(running_s / 1.5 + 0.5) % 2 == 0
-        rate = self._params.rotate_to_heading_angular_vel_rad_s
+        rate = self._params.controller.rotate_to_heading_angular_vel
         return Velocity(0.0, rate if left else -rate)
 
     def _approach(
@@ -240,12 +263,12 @@ class Docker:
         self._check_approach(now_ns, base, at, time_to_collision)
         if self._aligning:
             return self._align(now_ns, elapsed_s, at)
-        if at.x_m < -p.final_straight_m:
+        if at.x_m < -p.final_straight:
             # Beyond the beginning of the straight, so that the speed does not vanish there.
-            target = SE2(-p.final_straight_m + p.graceful.slowdown_radius_m, 0.0, 0.0)
-            wanted = graceful_velocity(p.graceful, at.inverse() @ target, backward=False)
-            slowing = p.straight_speed_m_s + math.sqrt(
-                2.0 * 0.5 * p.acceleration_m_s2 * (-p.final_straight_m - at.x_m)
+            target = SE2(-p.final_straight + p.controller.slowdown_radius, 0.0, 0.0)
+            wanted = graceful_velocity(p.controller, at.inverse() @ target, backward=False)
+            slowing = p.straight_speed + math.sqrt(
+                2.0 * 0.5 * p.acceleration * (-p.final_straight - at.x_m)
             )
             if wanted.linear_m_s > slowing:
                 share = slowing / wanted.linear_m_s
@@ -255,7 +278,7 @@ class Docker:
         if left_m <= 0.0:
             self._aligning, self._verdict_from = True, None
             return self._align(now_ns, elapsed_s, at)
-        speed_m_s = min(p.straight_speed_m_s, math.sqrt(p.acceleration_m_s2 * left_m))
+        speed_m_s = min(p.straight_speed, math.sqrt(p.acceleration * left_m))
         return self._answer(self._along_axis(at, max(speed_m_s, 0.01)), elapsed_s)
 
     def _is_hidden(self, base: SE2, at: SE2) -> bool:
@@ -265,7 +288,7 @@ class Docker:
         marker = self._marker_from_dock.inverse()
         half_side_rad = portable.atan2(0.5 * self._dock.side_m, at.distance_m(marker))
         outside = abs(_bearing(at, marker)) > self._dock.half_view_rad - half_side_rad
-        return outside and self._estimate.position_std_m(base) <= self._params.lateral_tolerance_m
+        return outside and self._estimate.position_std_m(base) <= self._params.lateral_tolerance
 
     def _check_approach(
         self, now_ns: int, base: SE2, at: SE2, time_to_collision: TimeToCollision
@@ -273,19 +296,19 @@ class Docker:
         p = self._params
         if self._is_hidden(base, at):
             self._hidden_ns = now_ns
-        if self._running_s(now_ns) > p.dock_approach_timeout_s:
+        if self._running_s(now_ns) > p.dock_approach_timeout:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
-                f"failed to reach the dock within {p.dock_approach_timeout_s:.0f} s: "
+                f"failed to reach the dock within {p.dock_approach_timeout:.0f} s: "
                 f"{-at.x_m:.3f} m before it, {at.y_m:.3f} m to the side",
             )
         lost_s = (now_ns - max(self._estimate.last_stamp_ns, self._hidden_ns)) * 1e-9
         # So near the end odometry is good enough, and so near the marker it has to be.
         by_odometry = (
-            at.x_m >= -0.5 * p.final_straight_m
+            at.x_m >= -0.5 * p.final_straight
             or (self._marker_from_dock @ at).x_m < self._dock.whole_view_m
         )
-        if lost_s > p.external_detection_timeout_s and not by_odometry:
+        if lost_s > p.external_detection_timeout and not by_odometry:
             raise NavigationError(
                 ErrorCode.FAILED_TO_DETECT_DOCK,
                 f"the dock's marker was not detected for {lost_s:.1f} s, {-at.x_m:.2f} m before "
@@ -294,7 +317,7 @@ class Docker:
         speed = self._limited.velocity
         if speed.linear_m_s > 0.0:
             contact_s = time_to_collision(speed)
-            if contact_s < speed.linear_m_s / p.acceleration_m_s2 + 0.5:
+            if contact_s < speed.linear_m_s / p.acceleration + 0.5:
                 raise NavigationError(
                     ErrorCode.FAILED_TO_CONTROL,
                     f"obstacle in the way, {-at.x_m:.2f} m before the dock",
@@ -305,7 +328,7 @@ class Docker:
         p, estimate = self._params, self._estimate
         turn_rad = -at.yaw_rad
         judging = self._verdict_from is not None
-        if abs(turn_rad) > (p.yaw_tolerance_rad if judging else 0.3 * p.yaw_tolerance_rad):
+        if abs(turn_rad) > (p.yaw_tolerance if judging else 0.3 * p.yaw_tolerance):
             self._verdict_from = None
             return self._answer(self._turn(turn_rad), elapsed_s)
         if not self._stands(elapsed_s):
@@ -314,16 +337,16 @@ class Docker:
             self._verdict_from = estimate.count
             self._since_verdict_ns = now_ns
         waited_s = (now_ns - self._since_verdict_ns) * 1e-9
-        unseen = waited_s > 2.0 * p.external_detection_timeout_s
+        unseen = waited_s > 2.0 * p.external_detection_timeout
         if estimate.count - self._verdict_from < p.views and not unseen:
             return self._answer(STOP, elapsed_s)
-        if abs(at.y_m) > p.lateral_tolerance_m or at.x_m > p.longitudinal_tolerance_m:
+        if abs(at.y_m) > p.lateral_tolerance or at.x_m > p.longitudinal_tolerance:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL,
                 f"docked {at.y_m:.3f} m to the side and {at.x_m:.3f} m too far: must be within "
-                f"{p.lateral_tolerance_m} m and {p.longitudinal_tolerance_m} m",
+                f"{p.lateral_tolerance} m and {p.longitudinal_tolerance} m",
             )
-        if at.x_m < -p.longitudinal_tolerance_m:
+        if at.x_m < -p.longitudinal_tolerance:
             self._aligning = False
             return self._answer(STOP, elapsed_s)
         return DockingStep(self._state, STOP, self._retries, True)
@@ -332,18 +355,18 @@ class Docker:
         self, now_ns: int, elapsed_s: float, at: SE2, time_to_collision: TimeToCollision
     ) -> DockingStep:
         p = self._params
-        far_m = p.staging_x_offset_m - at.x_m
-        back = far_m >= p.dock_prestaging_tolerance_m or (
+        far_m = p.staging_x_offset - at.x_m
+        back = far_m >= p.dock_prestaging_tolerance or (
             far_m >= 0.0 and not _needs_more_room(p, at)
         )
-        if back or self._running_s(now_ns) > p.dock_approach_timeout_s:
+        if back or self._running_s(now_ns) > p.dock_approach_timeout:
             self._enter(DockState.INITIAL_PERCEPTION, now_ns)
             return self._answer(STOP, elapsed_s)
-        wanted = self._along_axis(at, -p.straight_speed_m_s * 2.0)
+        wanted = self._along_axis(at, -p.straight_speed * 2.0)
         if time_to_collision(wanted) < 1.0:
             # As far back as there is room.
             self._enter(DockState.INITIAL_PERCEPTION, now_ns)
-            if at.x_m > -p.final_straight_m:
+            if at.x_m > -p.final_straight:
                 raise NavigationError(
                     ErrorCode.FAILED_TO_CONTROL,
                     f"obstacle behind the robot, {-at.x_m:.2f} m before the dock",
@@ -356,12 +379,12 @@ class Docker:
         critically damped spring over the length driven.
         """
         p = self._params
-        inverse = 1.0 / p.lateral_length_m
+        inverse = 1.0 / p.lateral_length
         sine = portable.sin(at.yaw_rad)
         ahead = 1.0 if speed_m_s > 0.0 else -1.0
         lateral = min(max(at.y_m, -0.06), 0.06)
         per_metre = -ahead * inverse * inverse * lateral - 2.0 * inverse * sine
-        most = p.graceful.v_angular_max_rad_s
+        most = p.controller.v_angular_max
         rate = min(max(per_metre * abs(speed_m_s), -most), most)
         return Velocity(speed_m_s, rate)
 
@@ -370,15 +393,15 @@ class Docker:
         if abs(angle_rad) < 1e-6:
             return STOP
         rate = min(
-            math.sqrt(p.angular_acceleration_rad_s2 * abs(angle_rad)),
-            p.rotate_to_heading_angular_vel_rad_s,
+            math.sqrt(p.angular_acceleration * abs(angle_rad)),
+            p.controller.rotate_to_heading_angular_vel,
             2.0 * abs(angle_rad) + 0.01,
         )
         return Velocity(0.0, math.copysign(rate, angle_rad))
 
     def _stands(self, elapsed_s: float) -> bool:
         v, w = self._limited.velocity
-        return abs(v) < 1e-3 and abs(w) <= self._params.angular_acceleration_rad_s2 * elapsed_s
+        return abs(v) < 1e-3 and abs(w) <= self._params.angular_acceleration * elapsed_s
 
     def _enter(self, state: DockState, now_ns: int) -> None:
         self._state, self._since_ns = state, now_ns
@@ -398,7 +421,7 @@ _MOST_RETURNS = 2
 
 def _needs_more_room(params: DockingParams, dock_from_base: SE2) -> bool:
     """Whether the dock is too near, or too far aside, to be reached in one curve."""
-    room_m = -dock_from_base.x_m - params.final_straight_m
+    room_m = -dock_from_base.x_m - params.final_straight
     return room_m < 0.1 or abs(dock_from_base.y_m) > 0.45 * room_m
 
 
@@ -434,20 +457,18 @@ class Undocker:
         if self._start is None:
             self._start, self._start_ns = odom_from_base, now_ns
         at = self._start.inverse() @ odom_from_base
-        left_m = at.x_m - p.staging_x_offset_m
-        if left_m <= p.undock_linear_tolerance_m and abs(at.yaw_rad) <= (
-            p.undock_angular_tolerance_rad
-        ):
-            if abs(self._limited.velocity.linear_m_s) <= p.acceleration_m_s2 * elapsed_s:
+        left_m = at.x_m - p.staging_x_offset
+        if left_m <= p.undock_linear_tolerance and abs(at.yaw_rad) <= (p.undock_angular_tolerance):
+            if abs(self._limited.velocity.linear_m_s) <= p.acceleration * elapsed_s:
                 return DockingStep(DockState.NONE, STOP, 0, True)
         if (now_ns - self._start_ns) * 1e-9 > self._time_s:
             raise NavigationError(
                 ErrorCode.DOCKING_TIMEOUT,
                 f"undocking timed out after {self._time_s:.0f} s: {left_m:.2f} m left",
             )
-        speed_m_s = p.graceful.v_linear_max_m_s
+        speed_m_s = p.controller.v_linear_max
         if left_m > 0.0 and time_to_collision(Velocity(-speed_m_s, 0.0)) < 1.0:
-            if at.x_m <= LEAST_STAGING_SHARE * p.staging_x_offset_m:
+            if at.x_m <= LEAST_STAGING_SHARE * p.staging_x_offset:
                 if self._limited.velocity == STOP:
                     return DockingStep(DockState.NONE, STOP, 0, True)
                 velocity = self._limited.toward(STOP, elapsed_s)
@@ -455,6 +476,6 @@ class Undocker:
             raise NavigationError(
                 ErrorCode.FAILED_TO_CONTROL, "undocking: obstacle behind the robot"
             )
-        slow = math.sqrt(p.acceleration_m_s2 * max(left_m, 0.0))
+        slow = math.sqrt(p.acceleration * max(left_m, 0.0))
         wanted = Velocity(-min(speed_m_s, slow), -0.5 * at.yaw_rad)
         return DockingStep(DockState.CONTROLLING, self._limited.toward(wanted, elapsed_s), 0, False)

@@ -5,26 +5,35 @@ Motion of Differential Wheeled Mobile Robots in 2D Environment, ICRA 2011).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from pydantic import Field
+
+from mazebot.common.config import Params
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, wrap_angle
 from mazebot.navigation.control.collision import Velocity
 
 
-@dataclass(frozen=True, slots=True)
-class GracefulParams:
+class GracefulParams(Params):
     """Names as in opennav_docking's controller."""
 
-    k_phi: float = 3.0
-    k_delta: float = 2.0
-    beta: float = 0.4
-    lambda_: float = 2.0
-    """Exponent of the slowdown by curvature: 1 or 2."""
-    v_linear_min_m_s: float = 0.04
-    v_linear_max_m_s: float = 0.2
-    v_angular_max_rad_s: float = 0.75
-    slowdown_radius_m: float = 0.25
+    k_phi: float = Field(3.0, ge=0, description="gain of the heading's convergence")
+    k_delta: float = Field(2.0, ge=0, description="gain of the steering")
+    beta: float = Field(0.4, ge=0, description="how much curvature slows down")
+    lambda_: float = Field(
+        2.0, ge=0, description="exponent of the slowdown by curvature, 1 or 2 (Nav2: lambda)"
+    )
+    v_linear_min: float = Field(0.04, gt=0, description="m/s; lowest speed of the approach")
+    v_linear_max: float = Field(0.2, gt=0, description="m/s; highest speed of the approach")
+    v_angular_max: float = Field(
+        0.75, gt=0, description="rad/s; highest turning speed of the approach"
+    )
+    slowdown_radius: float = Field(
+        0.25, gt=0, description="m; slower than v_linear_max nearer to the target than this"
+    )
+    rotate_to_heading_angular_vel: float = Field(
+        0.5, gt=0, description="rad/s; highest speed of a turn on the spot"
+    )
 
 
 def graceful_velocity(params: GracefulParams, base_from_target: SE2, backward: bool) -> Velocity:
@@ -49,12 +58,12 @@ def graceful_velocity(params: GracefulParams, base_from_target: SE2, backward: b
     )
     bend = abs(curvature) if params.lambda_ < 2.0 else curvature * curvature
     speed_m_s = min(
-        params.v_linear_max_m_s / (1.0 + params.beta * bend),
-        params.v_linear_max_m_s * distance_m / params.slowdown_radius_m,
+        params.v_linear_max / (1.0 + params.beta * bend),
+        params.v_linear_max * distance_m / params.slowdown_radius,
     )
-    speed_m_s = max(speed_m_s, params.v_linear_min_m_s)
+    speed_m_s = max(speed_m_s, params.v_linear_min)
     rate_rad_s = curvature * speed_m_s
-    most = params.v_angular_max_rad_s
+    most = params.v_angular_max
     if abs(rate_rad_s) > most:
         # The curvature is kept, so that the robot stays on the curve.
         speed_m_s *= most / abs(rate_rad_s)

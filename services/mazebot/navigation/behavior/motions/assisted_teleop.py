@@ -45,24 +45,24 @@ class AssistedTeleop(Motion):
                 f"AssistedTeleop: exceeded the time allowance of {self._time_allowance_s:.1f} s",
             )
         asked = self._wanted or STOP
-        v_most, w_most = p.teleop_linear_limit_m_s, p.teleop_angular_limit_rad_s
+        v_most, w_most = p.teleop_linear_limit, p.teleop_angular_limit
         wanted = Velocity(
             min(max(asked.linear_m_s, -v_most), v_most),
             min(max(asked.angular_rad_s, -w_most), w_most),
         )
         if wanted != STOP:
-            share = min(at.time_to_collision(wanted) / p.projection_time_s, 1.0)
+            share = min(at.time_to_collision(wanted) / p.projection_time, 1.0)
             wanted = Velocity(wanted.linear_m_s * share, wanted.angular_rad_s * share)
         self._velocity = Velocity(
             toward(
                 self._velocity.linear_m_s,
                 wanted.linear_m_s,
-                p.acceleration_limit_m_s2 * at.elapsed_s,
+                p.acceleration_limit * at.elapsed_s,
             ),
             toward(
                 self._velocity.angular_rad_s,
                 wanted.angular_rad_s,
-                p.rotational_acc_lim_rad_s2 * at.elapsed_s,
+                p.rotational_acc_lim * at.elapsed_s,
             ),
         )
         return MotionStep(False, self._velocity)

@@ -35,7 +35,7 @@ def freer_drive(
     needed_s = distance_m / speed_m_s if speed_m_s > 0.0 else 0.0
     back_s = time_to_collision(Velocity(-speed_m_s, 0.0))
     ahead_s = time_to_collision(Velocity(speed_m_s, 0.0))
-    ahead = back_s <= min(needed_s, params.simulate_ahead_time_s) and ahead_s > back_s
+    ahead = back_s <= min(needed_s, params.simulate_ahead_time) and ahead_s > back_s
     free_m = 0.9 * (ahead_s if ahead else back_s) * speed_m_s
     if free_m < distance_m and free_m >= _LEAST_M:
         distance_m = free_m

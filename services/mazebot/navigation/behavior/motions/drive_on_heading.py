@@ -66,7 +66,7 @@ class DriveOnHeading(Motion):
         p, goal = self._params, self._goal
         sign = math.copysign(1.0, goal.target_x_m)
         left_m = abs(goal.target_x_m) - self._driven_m(at.odom_from_base) * sign
-        braking_m_s = p.deceleration_limit_m_s2 * at.elapsed_s
+        braking_m_s = -p.deceleration_limit * at.elapsed_s
         if left_m <= 0.0 and self._speed_m_s <= braking_m_s:
             return DONE
         if at.running_s > goal.time_allowance_s:
@@ -78,21 +78,21 @@ class DriveOnHeading(Motion):
         fastest_m_s = abs(goal.speed_m_s)
         ahead_m = max(left_m - self._speed_m_s * at.elapsed_s, 0.0)
         wanted_m_s = min(
-            max(math.sqrt(2.0 * p.deceleration_limit_m_s2 * ahead_m), p.minimum_speed_m_s),
+            max(math.sqrt(-2.0 * p.deceleration_limit * ahead_m), p.minimum_speed),
             fastest_m_s,
         )
         if left_m <= 0.0:
             wanted_m_s = 0.0
         elif not goal.disable_collision_checks:
             contact_s = at.time_to_collision(Velocity(goal.speed_m_s, 0.0))
-            if contact_s <= min(p.simulate_ahead_time_s, left_m / fastest_m_s):
+            if contact_s <= min(p.simulate_ahead_time, left_m / fastest_m_s):
                 raise NavigationError(
                     self.collision_ahead,
                     f"{self.name}: obstacle {contact_s * fastest_m_s:.2f} m "
                     f"{'ahead' if sign > 0.0 else 'behind'}",
                 )
         faster = wanted_m_s > self._speed_m_s
-        change_m_s = p.acceleration_limit_m_s2 * at.elapsed_s if faster else braking_m_s
+        change_m_s = p.acceleration_limit * at.elapsed_s if faster else braking_m_s
         self._speed_m_s = toward(self._speed_m_s, wanted_m_s, change_m_s)
         return MotionStep(False, Velocity(self._speed_m_s * sign, 0.0))
 

@@ -9,6 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pydantic import Field
+
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2
 from mazebot.common.robot.waffle import MAX_ANGULAR_RAD_S, MAX_LINEAR_M_S
 from mazebot.navigation.control.collision import STOP, Velocity
@@ -18,22 +21,40 @@ TimeToCollision = Callable[[Velocity], float]
 """
 
 
-@dataclass(frozen=True, slots=True)
-class BehaviorServerParams:
-    """Names as in Nav2's behavior_server; lower limits where Nav2's exceed those of this robot."""
+class BehaviorServerParams(Params):
+    """Names as in Nav2's behaviors; lower limits where Nav2's exceed those of this robot."""
 
-    simulate_ahead_time_s: float = 2.0
-    max_rotational_vel_rad_s: float = 1.0
-    min_rotational_vel_rad_s: float = 0.1
-    rotational_acc_lim_rad_s2: float = 1.6
-    acceleration_limit_m_s2: float = 0.8
-    deceleration_limit_m_s2: float = 0.8
-    minimum_speed_m_s: float = 0.02
-    """At the end of a drive; a request below it is driven as it is."""
-    projection_time_s: float = 1.0
-    """Assisted teleoperation slows down where a collision is nearer than this."""
-    teleop_linear_limit_m_s: float = MAX_LINEAR_M_S
-    teleop_angular_limit_rad_s: float = MAX_ANGULAR_RAD_S
+    max_rotational_vel: float = Field(1.0, gt=0, description="rad/s; highest speed of a spin")
+    min_rotational_vel: float = Field(
+        0.1, ge=0, description="rad/s; lowest speed at the end of a spin"
+    )
+    rotational_acc_lim: float = Field(1.6, gt=0, description="rad/s2; acceleration of a spin")
+    acceleration_limit: float = Field(0.8, gt=0, description="m/s2; acceleration of a drive")
+    deceleration_limit: float = Field(
+        -0.8, lt=0, description="m/s2; deceleration at the end of a drive, negative"
+    )
+    minimum_speed: float = Field(
+        0.02,
+        ge=0,
+        description="m/s; lowest speed at the end of a drive; a request below it is driven as it "
+        "is",
+    )
+    simulate_ahead_time: float = Field(
+        2.0, gt=0, description="s; a motion must be free of collisions for this long ahead"
+    )
+    projection_time: float = Field(
+        1.0,
+        gt=0,
+        description="s; assisted teleoperation slows down where a collision is nearer than this",
+    )
+    teleop_linear_limit: float = Field(
+        MAX_LINEAR_M_S, gt=0, description="m/s; highest speed of assisted teleoperation"
+    )
+    teleop_angular_limit: float = Field(
+        MAX_ANGULAR_RAD_S,
+        gt=0,
+        description="rad/s; highest turning speed of assisted teleoperation",
+    )
 
 
 class MotionStep(NamedTuple):

@@ -48,7 +48,7 @@ class Spin(Motion):
         self._last_yaw_rad = yaw_rad
         sign = math.copysign(1.0, goal.target_yaw_rad)
         left_rad = (goal.target_yaw_rad - self.feedback) * sign
-        change_rad_s = p.rotational_acc_lim_rad_s2 * at.elapsed_s
+        change_rad_s = p.rotational_acc_lim * at.elapsed_s
         if left_rad <= 0.0 and abs(self._rate_rad_s) <= change_rad_s:
             return DONE
         if at.running_s > goal.time_allowance_s:
@@ -59,10 +59,8 @@ class Spin(Motion):
             )
         # The command acts for a whole period before the next one can brake.
         ahead_rad = max(left_rad - abs(self._rate_rad_s) * at.elapsed_s, 0.0)
-        braking_rad_s = math.sqrt(2.0 * p.rotational_acc_lim_rad_s2 * ahead_rad)
-        wanted_rad_s = min(
-            max(braking_rad_s, p.min_rotational_vel_rad_s), p.max_rotational_vel_rad_s
-        )
+        braking_rad_s = math.sqrt(2.0 * p.rotational_acc_lim * ahead_rad)
+        wanted_rad_s = min(max(braking_rad_s, p.min_rotational_vel), p.max_rotational_vel)
         if left_rad <= 0.0:
             wanted_rad_s = 0.0
         self._rate_rad_s = toward(self._rate_rad_s, wanted_rad_s * sign, change_rad_s)
@@ -76,9 +74,9 @@ class Spin(Motion):
     ) -> None:
         p = self._params
         # At the highest rate: that of the whole turn, not of its first moment.
-        rate_rad_s = p.max_rotational_vel_rad_s
+        rate_rad_s = p.max_rotational_vel
         contact_s = time_to_collision(Velocity(0.0, rate_rad_s * sign))
-        if contact_s <= min(p.simulate_ahead_time_s, left_rad / rate_rad_s):
+        if contact_s <= min(p.simulate_ahead_time, left_rad / rate_rad_s):
             side = "left" if sign > 0.0 else "right"
             raise NavigationError(
                 ErrorCode.SPIN_COLLISION_AHEAD,
@@ -90,7 +88,7 @@ def freer_turn_rad(
     angle_rad: float, params: BehaviorServerParams, time_to_collision: TimeToCollision
 ) -> float:
     """The angle with the sign of the side to which the robot can turn further."""
-    rate_rad_s = params.max_rotational_vel_rad_s
+    rate_rad_s = params.max_rotational_vel
     wanted = time_to_collision(Velocity(0.0, math.copysign(rate_rad_s, angle_rad)))
     other = time_to_collision(Velocity(0.0, math.copysign(rate_rad_s, -angle_rad)))
     return -angle_rad if other > wanted else angle_rad

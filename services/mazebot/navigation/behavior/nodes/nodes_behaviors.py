@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
 
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.error_codes import ErrorCode
@@ -219,7 +218,8 @@ class DockRobotNode(ActionNode):
             ) from None
         reason = ""
         for share in _STAGING_SHARES:
-            nearer = replace(docking, staging_x_offset_m=share * docking.staging_x_offset_m)
+            shorter_m = share * docking.staging_x_offset
+            nearer = docking.model_copy(update={"staging_x_offset": shorter_m})
             try:
                 context.check_goals((staging_pose(nearer, map_from_dock),))
             except NavigationError as error:
@@ -266,7 +266,7 @@ class DockRobotNode(ActionNode):
         """Whether docking can begin; drives to the staging pose until then."""
         context, docking = self.context, self._docking
         staging = staging_pose(docking, self._dock.map_from_dock)
-        near = context.pose().distance_m(staging) <= docking.dock_prestaging_tolerance_m
+        near = context.pose().distance_m(staging) <= docking.dock_prestaging_tolerance
         if self._way is None and (near or not self.flag("navigate_to_staging_pose")):
             return True
         if (now_ns - self._began_ns) * 1e-9 > self.number("max_staging_time"):

@@ -360,8 +360,8 @@ class MPPIController(PathFollower):
         """
         robot = self._robot
         horizon_s = 2.0 * robot.control_period_s + max(
-            abs(velocity.linear_m_s) / robot.max_linear_accel_m_s2,
-            0.5 * abs(velocity.angular_rad_s) / robot.max_angular_accel_rad_s2,
+            abs(velocity.linear_m_s) / robot.limits.max_linear_accel,
+            0.5 * abs(velocity.angular_rad_s) / robot.limits.max_angular_accel,
         )
         return first_contact_s(around, velocity, 0.6 * horizon_s) == math.inf
 
@@ -387,13 +387,13 @@ class MPPIController(PathFollower):
 def _limits(params: MPPIParams, robot: Robot) -> Limits:
     """The parameters' limits, not beyond the robot's own."""
     dt = params.model_dt
-    up = min(params.ax_max, robot.max_linear_accel_m_s2)
-    down = min(-params.ax_min, robot.max_linear_accel_m_s2)
-    turn = min(params.az_max, robot.max_angular_accel_rad_s2)
+    up = min(params.ax_max, robot.limits.max_linear_accel)
+    down = min(-params.ax_min, robot.limits.max_linear_accel)
+    turn = min(params.az_max, robot.limits.max_angular_accel)
     return Limits(
-        np.float32(max(params.vx_min, -robot.max_linear_vel_m_s)),
-        np.float32(min(params.vx_max, robot.max_linear_vel_m_s)),
-        np.float32(min(params.wz_max, robot.max_angular_vel_rad_s)),
+        np.float32(max(params.vx_min, -robot.limits.max_linear_vel)),
+        np.float32(min(params.vx_max, robot.limits.max_linear_vel)),
+        np.float32(min(params.wz_max, robot.limits.max_angular_vel)),
         np.float32(up * dt),
         np.float32(down * dt),
         np.float32(turn * dt),

@@ -15,7 +15,6 @@ from mazebot.navigation.control.safety.collision_monitor import (
     PolygonParams,
     SourcePoints,
 )
-from mazebot.navigation.costmap.footprint import WAFFLE
 from mazebot.navigation.costmap.layered_costmap import (
     InflationParams,
     LayeredCostmap,
@@ -29,8 +28,8 @@ def compile_collision_kernels() -> None:
     """Run every kernel once in a small room, with the types of arguments that it has in use."""
     cells = np.zeros((40, 40), np.int8)
     cells[0] = 100
-    inflation = InflationParams(WAFFLE.half_width_m, 0.7, 3.0)
-    obstacle = ObstacleParams(2.5, 3.0, 0.1, decay_s=1.0)
+    inflation = InflationParams(inflation_radius=0.7, cost_scaling_factor=3.0)
+    obstacle = ObstacleParams(static_margin=0.1, decay_time=1.0)
     costmap = LayeredCostmap(frame_of(0.05, SE2(0.0, 0.0, 0.0), cells), cells, inflation, obstacle)
     local = LocalCostmap(0.05, inflation, obstacle)
     pose = SE2(1.0, 1.0, 0.0)
@@ -47,11 +46,11 @@ def compile_collision_kernels() -> None:
     ahead = np.stack([np.full(9, 0.1), np.linspace(-0.1, 0.1, 9)], axis=1)
     for velocity in (Velocity(0.4, 0.0), Velocity(0.2, 1.0)):
         first_contact_s(Surroundings(pose, costmap.master, ahead), velocity, 1.0)
-    polygons = (
-        PolygonParams(name="stop", type="circle", radius_m=0.4, action_type="stop"),
-        PolygonParams(name="approach", action_type="approach"),
-        PolygonParams(name="brake", action_type="approach", time_before_collision_s=0.0),
-    )
-    params = CollisionMonitorParams(polygons=polygons, source_timeout_s={"scan": 1.0})
+    polygons = {
+        "stop": PolygonParams(type="circle", radius=0.4, action_type="stop"),
+        "approach": PolygonParams(action_type="approach"),
+        "brake": PolygonParams(action_type="approach", time_before_collision=0.0),
+    }
+    params = CollisionMonitorParams(polygons=polygons)
     sources = {"scan": SourcePoints(0, ahead)}
     CollisionMonitor(params).step(0, Velocity(0.4, 0.1), Velocity(0.4, 0.0), sources)

@@ -13,13 +13,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, model_validator
 
+from mazebot.common.config import Params
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
@@ -63,106 +65,100 @@ class Action(IntEnum):
     LIMIT = 4
 
 
-@dataclass(frozen=True, slots=True)
-class VelocityPolygon:
+def _outline(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if points:
+        Footprint.of(points)
+    return points
+
+
+Points = Annotated[tuple[tuple[float, float], ...], AfterValidator(_outline)]
+"""(x, y) in base_footprint, which enclose it."""
+
+
+class VelocityPolygonParams(Params):
     """The polygon of a velocity_polygon for a range of commands."""
 
-    name: str
-    points_m: Array
-    linear_min_m_s: float
-    linear_max_m_s: float
-    theta_min_rad_s: float
-    theta_max_rad_s: float
+    points: Points = Field(description="m; [[x, y], ...] in base_footprint")
+    linear_min: float = Field(description="m/s; least speed of the commands")
+    linear_max: float = Field(description="m/s; highest speed of the commands")
+    theta_min: float = Field(description="rad/s; least turning speed of the commands")
+    theta_max: float = Field(description="rad/s; highest turning speed of the commands")
 
     def covers(self, command: Velocity) -> bool:
         """Whether it is meant for a command."""
         v, w = command
-        return (
-            self.linear_min_m_s <= v <= self.linear_max_m_s
-            and self.theta_min_rad_s <= w <= self.theta_max_rad_s
-        )
+        return self.linear_min <= v <= self.linear_max and self.theta_min <= w <= self.theta_max
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolygonParams:
+class PolygonParams(Params):
     """A zone around the robot, and what happens when points are in it; names and defaults as in
     Nav2.
     """
 
-    name: str
-    type: PolygonType = "polygon"
-    action_type: ActionType
-    points_m: Array | None = None
-    """(n, 2) of a polygon in base_footprint; None: the footprint."""
-    radius_m: float = 0.0
-    velocity_polygons: tuple[VelocityPolygon, ...] = ()
-    """The first that covers the command is used; none: no action."""
-    min_points: int = 4
-    trigger_consecutive_points: int = 1
-    """Steps in a row with points before it acts."""
-    release_consecutive_points: int = 1
-    """Steps in a row without before it ends."""
-    slowdown_ratio: float = 0.5
-    linear_limit_m_s: float = 0.5
-    angular_limit_rad_s: float = 0.5
-    time_before_collision_s: float = 2.0
-    """Of an approach: the command is scaled so that it is this long; 0: by the braking distance."""
-    sources_names: tuple[str, ...] | None = None
-    """None: all."""
-    enabled: bool = True
+    type: PolygonType = Field("polygon", description="its form")
+    action_type: ActionType = Field(description="what happens when points are in it")
+    points: Points = Field(
+        (), description="m; [[x, y], ...] of a polygon in base_footprint; none: the footprint"
+    )
+    radius: float = Field(0.0, ge=0, description="m; of a circle")
+    velocity_polygons: dict[str, VelocityPolygonParams] = Field(
+        default_factory=dict,
+        description="the first that covers the command is used; none: no action",
+    )
+    min_points: int = Field(4, ge=1, description="fewer points are noise")
+    trigger_consecutive_points: int = Field(
+        1, ge=1, description="steps in a row with points before it acts"
+    )
+    release_consecutive_points: int = Field(
+        1, ge=1, description="steps in a row without points before it ends"
+    )
+    slowdown_ratio: float = Field(0.5, ge=0, le=1, description="factor of a slowdown")
+    linear_limit: float = Field(0.5, ge=0, description="m/s; highest speed of a limit")
+    angular_limit: float = Field(0.5, ge=0, description="rad/s; highest turning speed of a limit")
+    time_before_collision: float = Field(
+        2.0,
+        ge=0,
+        description="s; of an approach: the command is scaled so that it is this long; 0: by the "
+        "braking distance",
+    )
+    sources_names: tuple[str, ...] | None = Field(None, description="sensors; none: all")
+    enabled: bool = Field(True, description="whether it is used")
 
-    def check(self) -> None:
-        """Raises ValueError with a phrase that names the field."""
-        if self.type == "circle" and not self.radius_m > 0.0:
-            raise ValueError(f"{self.name}: radius {self.radius_m:g}: must be more than 0 m")
+    @model_validator(mode="after")
+    def _has_its_form(self) -> PolygonParams:
+        if self.type == "circle" and not self.radius > 0.0:
+            raise ValueError("radius: must be greater than 0 for a circle")
         if self.type == "velocity_polygon" and not self.velocity_polygons:
-            raise ValueError(f"{self.name}: velocity_polygons: must name at least one")
-        for name, value, least in (
-            ("min_points", self.min_points, 1),
-            ("trigger_consecutive_points", self.trigger_consecutive_points, 1),
-            ("release_consecutive_points", self.release_consecutive_points, 1),
-        ):
-            if value < least:
-                raise ValueError(f"{self.name}: {name} {value}: must be at least {least}")
-        if not 0.0 <= self.slowdown_ratio <= 1.0:
-            raise ValueError(f"{self.name}: slowdown_ratio {self.slowdown_ratio:g}: must be 0 to 1")
-        for name, limit in (
-            ("linear_limit", self.linear_limit_m_s),
-            ("angular_limit", self.angular_limit_rad_s),
-            ("time_before_collision", self.time_before_collision_s),
-        ):
-            if not limit >= 0.0:
-                raise ValueError(f"{self.name}: {name} {limit:g}: must be at least 0")
+            raise ValueError("velocity_polygons: must name at least one")
+        return self
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Braking:
+class BrakingParams(Params):
     """How the robot stops."""
 
-    linear_decel_m_s2: float = 1.0
-    angular_decel_rad_s2: float = 2.0
-    delay_s: float = 0.1
-    """From a measurement until brakes act: a lidar's period."""
-    margin_m: float = 0.01
-    """What is left between robot and obstacle."""
+    linear_decel: float = Field(1.0, gt=0, description="m/s2; deceleration")
+    angular_decel: float = Field(2.0, gt=0, description="rad/s2; angular deceleration")
+    delay: float = Field(
+        0.1, ge=0, description="s; from a measurement until brakes act: a lidar's period"
+    )
+    margin: float = Field(0.01, ge=0, description="m; what is left between robot and obstacle")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CollisionMonitorParams:
+class CollisionMonitorParams(Params):
     """Names and defaults as in Nav2; distances by the braking of a waffle."""
 
-    polygons: tuple[PolygonParams, ...] = (
-        PolygonParams(
-            name="FootprintApproach",
-            action_type="approach",
-            time_before_collision_s=0.0,
-        ),
+    enabled: bool = Field(True, description="whether commands are checked")
+    polygons: dict[str, PolygonParams] = Field(
+        {"FootprintApproach": PolygonParams(action_type="approach", time_before_collision=0.0)},
+        description="the zones around the robot by name",
     )
-    source_timeout_s: Mapping[str, float]
-    """Of each source; 0: it is never too old."""
-    stop_pub_timeout_s: float = 1.0
-    braking: Braking = field(default_factory=Braking)
-    enabled: bool = True
+    source_timeout: float = Field(
+        0.5, ge=0, description="s; a scan older than this stops the robot; 0: it is never too old"
+    )
+    stop_pub_timeout: float = Field(
+        1.0, ge=0, description="s; a stop is repeated for this long: then another source may drive"
+    )
+    braking: BrakingParams = BrakingParams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,12 +196,21 @@ class Watched:
 class CollisionMonitor:
     """Judges one command after another."""
 
-    def __init__(self, params: CollisionMonitorParams, footprint: Footprint = WAFFLE) -> None:
-        """Raises ValueError with a phrase if a polygon is none."""
+    def __init__(
+        self,
+        params: CollisionMonitorParams,
+        footprint: Footprint = WAFFLE,
+        sources: Sequence[str] = ("scan",),
+    ) -> None:
+        """`sources`: the sensors without which the robot may not move."""
+        self._sources = sources
         self._params = params
         self.enabled = params.enabled
         """Nav2's toggle service."""
-        self._zones = [_Zone(polygon, footprint, params.braking) for polygon in params.polygons]
+        self._zones = [
+            _Zone(name, polygon, footprint, params.braking)
+            for name, polygon in params.polygons.items()
+        ]
         self._stopped_since_ns: int | None = None
 
     def step(
@@ -246,7 +251,8 @@ class CollisionMonitor:
     def _invalid_source(
         self, now_ns: int, sources: Mapping[str, SourcePoints]
     ) -> MonitorState | None:
-        for name, timeout_s in self._params.source_timeout_s.items():
+        timeout_s = self._params.source_timeout
+        for name in self._sources:
             if name not in sources:
                 return MonitorState(
                     Action.STOP,
@@ -268,27 +274,29 @@ class CollisionMonitor:
         elif self._stopped_since_ns is None or now_ns < self._stopped_since_ns:
             self._stopped_since_ns = now_ns
         since_ns = self._stopped_since_ns
-        timeout_ns = self._params.stop_pub_timeout_s * 1e9
+        timeout_ns = self._params.stop_pub_timeout * 1e9
         return Watched(velocity, state, since_ns is None or now_ns - since_ns <= timeout_ns)
 
 
 class _Zone:
     """A polygon with its memory."""
 
-    def __init__(self, params: PolygonParams, footprint: Footprint, braking: Braking) -> None:
-        params.check()
+    def __init__(
+        self, name: str, params: PolygonParams, footprint: Footprint, braking: BrakingParams
+    ) -> None:
+        self.name = name
         self.params = params
         self._braking = braking
         self._footprint = footprint
-        self._kept = footprint.padded(braking.margin_m)
+        self._kept = footprint.padded(braking.margin)
         self._triggered = False
         self._in_a_row = 0
         if params.type == "circle":
-            self._polygons = [Footprint.circle(params.radius_m)]
+            self._polygons = [Footprint.circle(params.radius)]
         elif params.type == "velocity_polygon":
-            self._polygons = [Footprint.of(one.points_m) for one in params.velocity_polygons]
-        elif params.points_m is not None:
-            self._polygons = [Footprint.of(params.points_m)]
+            self._polygons = [Footprint.of(one.points) for one in params.velocity_polygons.values()]
+        elif params.points:
+            self._polygons = [Footprint.of(params.points)]
         else:
             self._polygons = [self._kept]
 
@@ -315,7 +323,9 @@ class _Zone:
             return self._polygons[0]
         covering = (
             polygon
-            for one, polygon in zip(self.params.velocity_polygons, self._polygons, strict=True)
+            for one, polygon in zip(
+                self.params.velocity_polygons.values(), self._polygons, strict=True
+            )
             if one.covers(command)
         )
         return next(covering, None)
@@ -338,7 +348,7 @@ class _Zone:
         if params.action_type == "slowdown":
             return _scaled(command, params.slowdown_ratio), Action.SLOWDOWN, "slowing down"
         if params.action_type == "limit":
-            scale = _limiting(command, params.linear_limit_m_s, params.angular_limit_rad_s)
+            scale = _limiting(command, params.linear_limit, params.angular_limit)
             return _scaled(command, scale), Action.LIMIT, "limiting the speed"
         if command != STOP and len(within_m) and self._moves_away(command, within_m):
             scale = _limiting(command, *ESCAPE)
@@ -368,16 +378,16 @@ class _Zone:
         params, braking = self.params, self._braking
         v, w = float(command.linear_m_s), float(command.angular_rad_s)
         met = np.zeros(len(points_m), np.bool_)
-        if params.time_before_collision_s > 0.0:
+        if params.time_before_collision > 0.0:
             contact_s = time_to_contact_s(
                 points_m, polygon.points_m, v, w,
-                params.time_before_collision_s, params.min_points, met,
+                params.time_before_collision, params.min_points, met,
             )  # fmt: skip
-            scale = min(contact_s / params.time_before_collision_s, 1.0)
+            scale = min(contact_s / params.time_before_collision, 1.0)
             what = f"collision in {contact_s:.2f} s"
         else:
             scale = self._braking_scale(
-                polygon, command, velocity, points_m, velocities_m_s, braking.delay_s, met
+                polygon, command, velocity, points_m, velocities_m_s, braking.delay, met
             )
             what = "within the braking distance"
         if not self._trigger(scale < 1.0) or scale >= 1.0:
@@ -410,7 +420,7 @@ class _Zone:
                 points_m, velocities_m_s, polygon.points_m, polygon.circles,
                 float(velocity.linear_m_s), float(velocity.angular_rad_s),
                 float(command.linear_m_s), float(command.angular_rad_s),
-                self._braking.linear_decel_m_s2, self._braking.angular_decel_rad_s2, delay_s,
+                self._braking.linear_decel, self._braking.angular_decel, delay_s,
                 self.params.min_points, met,
             ))  # fmt: skip
 
@@ -421,8 +431,8 @@ class _Zone:
             return 1.0
         # As long as the command takes, and its braking.
         stands_s = delay_s + max(
-            abs(command.linear_m_s) / self._braking.linear_decel_m_s2,
-            abs(command.angular_rad_s) / self._braking.angular_decel_rad_s2,
+            abs(command.linear_m_s) / self._braking.linear_decel,
+            abs(command.angular_rad_s) / self._braking.angular_decel,
         )
         comes = scale_of(STOP, velocities_m_s, stands_s) < 1.0
         if comes and self._moves_away(command, points_m[met], _NEARER_M):
@@ -430,7 +440,7 @@ class _Zone:
         return scale_of(command, velocities_m_s, delay_s)
 
     def _state(self, action: Action, points_m: Array, cloud: _Cloud, what: str) -> MonitorState:
-        name = self.params.name
+        name = self.name
         if not len(points_m):
             return MonitorState(action, name, reason=f"{name}: {what}")
         place_m = _nearest(points_m)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2, wrap_angle
 
 
-@dataclass(frozen=True, slots=True)
-class ProgressParams:
+class ProgressParams(Params):
     """Names as in Nav2's PoseProgressChecker."""
 
-    required_movement_radius_m: float
-    required_movement_angle_rad: float
-    movement_time_allowance_s: float
+    required_movement_radius: float = Field(
+        0.1, gt=0, description="m; a move of this length counts as progress"
+    )
+    required_movement_angle: float = Field(
+        0.2, gt=0, description="rad; a turn of this angle counts as progress"
+    )
+    movement_time_allowance: float = Field(
+        2.5, gt=0, description="s; without progress for this long a recovery begins"
+    )
 
 
 class ProgressChecker:
@@ -33,10 +39,10 @@ class ProgressChecker:
         p, baseline = self._params, self._baseline
         if (
             baseline is None
-            or pose.distance_m(baseline) >= p.required_movement_radius_m
-            or abs(wrap_angle(pose.yaw_rad - baseline.yaw_rad)) >= p.required_movement_angle_rad
+            or pose.distance_m(baseline) >= p.required_movement_radius
+            or abs(wrap_angle(pose.yaw_rad - baseline.yaw_rad)) >= p.required_movement_angle
         ):
             self._baseline = pose
             self._baseline_ns = now_ns
             return True
-        return (now_ns - self._baseline_ns) * 1e-9 <= p.movement_time_allowance_s
+        return (now_ns - self._baseline_ns) * 1e-9 <= p.movement_time_allowance

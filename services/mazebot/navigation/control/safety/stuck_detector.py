@@ -6,16 +6,15 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.maths.frames import SE2
 from mazebot.navigation.control.collision import Velocity
 
 
-class StuckDetectorParams(BaseModel):
+class StuckDetectorParams(Params):
     """When a robot counts as stuck. Nav2 has no such detector; see its progress checker."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     time_allowance: float = Field(
         2.0, gt=0, description="s; motion is compared over the last so many seconds"

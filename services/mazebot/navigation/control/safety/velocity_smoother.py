@@ -5,14 +5,14 @@ of nav2_velocity_smoother. It comes before the collision monitor.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from mazebot.common.config import Params
 from mazebot.common.robot import waffle
 from mazebot.navigation.control.collision import STOP, Velocity
-from mazebot.navigation.control.controller import ControllerParams
+from mazebot.navigation.control.controller import RobotLimits
 
 Feedback = Literal["OPEN_LOOP", "CLOSED_LOOP"]
 
@@ -22,47 +22,9 @@ _Most = Annotated[float, Field(ge=0.0)]
 _Least = Annotated[float, Field(le=0.0)]
 _Accel = Annotated[float, Field(gt=0.0)]
 _Decel = Annotated[float, Field(lt=0.0)]
-_MAX_VELOCITY = Velocity(waffle.MAX_LINEAR_M_S, waffle.MAX_ANGULAR_RAD_S)
-_MIN_VELOCITY = Velocity(-waffle.MAX_LINEAR_M_S, -waffle.MAX_ANGULAR_RAD_S)
-_MAX_ACCEL = Velocity(waffle.MAX_LINEAR_ACCELERATION_M_S2, waffle.MAX_ANGULAR_ACCELERATION_RAD_S2)
-_MAX_DECEL = Velocity(-waffle.MAX_LINEAR_ACCELERATION_M_S2, -waffle.MAX_ANGULAR_ACCELERATION_RAD_S2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VelocitySmootherParams:
-    """Names as in Nav2, for x and theta; the limits are a waffle's."""
-
-    feedback: Feedback = "OPEN_LOOP"
-    """Whether it continues from its last command, or from the measured velocity."""
-    scale_velocities: bool = False
-    """Whether both axes are limited by one factor, which keeps the curvature of a motion."""
-    max_velocity: Velocity = _MAX_VELOCITY
-    min_velocity: Velocity = _MIN_VELOCITY
-    max_accel: Velocity = _MAX_ACCEL
-    max_decel: Velocity = _MAX_DECEL
-    deadband_velocity: Velocity = STOP
-    """Smaller speeds are published as 0."""
-    velocity_timeout_s: float = 1.0
-    """A command this old is followed by a ramp to 0."""
-
-    def check(self) -> None:
-        """Raises ValueError with a phrase that names the field."""
-        for field, values, sign, must in (
-            ("max_velocity", self.max_velocity, 1.0, "at least 0"),
-            ("min_velocity", self.min_velocity, -1.0, "at most 0"),
-            ("max_accel", self.max_accel, 1.0, "more than 0"),
-            ("max_decel", self.max_decel, -1.0, "less than 0"),
-            ("deadband_velocity", self.deadband_velocity, 1.0, "at least 0"),
-        ):
-            for axis, value in zip(("x", "theta"), values, strict=True):
-                right = value * sign >= 0.0 if must.startswith("at") else value * sign > 0.0
-                if not (right and math.isfinite(value)):
-                    raise ValueError(f"{field} {value:g} in {axis}: must be {must}")
-        if not self.velocity_timeout_s >= 0.0:
-            raise ValueError(f"velocity_timeout {self.velocity_timeout_s:g}: must be at least 0 s")
-
-
-class VelocitySmootherConfig(ControllerParams):
+class VelocitySmootherParams(Params):
     """Names, and the three values for x, y and theta, as in Nav2; the robot has no y."""
 
     feedback: Feedback = Field(
@@ -81,7 +43,9 @@ class VelocitySmootherConfig(ControllerParams):
         description="m/s, m/s, rad/s; backwards and clockwise",
     )
     max_accel: tuple[_Accel, float, _Accel] | None = Field(
-        None, description="m/s2, m/s2, rad/s2; none: max_linear_accel and max_angular_accel"
+        None,
+        description="m/s2, m/s2, rad/s2; none: max_linear_accel and max_angular_accel of the "
+        "controller server",
     )
     max_decel: tuple[_Decel, float, _Decel] | None = Field(
         None, description="m/s2, m/s2, rad/s2, negative; none: as strong as the acceleration"
@@ -93,23 +57,6 @@ class VelocitySmootherConfig(ControllerParams):
         1.0, ge=0, description="s; a command this old is followed by a ramp to a stop"
     )
 
-    def params(
-        self, max_linear_accel_m_s2: float, max_angular_accel_rad_s2: float
-    ) -> VelocitySmootherParams:
-        """With the accelerations of the robot where none are given here."""
-        accel = self.max_accel or (max_linear_accel_m_s2, 0.0, max_angular_accel_rad_s2)
-        decel = self.max_decel or (-accel[0], 0.0, -accel[2])
-        return VelocitySmootherParams(
-            feedback=self.feedback,
-            scale_velocities=self.scale_velocities,
-            max_velocity=_planar(self.max_velocity),
-            min_velocity=_planar(self.min_velocity),
-            max_accel=_planar(accel),
-            max_decel=_planar(decel),
-            deadband_velocity=_planar(self.deadband_velocity),
-            velocity_timeout_s=self.velocity_timeout,
-        )
-
 
 def _planar(values: tuple[float, float, float]) -> Velocity:
     return Velocity(values[0], values[2])
@@ -118,10 +65,15 @@ def _planar(values: tuple[float, float, float]) -> Velocity:
 class VelocitySmoother:
     """Follows the newest command within the limits."""
 
-    def __init__(self, params: VelocitySmootherParams) -> None:
-        """Raises ValueError with a phrase if a limit is none."""
-        params.check()
+    def __init__(self, params: VelocitySmootherParams, limits: RobotLimits) -> None:
+        """`limits`: the robot's, where the parameters give no accelerations."""
         self._params = params
+        accel = params.max_accel or (limits.max_linear_accel, 0.0, limits.max_angular_accel)
+        self._accel = _planar(accel)
+        self._decel = _planar(params.max_decel or (-accel[0], 0.0, -accel[2]))
+        self._most = _planar(params.max_velocity)
+        self._least = _planar(params.min_velocity)
+        self._dead = _planar(params.deadband_velocity)
         self._command: Velocity | None = None
         self._command_ns = 0
         self._last = STOP
@@ -154,7 +106,7 @@ class VelocitySmoother:
         if self._command is None:
             return None
         target = self._clipped(self._command)
-        if now_ns - self._command_ns > params.velocity_timeout_s * 1e9:
+        if now_ns - self._command_ns > params.velocity_timeout * 1e9:
             if self._last == STOP:
                 self._command = None
                 return None
@@ -162,13 +114,13 @@ class VelocitySmoother:
         current = measured if params.feedback == "CLOSED_LOOP" else self._last
         self._last = self._towards(current, target, elapsed_s)
         v, w = self._last
-        dead = params.deadband_velocity
+        dead = self._dead
         return Velocity(
             v if abs(v) >= dead.linear_m_s else 0.0, w if abs(w) >= dead.angular_rad_s else 0.0
         )
 
     def _clipped(self, command: Velocity) -> Velocity:
-        low, high = self._params.min_velocity, self._params.max_velocity
+        low, high = self._least, self._most
         if not self._params.scale_velocities:
             return Velocity(
                 min(max(command.linear_m_s, low.linear_m_s), high.linear_m_s),
@@ -185,7 +137,7 @@ class VelocitySmoother:
         params = self._params
         changes, shares = [], []
         for now, wanted, accel, decel in zip(
-            current, target, params.max_accel, params.max_decel, strict=True
+            current, target, self._accel, self._decel, strict=True
         ):
             # Faster in the same direction is acceleration, everything else deceleration.
             faster = abs(wanted) >= abs(now) and now * wanted >= 0.0

@@ -74,7 +74,7 @@ def free_path(
     Raises NavigationError with PLANNER_TIMEOUT.
     """
     path = None
-    if params.algorithm == "any_angle" and params.cost_travel_multiplier <= 0.0:
+    if params.algorithm == "any_angle" and params.settings.cost_travel_multiplier <= 0.0:
         path = _shortest(grid, ends, params, kept)
     if path is None:
         path = _cheapest(grid, ends, params, price, kept)
@@ -92,7 +92,7 @@ def _cheapest(
     start = ends.start_cell[0] * stride + ends.start_cell[1]
     goal = ends.goal_cell[0] * stride + ends.goal_cell[1]
     status, _ = a_star(
-        grid.cells, NARROW, price, start, goal, params.max_iterations, _PER_CELL,
+        grid.cells, NARROW, price, start, goal, params.settings.most_cells, _PER_CELL,
         buckets_for(price, _PER_CELL), 1.0, 0.0, kept.cost_to_come, kept.came_from,
     )  # fmt: skip
     _raise(status, params)
@@ -106,7 +106,7 @@ def _shortest(grid: SearchGrid, ends: Ends, params: PlannerParams, kept: Workspa
     (start_x, start_y), (goal_x, goal_y) = ends.begin(), ends.goal_at
     status, corners = anya(
         grid.cells, NARROW, left, right, start_x + 0.5, start_y + 0.5, goal_x + 0.5, goal_y + 0.5,
-        params.max_iterations, _ANY_ANGLE_PER_CELL, kept.cost_to_come,
+        params.settings.most_cells, _ANY_ANGLE_PER_CELL, kept.cost_to_come,
     )  # fmt: skip
     _raise(status, params)
     return pulled_off_corners(grid.cells, NARROW, corners)
@@ -116,7 +116,7 @@ def _raise(status: int, params: PlannerParams) -> None:
     if status == GAVE_UP:
         raise NavigationError(
             ErrorCode.PLANNER_TIMEOUT,
-            f"no path found within {params.max_iterations} cells: raise max_planning_iterations",
+            f"no path found within {params.settings.most_cells} cells: raise max_iterations",
         )
     assert status != NO_WAY
 
@@ -130,7 +130,7 @@ def _rounded(
     safe_m = costmap.robot_radius_m + resolution_m
     if params.footprint is not None:
         safe_m = params.footprint.circumscribed_radius_m + resolution_m
-    dearer = _DEARER if params.cost_travel_multiplier > 0.0 else _LONGER
+    dearer = _DEARER if params.settings.cost_travel_multiplier > 0.0 else _LONGER
     most = dearer * polyline_cost(grid.cells, NARROW, price, dense)
     passes = params.smoothing_iterations
     while passes > 0:
