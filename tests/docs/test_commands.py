@@ -49,8 +49,6 @@ camera_matrix: {{rows: 3, cols: 3, data: {CAMERA.ravel().tolist()}}}
 distortion_model: plumb_bob
 distortion_coefficients: {{rows: 1, cols: 5, data: [0.0, 0.0, 0.0, 0.0, 0.0]}}
 """
-MADE_BY = {"my_world/": "mazebot world build enhanced --out my_world"}
-"""What a command names that another command of its page has made."""
 PLACEHOLDERS = {"RUN": ("one", "two"), "NAME": ("den",)}
 
 
@@ -201,6 +199,17 @@ def filled(example: Example) -> str:
     return text
 
 
+def makers(example: Example) -> list[str]:
+    """The commands of its page that make the folders which it names, by `--out`."""
+    found = []
+    for other in some("alone"):
+        words = program(other)
+        made = words[words.index("--out") + 1] if "--out" in words else None
+        if made and other.page == example.page and f"{made}/" in example.text:
+            found.append(filled(other))
+    return found
+
+
 @pytest.fixture(scope="module")
 def worked() -> set[str]:
     """The commands that have been run: one that stands on two pages need not be run again."""
@@ -214,9 +223,7 @@ def worked() -> set[str]:
 def test_a_command_that_needs_nothing_else_works(
     example: Example, folder: Path, worked: set[str]
 ) -> None:
-    command = filled(example)
-    needed = [maker for name, maker in MADE_BY.items() if name in command]
-    for one in dict.fromkeys([*needed, command]):
+    for one in (*makers(example), filled(example)):
         if one not in worked:
             run(one, folder)
             worked.add(one)
