@@ -87,7 +87,7 @@ def without_line(text: str) -> str:
             lambda r: r["markers"][0].update(side="top"),
             "markers[0].side: 'top': must be 'left' or 'right'",
         ),
-        (lambda r: r["markers"][0].update(id=1.5), "markers[0].id: 1.5: must be a whole number"),
+        (lambda r: r["markers"][0].update(id=1.5), "markers[0].id: 1.5: must be an integer"),
         (lambda r: r.update(walls={"south": 1}), "walls: {'south': 1}: must be a list"),
         (lambda r: r.update(start=[0, 0]), "start: (0, 0): must be a mapping"),
         (

@@ -139,7 +139,7 @@ function quantities(runs) {
   ];
   const services = new Set(runs.flatMap((run) => Object.keys(run.series.costs)));
   for (const service of [...services].sort()) {
-    list.push([`step of ${service}, 99 %`, "ms", (series) => {
+    list.push([`step of ${service}, p99`, "ms", (series) => {
       const cost = series.costs[service];
       return cost ? [cost.time_s, cost.step_time_p99_ms, 1] : [[], [], 1];
     }]);

@@ -30,7 +30,7 @@ def must_of(problem: ErrorDetails, outer: Iterable[Any]) -> str:
         case "float_type" | "float_parsing":
             return "must be a number"
         case "int_type" | "int_parsing" | "int_from_float":
-            return "must be a whole number"
+            return "must be an integer"
         case "bool_type":
             return "must be true or false"
         case "string_type" | "invalid_key":

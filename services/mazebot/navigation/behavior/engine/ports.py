@@ -46,7 +46,7 @@ def as_integer(value: object) -> int:
     """The whole number that a port holds. Raises ValueError."""
     number = as_number(value)
     if not number.is_integer():
-        raise ValueError(f"must be a whole number (got {value!r:.40})")
+        raise ValueError(f"must be an integer (got {value!r:.40})")
     return int(number)
 
 
