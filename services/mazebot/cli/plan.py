@@ -162,13 +162,10 @@ def _costmap(
 
 def _masks(keepout: Path | None, speed: Path | None) -> Masks:
     from mazebot.navigation.config import FilterInfoServerParams  # noqa: PLC0415
-    from mazebot.navigation.costmap.filters import KEEPOUT, FilterInfo  # noqa: PLC0415
-    from mazebot.navigation.mask_files import Masks, read_mask  # noqa: PLC0415
+    from mazebot.navigation.mask_files import read_masks  # noqa: PLC0415
 
-    in_percent = FilterInfo(**FilterInfoServerParams().model_dump())
-    return Masks(
-        (read_mask("--keepout", str(keepout), FilterInfo(KEEPOUT)),) if keepout else (),
-        (read_mask("--speed", str(speed), in_percent),) if speed else (),
+    return read_masks(
+        ("--keepout", str(keepout or "")), ("--speed", str(speed or "")), FilterInfoServerParams()
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mazebot.common.config import ConfigError
 from mazebot.common.world.costmap import MAX_MAP_CELLS, straightened
-from mazebot.navigation.config import NavigationConfig
+from mazebot.navigation.config import FilterInfoServerParams, NavigationConfig
 from mazebot.navigation.costmap.costmap import frame_of
 from mazebot.navigation.costmap.filters import KEEPOUT, FilterInfo, FilterMask
 from mazebot.navigation.costmap.zones import NamedMask
@@ -23,13 +23,24 @@ class Masks:
 
 def masks_of(config: NavigationConfig) -> Masks:
     """The masks of a configuration. Raises ConfigError, see `read_mask`."""
-    keepout = config.keepout_filter_mask_server.yaml_filename
-    speed = config.speed_filter_mask_server.yaml_filename
-    info = FilterInfo(**config.speed_costmap_filter_info_server.model_dump())
-    named = "{}_filter_mask_server.yaml_filename"
+    keepout, speed = config.keepout_filter_mask_server, config.speed_filter_mask_server
+    return read_masks(
+        ("keepout_filter_mask_server.yaml_filename", keepout.yaml_filename),
+        ("speed_filter_mask_server.yaml_filename", speed.yaml_filename),
+        config.speed_costmap_filter_info_server,
+    )
+
+
+def read_masks(
+    keepout: tuple[str, str], speed: tuple[str, str], speed_info: FilterInfoServerParams
+) -> Masks:
+    """The masks of two settings, each with its file; an empty one is none. Raises ConfigError, see
+    `read_mask`.
+    """
+    info = FilterInfo(**speed_info.model_dump())
     return Masks(
-        (read_mask(named.format("keepout"), keepout, FilterInfo(KEEPOUT)),) if keepout else (),
-        (read_mask(named.format("speed"), speed, info),) if speed else (),
+        (read_mask(*keepout, FilterInfo(KEEPOUT)),) if keepout[1] else (),
+        (read_mask(*speed, info),) if speed[1] else (),
     )
 
 

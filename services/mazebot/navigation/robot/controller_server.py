@@ -55,13 +55,10 @@ class ControllerServerParams(RobotLimits):
 
     def params_of(self, name: str) -> ControllerParams | dict[str, object]:
         """Parameters of the controller of a name."""
-        if name == "mppi":
-            return self.mppi
-        return (
-            self.regulated_pure_pursuit
-            if name == "regulated_pure_pursuit"
-            else (self.controller_params)
-        )
+        built_in: dict[str, ControllerParams] = {
+            "mppi": self.mppi, "regulated_pure_pursuit": self.regulated_pure_pursuit
+        }  # fmt: skip
+        return built_in.get(name, self.controller_params)
 
 
 class ControllerServer:
