@@ -6,6 +6,7 @@ import ctypes
 import gc
 import logging
 import platform
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -26,6 +27,10 @@ def pytest_configure() -> None:
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_TOP_PAD, 64 << 20)
+    # A shell starts what runs in its background with SIGINT ignored, and so would every program be
+    # that a test ends by Ctrl-C.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish() -> None:
