@@ -4,7 +4,6 @@
 const address = (version) => `/viewer/${encodeURIComponent(version)}/widget.js`;
 
 const AGAIN_MS = 1000;
-const MOST_TRIES = 20;
 const SAME_S = 0.002;
 
 export class Viewer {
@@ -15,7 +14,6 @@ export class Viewer {
   #isReady;
   #observer;
   #soughtS = null;
-  #tries = 0;
   #again = 0;
   /** Called with the time shown, in s of simulation time. */
   onTime = () => {};
@@ -53,7 +51,9 @@ export class Viewer {
     });
     this.#observer = new ResizeObserver(() => this.#fit());
     this.#observer.observe(box);
-    box.addEventListener("pointerdown", () => { this.#soughtS = null; }, { capture: true });
+    for (const kind of ["pointerdown", "keydown"]) {
+      box.addEventListener(kind, () => { this.#soughtS = null; }, { capture: true });
+    }
   }
 
   /** Whether the viewer has been asked to open an address. */
@@ -77,17 +77,15 @@ export class Viewer {
   async seek(time_s) {
     await this.#ready;
     this.#soughtS = time_s;
-    this.#tries = 0;
     this.#sendTime();
   }
 
-  /** The viewer ignores a time that comes while it opens a recording: sent again until it is shown,
-   * or the user takes the viewer over.
+  /** The viewer ignores a time that comes while it opens a recording, however long that takes: sent
+   * again until it is shown, or the user takes the viewer over.
    */
   #sendTime() {
     clearTimeout(this.#again);
-    if (this.#soughtS === null || this.#tries >= MOST_TRIES) return;
-    this.#tries += 1;
+    if (this.#soughtS === null) return;
     const duration_nanos = String(BigInt(Math.round(this.#soughtS * 1e9)));
     this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
     this.#again = setTimeout(() => this.#sendTime(), AGAIN_MS);
