@@ -12,6 +12,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from mazebot.common.node.executive import MemoryTransport
+
 # The same examples each time, and no test that fails because the machine is busy.
 settings.register_profile("mazebot", deadline=None, derandomize=True)
 settings.load_profile("mazebot")
@@ -22,9 +24,10 @@ _M_TOP_PAD = -2
 
 
 def pytest_configure() -> None:
-    """Keep memory that is freed: the next test needs as much again, and to give it back to the
+    """Validate every message of nodes in one process, which a user's run does not. Keep memory that is freed: the next test needs as much again, and to give it back to the
     system and take it anew costs a tenth of all processor time.
     """
+    MemoryTransport.checks_messages = True
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_TOP_PAD, 64 << 20)
     # A shell starts what runs in its background with SIGINT ignored, and so would every program be

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from mazebot.common.bus.bus import Bus
 from mazebot.common.bus.config import BusConfig
@@ -32,6 +33,10 @@ class RecordedMemoryTransport(MemoryTransport):
     def __init__(self) -> None:
         super().__init__()
         self.record: Record = []
+
+    def _is_read(self, topic: Topic[Any]) -> bool:
+        """By the record."""
+        return True
 
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         _note(self.record, topic, message, envelope)

@@ -52,6 +52,10 @@ class WatchedTransport(MemoryTransport):
         """Whether any topic is watched now."""
         return bool(self._watches)
 
+    def _is_read(self, topic: Topic[Any]) -> bool:
+        """Whoever watches may begin at any time."""
+        return True
+
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         with self._lock:
             self.latest[topic.name] = message

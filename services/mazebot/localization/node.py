@@ -354,7 +354,8 @@ class LocalizationNode(Node):
                 assert self._odom is not None
                 outbox.put(AMCL_POSE, pose_message(self._odom[0], *localization.pose()))
             if self._schedule.is_due("particles", now_ns, _PARTICLES_PERIOD_NS):
-                outbox.put(PARTICLE_CLOUD, cloud_message(now_ns, localization.particles()))
+                particles = localization.particles()
+                outbox.offer(PARTICLE_CLOUD, lambda: cloud_message(now_ns, particles))
         state = self._state()
         # Called on every step, so that the period counts from the last status published.
         due = self._schedule.is_due("status", now_ns, _STATUS_PERIOD_NS)

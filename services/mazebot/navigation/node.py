@@ -497,7 +497,7 @@ class NavigationNode(Node):
             "local", now_ns, _LOCAL_COSTMAP_PERIOD_NS
         ):
             local = drive.robot.local_costmap
-            outbox.put(LOCAL_COSTMAP, costmap_message(now_ns, local, ODOM_FRAME))
+            outbox.offer(LOCAL_COSTMAP, lambda: costmap_message(now_ns, local, ODOM_FRAME))
         state = self._monitor_state
         if state is not None and drive.monitor_published != (state.action, state.polygon_name):
             drive.monitor_published = (state.action, state.polygon_name)
@@ -534,9 +534,11 @@ class NavigationNode(Node):
             return
         if self._schedule.is_due("costmap", now_ns, _COSTMAP_PERIOD_NS):
             self._costmap_shown = costmap.revision
-            outbox.put(GLOBAL_COSTMAP, costmap_message(now_ns, costmap, MAP_FRAME))
+            outbox.offer(GLOBAL_COSTMAP, lambda: costmap_message(now_ns, costmap, MAP_FRAME))
 
     def _publish_tree(self, now_ns: int, outbox: Outbox, navigator: BtNavigator) -> None:
+        if not outbox.is_read(BEHAVIOR_TREE):
+            return
         self._tree_log.add(navigator.running_tree())
         if not self._schedule.is_due("tree", now_ns, _TREE_PERIOD_NS):
             return
@@ -549,6 +551,8 @@ class NavigationNode(Node):
     def _publish_trajectories(self, now_ns: int, outbox: Outbox, robot: RobotContext) -> None:
         controller = robot.controller_server.controller
         if not robot.controlled or not isinstance(controller, MPPIController):
+            return
+        if not outbox.is_read(TRAJECTORIES):
             return
         if self._schedule.is_due("trajectories", now_ns, _TRAJECTORIES_PERIOD_NS):
             drawn = controller.trajectories()

@@ -184,18 +184,15 @@ class PhysicsNode(ClockNode):
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process new messages and, if `now_ns` is the next step's time, advance to it."""
-        for request in inbox.requests(SIMULATION_CONTROL):
+        has_news, inbox.has_news = inbox.has_news, False
+        for request in inbox.requests(SIMULATION_CONTROL) if has_news else ():
             self._take_in_control(request, inbox, outbox)
         due = self.next_step_ns() == now_ns
         if not due:
             # A request may have paused or reset the simulation.
             now_ns = outbox.now_ns = self.now_ns
-        if inbox.pending(SIMULATION_STATS):
-            self._take_in_past(inbox, outbox)
-        if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
-            self._take_in_world(now_ns, inbox, outbox)
-        if inbox.pending(CMD_VEL):
-            self._take_in_command(now_ns, inbox)
+        if has_news:
+            self._take_in_messages(now_ns, inbox, outbox)
         if self._commander is not None and inbox.is_gone(self._commander):
             self._commander = None
             if self._simulation is not None:
@@ -206,6 +203,14 @@ class PhysicsNode(ClockNode):
         if ended is not None:
             self._answer(ended, "")
             self._publish_stats(outbox)
+
+    def _take_in_messages(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
+        if inbox.pending(SIMULATION_STATS):
+            self._take_in_past(inbox, outbox)
+        if inbox.pending(ASSETS) or inbox.pending(WORLD) or inbox.pending(DESIRED_ENTITIES):
+            self._take_in_world(now_ns, inbox, outbox)
+        if inbox.pending(CMD_VEL):
+            self._take_in_command(now_ns, inbox)
 
     def _take_in_past(self, inbox: Inbox, outbox: Outbox) -> None:
         """Continue the epoch count of the previous process."""
@@ -225,7 +230,8 @@ class PhysicsNode(ClockNode):
 
     def _advance(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         self._steps += 1
-        stops = simulation.watchdog_stops
+        drive = simulation.drive
+        stops = drive.watchdog_stops
         contacts = simulation.step(now_ns)
         if contacts is None:
             self._respawn_entities(simulation, outbox)
@@ -233,7 +239,7 @@ class PhysicsNode(ClockNode):
             for contact in contacts:
                 _log.info("%s touches %s", contact.robot_link, contact.body)
                 outbox.put(CONTACTS, contact)
-        if simulation.watchdog_stops > stops:
+        if drive.watchdog_stops > stops:
             timeout_s = self._config.cmd_vel_timeout_s
             if self._commander is None:
                 _log.warning("publisher of velocity commands is gone: stopping the robot")
@@ -511,7 +517,7 @@ class PhysicsNode(ClockNode):
         ]
 
     def _put_imu(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
-        outbox.put(IMU, simulation.imu.read(now_ns, _IMU_STEPS * STEP_S))
+        outbox.offer(IMU, lambda: simulation.imu.read(now_ns, _IMU_STEPS * STEP_S))
 
     def _put_odometry(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         bodies, odometry = simulation.bodies, simulation.odometry
@@ -521,8 +527,8 @@ class PhysicsNode(ClockNode):
         outbox.put(TF, msg.TFMessage(transforms=[*transforms, *mover_frames(bodies, now_ns)]))
         outbox.put(ODOM, odometry.message(now_ns))
         speeds_rad_s = simulation.wheel_speeds_rad_s
-        outbox.put(JOINT_STATES, joint_states(angles_rad, speeds_rad_s, now_ns))
-        outbox.put(GROUND_TRUTH_ODOM, ground_truth(bodies, now_ns))
+        outbox.offer(JOINT_STATES, lambda: joint_states(angles_rad, speeds_rad_s, now_ns))
+        outbox.offer(GROUND_TRUTH_ODOM, lambda: ground_truth(bodies, now_ns))
 
     def _put_scan(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.put(SCAN, simulation.lidar.read(now_ns))
@@ -567,7 +573,7 @@ class PhysicsNode(ClockNode):
         )
 
     def _put_clock(self, _: Simulation, now_ns: int, outbox: Outbox) -> None:
-        outbox.put(CLOCK, msg.Clock(clock=msg.time_from_ns(now_ns)))
+        outbox.offer(CLOCK, lambda: msg.Clock(clock=msg.time_from_ns(now_ns)))
 
 
 def _digests(sha256s: list[str]) -> str:

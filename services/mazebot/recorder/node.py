@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +45,7 @@ from mazebot.recorder.keeping.beginnings import Beginnings
 from mazebot.recorder.keeping.closing import delete_old_runs
 from mazebot.recorder.keeping.progress import Progress
 from mazebot.recorder.keeping.repair import Repair, interrupted
+from mazebot.recorder.keeping.run.judge import JUDGED
 from mazebot.recorder.keeping.run.run import Run
 from mazebot.recorder.keeping.run.setting import Setting
 from mazebot.recorder.keeping.versions import hardware, versions
@@ -86,6 +87,9 @@ _FIXED: tuple[Topic[Any], ...] = (
 """Latched messages, which stay valid until the next one, even in the next run;"""
 _OF_A_RUN: tuple[Topic[Any], ...] = (MAP, POSE_GRAPH, EXPLORATION_STATUS)
 """but of these none is, where the robot makes the map."""
+
+_UNRECORDED: tuple[Topic[Any], ...] = (*JUDGED, *_EARLY, *_FIXED, WORLD, ASSETS, SIMULATION_STATS)
+"""What the evaluation of a run needs that is neither recorded nor drawn."""
 
 _MOST_ASSETS = 1000
 _MOST_ASSET_BYTES = 256 * 1024 * 1024
@@ -164,6 +168,10 @@ class RecorderNode(Node):
         self._beginnings = Beginnings()
         self._frames = _no_frames()
         self._evaluated_ns: int | None = None
+
+    def reads(self) -> Collection[Topic[Any]]:
+        """Everything, if it is recorded or drawn."""
+        return _READ if self._config.record or self._config.live else _UNRECORDED
 
     def waiting_for(self) -> str | None:
         """A world, or free space for the recording."""

@@ -194,6 +194,7 @@ class HeldInbox(Inbox):
                 self._arrived[key] = max(envelope.sequence, self._arrived.get(key, -1))
                 self._arrival.notify()
         if not inside and topic.name in self._waking_names:
+            self.may_wake = True
             self._on_outside()
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
@@ -205,7 +206,9 @@ class HeldInbox(Inbox):
 
     def wakes(self) -> bool:
         """See Inbox. Held messages from outside count, too."""
-        return super().wakes() or any(self._outside[name] for name in self._waking_names)
+        wakes = super().wakes() or any(self._outside[name] for name in self._waking_names)
+        self.may_wake |= wakes
+        return wakes
 
     def outside(self) -> bool:
         """Whether a message from outside is held."""

@@ -4,8 +4,9 @@ order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from mazebot.common.messages.topics import DIAGNOSTICS, PARAMETERS, SERVICES, Query, Topic
 from mazebot.common.node.diagnostics import SelfReport
@@ -38,13 +39,22 @@ class Transport(Protocol):
 class MemoryTransport:
     """Passes each message on as an object, without encoding it."""
 
+    checks_messages: ClassVar[bool] = False
+    """Whether what this process's own nodes send is validated: in the tests it is."""
+
     def __init__(self) -> None:
         self._inboxes: dict[str, Inbox] = {}
+        self._used: dict[str, frozenset[str]] = {}
+        """The topics that each node makes use of."""
+        self._readers: dict[str, list[Inbox]] = {}
+        """By topic, as far as it is known."""
 
     def connect(self, node: Node) -> tuple[Inbox, Outbox]:
         """The inbox and outbox of a node."""
-        self._inboxes[node.name] = Inbox(node)
-        return self._inboxes[node.name], Outbox(node, self._send)
+        inbox = self._inboxes[node.name] = Inbox(node)
+        self._used[node.name] = frozenset(topic.name for topic in node.reads())
+        self._readers.clear()
+        return inbox, Outbox(node, self._send, checks=self.checks_messages, is_read=self._is_read)
 
     def settle(self, node: Node, outbox: Outbox) -> None:
         """Messages are delivered at once."""
@@ -56,10 +66,23 @@ class MemoryTransport:
         """Query the node that the table names; see Inbox.ask."""
         return self._inboxes[query.owner].ask(query, message, respond)
 
+    def _is_read(self, topic: Topic[Any]) -> bool:
+        """Whether a node reads a topic: all are connected before the first one steps."""
+        return bool(self._readers_of(topic))
+
+    def _readers_of(self, topic: Topic[Any]) -> list[Inbox]:
+        readers = self._readers.get(topic.name)
+        if readers is None:
+            readers = self._readers[topic.name] = [
+                self._inboxes[reader]
+                for reader in topic.readers
+                if topic.name in self._used.get(reader, ())
+            ]
+        return readers
+
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
-        for reader in topic.readers:
-            if reader in self._inboxes:
-                self._inboxes[reader].deliver(topic, message, envelope)
+        for inbox in self._readers_of(topic):
+            inbox.deliver(topic, message, envelope)
 
 
 class Seat(Protocol):
@@ -91,6 +114,8 @@ class LocalSeat:
         self.outbox = outbox
         self._rosout = rosout
         self._trigger = Trigger(node)
+        self._rests_from_ns, self._rests_until_ns = 0.0, 0.0
+        """When the node is not due, unless something arrives."""
         self._report = SelfReport(node, inbox, outbox)
         self._report_beat = Beat(DIAGNOSTICS_PERIOD_NS)
 
@@ -106,7 +131,14 @@ class LocalSeat:
 
     def due(self, now_ns: int) -> bool:
         """See Seat."""
-        return self._trigger.due(now_ns, self.inbox)
+        # Asked at every step of physics: most answers are this one.
+        if self._rests_from_ns <= now_ns < self._rests_until_ns and not self.inbox.may_wake:
+            return False
+        due = self._trigger.due(now_ns, self.inbox)
+        next_ns = self._trigger.next_ns
+        self._rests_from_ns = now_ns
+        self._rests_until_ns = math.inf if next_ns is None else next_ns
+        return due
 
     def step(self, now_ns: int) -> None:
         """See Seat."""
@@ -127,6 +159,8 @@ class Round:
         self._clock = clock
         self._clock_seat: Seat | None = None
         self.seats: list[Seat] = []
+        self.stepped: list[Seat] = []
+        """Those that stepped in the last turn."""
         self.now_ns = 0
 
     def join(self, seat: Seat) -> None:
@@ -143,17 +177,17 @@ class Round:
         next_ns = self._clock.next_step_ns() if advance else None
         if next_ns is not None:
             self.now_ns = next_ns
-        moved = False
+        self.stepped = stepped = []
         for seat in self.seats:
             due = seat.due(self.now_ns)
             ticks = seat is self._clock_seat
             if due or (ticks and next_ns is not None):
                 seat.step(self.now_ns)
-                moved = True
+                stepped.append(seat)
                 if ticks:
                     # Earlier than before after a reset.
                     self.now_ns = self._clock.now_ns
-        return moved
+        return bool(stepped)
 
 
 class _SettledSeat(LocalSeat):
@@ -204,13 +238,12 @@ class Executive:
 
         Raises StalledError, with what each node waits for, where no further step is possible.
         """
-        nodes = self.nodes
         while True:
             moved = self.turn()
-            for node in nodes:
-                if node.exit_code is not None:
+            for seat in self._round.stepped:
+                if seat.exit_code is not None:
                     self._flush()
-                    return node.exit_code
+                    return seat.exit_code
             if until():
                 return None
             if not moved:

@@ -101,6 +101,10 @@ class Node(ABC):
         """Description of the required input that this node still lacks; None: it is active."""
         return None
 
+    def reads(self) -> Collection[Topic[Any]]:
+        """The topics that this node makes use of: those of the table, or fewer of them."""
+        return read_by(self.name)
+
     def nominal_rates_hz(self) -> Mapping[str, float | Topic[Any]]:
         """By topic name, the current nominal publishing rate per second of simulation time; or the
         topic whose every message is answered with one. Topics not named here may be slow.
@@ -195,7 +199,10 @@ class Inbox:
         self._calls_always = isinstance(node, ClockNode)
         self._waking = [self._queues[topic.name] for topic in node.wakes]
         self._waking_names = frozenset(topic.name for topic in node.wakes)
-        self._may_wake = False
+        self.may_wake = False
+        """Whether something has arrived that may wake the node: `wakes()` tells."""
+        self.has_news = False
+        """Whether anything has arrived since this was last set to False."""
 
     def ask(self, query: Query[Q, A], message: Q, respond: Callable[[A], None]) -> bool:
         """Queue a query, to be answered by `respond`; False: the queue is full.
@@ -207,7 +214,7 @@ class Inbox:
             if len(waiting) >= MAX_REQUESTS:
                 return False
             waiting.append(Request(query, message, respond))
-            self._may_wake = True
+            self.may_wake = self.has_news = True
         self._on_delivery()
         return True
 
@@ -220,11 +227,11 @@ class Inbox:
 
         Called on every step of every node, so a negative answer is cached until something arrives.
         """
-        if not self._may_wake:
+        if not self.may_wake:
             return False
         with self._lock:
-            self._may_wake = any(self._waking) or self.asked()
-            return self._may_wake
+            self.may_wake = any(self._waking) or self.asked()
+            return self.may_wake
 
     def requests(self, query: Query[Q, A]) -> list[Request[Q, A]]:
         """The queries since the last call, oldest first."""
@@ -253,7 +260,8 @@ class Inbox:
             if len(queue) > self._depths[name] or self._waiting_bytes > MAX_WAITING_BYTES:
                 self._drop_oldest(topic)
             if calls:
-                self._may_wake = True
+                self.may_wake = True
+            self.has_news = True
         if calls or self._calls_always:
             self._on_delivery()
 
@@ -356,11 +364,23 @@ class Outbox:
     """Publishes a node's messages."""
 
     def __init__(
-        self, node: Node, send: Callable[[Topic[object], object, Envelope], None], source: str = ""
+        self,
+        node: Node,
+        send: Callable[[Topic[object], object, Envelope], None],
+        source: str = "",
+        *,
+        checks: bool = True,
+        is_read: Callable[[Topic[Any]], bool] = lambda _: True,
     ) -> None:
+        """`checks`: whether messages are validated here; `is_read`: whether anybody reads a topic,
+        asked at its first message.
+        """
         self._node = node
         self._send = send
         self._source = source or node.name
+        self._checks = checks
+        self._is_read = is_read
+        self._read: dict[str, bool] = {}
         self._sequence: Counter[str] = Counter()
         self.rejected: Counter[tuple[str, str]] = Counter()
         self.now_ns = 0
@@ -374,15 +394,28 @@ class Outbox:
         node, name = self._node, topic.name
         if node.name not in topic.owners:
             raise PermissionError(f"{node.name} is not allowed to publish {name}")
-        try:
-            wire.validate(topic, message)
-        except wire.WireError as error:
-            self.rejected[name, error.reason] += 1
-            return
+        if self._checks:
+            try:
+                wire.validate(topic, message)
+            except wire.WireError as error:
+                self.rejected[name, error.reason] += 1
+                return
         sequence = self._sequence[name]
         self._sequence[name] = sequence + 1
         envelope = Envelope(self._source, sequence, self.now_ns, node.world_hash)
         self._send(cast("Topic[object]", topic), message, envelope)
+
+    def is_read(self, topic: Topic[Any]) -> bool:
+        """Whether anybody reads a topic, as far as it is known."""
+        is_read = self._read.get(topic.name)
+        if is_read is None:
+            is_read = self._read[topic.name] = self._is_read(topic)
+        return is_read
+
+    def offer(self, topic: Topic[M], make: Callable[[], M]) -> None:
+        """As `put`, of a message that is made and sent only if anybody reads the topic."""
+        if self.is_read(topic):
+            self.put(topic, make())
 
     def sent(self, topic: Topic[M]) -> int:
         """Messages sent on a topic so far."""
@@ -395,6 +428,11 @@ class Beat:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._next_ns = 0
+
+    @property
+    def next_ns(self) -> int:
+        """The next multiple: before it nothing is due, unless the simulation is reset."""
+        return self._next_ns
 
     def is_due(self, now_ns: int) -> bool:
         """Whether the next multiple has been reached, or the simulation was reset."""
@@ -419,6 +457,11 @@ class Trigger:
         """Whether the node has to step at `now_ns`; the call advances a periodic node's timer."""
         beat = self._beat
         return (beat is not None and beat.due(now_ns)) or inbox.wakes()
+
+    @property
+    def next_ns(self) -> int | None:
+        """When the node's timer is due next; None: never."""
+        return self._beat.next_ns if self._beat is not None else None
 
     def is_time(self, now_ns: int) -> bool:
         """Whether the node's timer is due at `now_ns`."""

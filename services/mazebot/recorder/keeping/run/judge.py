@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import messages as msg
@@ -38,8 +38,28 @@ from mazebot.recorder.judging.wall_time import WallTime
 from mazebot.recorder.keeping.run.map_folder import MapFolder
 from mazebot.recorder.keeping.run.setting import Setting
 
-if TYPE_CHECKING:
-    pass
+JUDGED: tuple[Topic[Any], ...] = (
+    ACTION_FEEDBACK,
+    ACTION_RESULT,
+    AMCL_POSE,
+    CLOCK,
+    CONTACTS,
+    DETECTIONS,
+    DIAGNOSTICS,
+    ENTITIES,
+    EXPLORATION_STATUS,
+    GOAL_POSE,
+    GROUND_TRUTH_ODOM,
+    MAP,
+    NAVIGATION_RESULT,
+    ODOM,
+    POSE_GRAPH,
+    ROSOUT,
+    SCAN,
+    SIMULATION_STATS,
+    TF_STATIC,
+)
+"""The topics whose messages are judged."""
 
 
 class RunJudge:
