@@ -24,8 +24,9 @@ _M_TOP_PAD = -2
 
 
 def pytest_configure() -> None:
-    """Validate every message of nodes in one process, which a user's run does not. Keep memory that is freed: the next test needs as much again, and to give it back to the
-    system and take it anew costs a tenth of all processor time.
+    """Validate every message of nodes in one process, which a user's run does not. Keep memory that
+    is freed: the next test needs as much again, and to give it back to the system and take it anew
+    costs a tenth of all processor time.
     """
     MemoryTransport.checks_messages = True
     if platform.libc_ver()[0] == "glibc":

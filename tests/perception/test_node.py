@@ -156,7 +156,13 @@ class Bench:
         stamp_ns = msg.ns_from_time(picture.header.stamp)
         self.hear(CAMERA_INFO, camera_info(stamp_ns, **changed))
         self.hear(CAMERA_IMAGE, picture)
-        return self.step(stamp_ns)
+        return self.looked(stamp_ns)
+
+    def looked(self, now_ns: int) -> list[msg.Detection3DArray]:
+        """What is said on DETECTIONS of the pictures heard: in the next step."""
+        self.step(now_ns)
+        self.node.step(now_ns + 1, self.inbox, self.outbox)
+        return [message for name, message in self.said if name == DETECTIONS.name]
 
     def place(self, stamp_ns: int, odom_from_base: SE2, map_from_odom: SE2) -> None:
         """The robot's frames, as physics and navigation say them."""
@@ -336,7 +342,7 @@ def test_a_new_world_begins_anew() -> None:
     moved.hear(TF, map_from_odom, "second")
     moved.hear(CAMERA_INFO, camera_info(PERIOD_NS), "second")
     moved.hear(CAMERA_IMAGE, image(PERIOD_NS), "second")
-    (array,) = moved.step(PERIOD_NS)
+    (array,) = moved.looked(PERIOD_NS)
     assert array.detections == []
     # Odometry of the world before says nothing.
     assert moved.in_map() == []
@@ -351,7 +357,7 @@ def test_intrinsics_are_those_of_the_pictures_stamp() -> None:
     half = CAMERA.copy()
     half[0, 0] = half[1, 1] = CAMERA[0, 0] / 2
     late.hear(CAMERA_INFO, camera_info(PERIOD_NS, k=half.reshape(9)))
-    (array,) = late.step(PERIOD_NS)
+    (array,) = late.looked(PERIOD_NS)
     assert array.header.stamp == msg.time_from_ns(PERIOD_NS)
     assert array.detections[0].bbox.center.position.z == pytest.approx(POSE[2, 3] / 2, abs=0.05)
 
@@ -477,12 +483,40 @@ def test_it_says_what_it_waits_for() -> None:
     assert starting.node.waiting_for() is None
 
 
-def test_a_picture_wakes_it_and_nothing_else_does() -> None:
+def test_a_picture_wakes_it_and_what_it_shows_is_said_within_a_period() -> None:
     asleep = bench()
     trigger = Trigger(asleep.node)
-    assert not trigger.due(0, asleep.inbox)
-    asleep.hear(CAMERA_IMAGE, image(0, NOTHING))
     assert trigger.due(0, asleep.inbox)
+    assert not trigger.due(1, asleep.inbox)
+    asleep.hear(CAMERA_INFO, camera_info(1))
+    asleep.hear(CAMERA_IMAGE, image(1, NOTHING))
+    assert trigger.due(1, asleep.inbox)
+    assert asleep.step(1) == []
+    assert not trigger.due(2, asleep.inbox)
+    assert trigger.due(PERIOD_NS, asleep.inbox)
+    (array,) = asleep.step(PERIOD_NS)
+    assert array.header.stamp == msg.time_from_ns(1)
+
+
+def test_pictures_that_wait_are_all_searched() -> None:
+    late = bench()
+    for number in range(3):
+        late.hear(CAMERA_INFO, camera_info(number))
+        late.hear(CAMERA_IMAGE, image(number))
+    arrays = late.looked(3)
+    assert [array.header.stamp.nanosec for array in arrays] == [0, 1, 2]
+    assert [len(array.detections) for array in arrays] == [1, 1, 1]
+
+
+def test_markers_that_change_while_a_picture_is_searched_are_those_of_the_next() -> None:
+    changed = bench()
+    changed.hear(CAMERA_INFO, camera_info(0))
+    changed.hear(CAMERA_IMAGE, image(0))
+    assert changed.step(0) == []
+    changed.hear(ENTITIES, Entities(world_hash="first", entities=()))
+    (before,) = changed.step(1)
+    (after,) = changed.look(image(2))
+    assert (len(before.detections), len(after.detections)) == (1, 0)
 
 
 def test_over_the_wire_and_in_one_process_are_the_same_bytes() -> None:

@@ -350,6 +350,7 @@ class NavigationNode(Node):
             stamp_ns = msg.ns_from_time(odom.header.stamp)
             if self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
                 measured.odom = (stamp_ns, msg.se2_from_pose(odom.pose.pose))
+                measured.odometry.add(*measured.odom)
                 twist = odom.twist.twist
                 measured.velocity = Velocity(twist.linear.x, twist.angular.z)
         for tree in inbox.new(TF):
@@ -395,7 +396,9 @@ class NavigationNode(Node):
                 continue
             if not self._watch.is_of_this_run(stamp_ns, DETECTIONS, inbox):
                 continue
-            drive.see_markers(stamp_ns, seen, camera, self._measured.odom[1])
+            # Where the robot was when the picture was taken.
+            odom_from_base = self._measured.odometry.at(stamp_ns) or self._measured.odom[1]
+            drive.see_markers(stamp_ns, seen, camera, odom_from_base)
 
     def _take_photos(self, inbox: Inbox) -> None:
         """Count the picture that was requested at a waypoint."""

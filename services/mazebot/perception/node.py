@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -38,7 +40,7 @@ from mazebot.common.node.node import Inbox, Node, Outbox
 from mazebot.common.world.marker_picture import marker_count, own_dictionaries
 from mazebot.perception.config import PerceptionConfig
 from mazebot.perception.detect import dictionary_exists, grey_from_rgb
-from mazebot.perception.find import Found, MarkerFinder, Name
+from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
 from mazebot.perception.pose import Camera
 
@@ -64,10 +66,14 @@ class PerceptionNode(Node):
     name = "perception"
     _config: PerceptionConfig
     wakes = (CAMERA_IMAGE, CAMERA_INFO)
+    period_ns = 100_000_000
+    """As long as the search for markers may take: what it finds is published one step later."""
     depth = 4
 
     def __init__(self, config: PerceptionConfig) -> None:
         self._config = config
+        self._worker = ThreadPoolExecutor(1, "markers")
+        self._search: _Search | None = None
         self._entities: Entities | None = None
         self._finder = MarkerFinder(config)
         self._dictionaries: dict[str, cv2.aruco.Dictionary] = {}
@@ -91,9 +97,13 @@ class PerceptionNode(Node):
         return {DETECTIONS.name: CAMERA_IMAGE}
 
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
-        """Detect markers in each image whose intrinsics are received."""
+        """Begin to look for markers in each image whose intrinsics are received, and publish those
+        of the images before.
+        """
         if now_ns < self._now_ns:
             self._forget_pictures()
+        if self._search is not None and now_ns > self._now_ns:
+            self._publish_found(outbox)
         self._now_ns = now_ns
         self._take_world(inbox)
         self._take_transforms(inbox)
@@ -129,6 +139,10 @@ class PerceptionNode(Node):
             return None
         return "an image" if self._image is None else "the camera's intrinsics"
 
+    def close(self) -> None:
+        """End the thread that looks for markers."""
+        self._worker.shutdown()
+
     def _take_world(self, inbox: Inbox) -> None:
         world = inbox.latest(WORLD)
         if world is not None and world.hash != self.world_hash:
@@ -142,6 +156,9 @@ class PerceptionNode(Node):
             self._entities = entities
         elif world is None:
             return
+        if self._search is not None:
+            # It looks by the markers that were registered.
+            self._search.found.exception()
         self._finder.clear()
         if self._entities is None or self._entities.world_hash != self.world_hash:
             return
@@ -152,6 +169,9 @@ class PerceptionNode(Node):
 
     def _forget_pictures(self) -> None:
         """Drop images and transforms, which are from the simulation before."""
+        if self._search is not None:
+            self._search.found.exception()
+            self._search = None
         self._image = self._photo_wanted_ns = None
         self._infos.clear()
         self._odom_from_base.clear()
@@ -224,13 +244,30 @@ class PerceptionNode(Node):
             inbox.reject(CAMERA_IMAGE, "step smaller than the width")
             return
         self._publish_photo(image, outbox)
-        found = self._find(image, info)
-        stamp_ns, frame = msg.ns_from_time(image.header.stamp), image.header.frame_id
+        if self._search is not None:
+            self._publish_found(outbox)
+        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, image.header.frame_id)
+        found = self._worker.submit(self._find, image, info, base_from_camera)
+        self._search = _Search(msg.ns_from_time(image.header.stamp), image.header.frame_id, found)
+        self._published = True
+
+    def _publish_found(self, outbox: Outbox) -> None:
+        """Publish the markers of the newest image."""
+        assert self._search is not None
+        (stamp_ns, frame, searched), self._search = self._search, None
+        findings = searched.result()
+        for name in findings.unknown:
+            self._ignore(UNKNOWN_KEY, name, "which is not registered")
+        for name in findings.misplaced:
+            self._ignore(MISPLACED_KEY, name, "which is not at its registered height and tilt")
+        found = findings.found
         outbox.put(DETECTIONS, _detections(stamp_ns, frame, np.eye(4), found))
         map_from_camera = self._map_from_camera(stamp_ns, frame)
         if map_from_camera is not None:
-            outbox.put(MAP_DETECTIONS, _detections(stamp_ns, MAP_FRAME, map_from_camera, found))
-        self._published = True
+            outbox.offer(
+                MAP_DETECTIONS,
+                lambda: _detections(stamp_ns, MAP_FRAME, map_from_camera, found),
+            )
 
     def _publish_photo(self, image: msg.Image, outbox: Outbox) -> None:
         """Publish the image where navigation wants a picture, and it is not of before that."""
@@ -245,21 +282,18 @@ class PerceptionNode(Node):
         )
         outbox.put(PHOTO, photo)
 
-    def _find(self, image: msg.Image, info: msg.CameraInfo) -> list[Found]:
+    def _find(
+        self, image: msg.Image, info: msg.CameraInfo, base_from_camera: Array | None
+    ) -> Findings:
+        """Look for the registered markers; runs in the worker's thread."""
         if not self._finder.registered:
-            return []
+            return Findings([], [], [])
         camera = Camera(
             np.asarray(info.k, np.float64).reshape(3, 3),
             np.asarray(info.d if len(info.d) else np.zeros(5), np.float64),
         )
         grey = grey_from_rgb(image.data, image.height, image.width, image.step)
-        base_from_camera = self._static_frames.chain(BASE_FOOTPRINT_FRAME, image.header.frame_id)
-        findings = self._finder.find(grey, camera, base_from_camera)
-        for name in findings.unknown:
-            self._ignore(UNKNOWN_KEY, name, "which is not registered")
-        for name in findings.misplaced:
-            self._ignore(MISPLACED_KEY, name, "which is not at its registered height and tilt")
-        return findings.found
+        return self._finder.find(grey, camera, base_from_camera)
 
     def _ignore(self, key: str, name: Name, reason: str) -> None:
         one = f"{name[0]}:{name[1]}"
@@ -276,6 +310,14 @@ class PerceptionNode(Node):
         return portable.product(
             portable.product(self._map_from_odom, odom_from_base), base_from_camera
         )
+
+
+class _Search(NamedTuple):
+    """What is looked for in an image."""
+
+    stamp_ns: int
+    frame: str
+    found: Future[Findings]
 
 
 def _detections(

@@ -60,6 +60,7 @@ from mazebot.physics.camera.camera_messages import (
     depth_message,
     image_message,
 )
+from mazebot.physics.camera.darkroom import Darkroom
 from mazebot.physics.camera.renderers import make_renderer
 from mazebot.physics.camera.scene import build_scene
 from mazebot.physics.config import PhysicsConfig, steps_per_period, time_of_step_ns
@@ -106,6 +107,7 @@ class PhysicsNode(ClockNode):
         self._renderer = make_renderer(
             kind, self._intrinsics, depth_range_m if config.camera_depth_enabled else None
         )
+        self._darkroom = None if self._renderer is None else Darkroom(self._renderer)
         self._timeout_ns = round(config.cmd_vel_timeout_s * 1e9)
         self._steps = 0
         self._epoch = 0
@@ -225,6 +227,8 @@ class PhysicsNode(ClockNode):
         """Close PyBullet and the renderer."""
         if self._simulation is not None:
             self._simulation.close()
+        if self._darkroom is not None:
+            self._darkroom.close()
         if self._renderer is not None:
             self._renderer.close()
 
@@ -483,7 +487,8 @@ class PhysicsNode(ClockNode):
             return
         self._entities = entities
         if before is None or entities.entities != before.entities:
-            if self._renderer is not None:
+            if self._renderer is not None and self._darkroom is not None:
+                self._darkroom.finish()
                 scene = build_scene(world, files, entities.entities, self._surfaces)
                 for problem in scene.problems:
                     _log.warning("%s", problem)
@@ -509,7 +514,8 @@ class PhysicsNode(ClockNode):
             (CLOCK.rate_hz, self._put_clock),
         ]
         if self._renderer is not None:
-            rates.insert(3, (self._config.camera_rate_hz, self._put_picture))
+            # After the statistics, which wait for the hash of all pictures before.
+            rates.insert(4, (self._config.camera_rate_hz, self._put_picture))
         periods = [(steps_per_period(rate or 1.0), report) for rate, report in rates]
         cycle = math.lcm(*(period for period, _ in periods))
         return [
@@ -534,28 +540,34 @@ class PhysicsNode(ClockNode):
         outbox.put(SCAN, simulation.lidar.read(now_ns))
 
     def _put_picture(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
-        if self._renderer is None:
+        if self._darkroom is None:
             return
         map_from_optical = portable.product(
             simulation.bodies.map_from_footprint(), self._footprint_from_optical
         )
-        picture = self._renderer.render(map_from_optical, simulation.bodies.map_from_movers())
-        simulation.camera_noise.add_to(picture.rgb)
-        simulation.image_hash.add(picture.rgb)
+        taken = self._darkroom.take(
+            map_from_optical,
+            simulation.bodies.map_from_movers(),
+            simulation.camera_noise,
+            simulation.image_hash,
+        )
         info = camera_info(now_ns, self._intrinsics)
         outbox.put(CAMERA_INFO, info)
-        outbox.put(CAMERA_IMAGE, image_message(now_ns, picture.rgb))
+        outbox.put(CAMERA_IMAGE, image_message(now_ns, self._intrinsics, taken))
         if self._config.camera_compressed_enabled:
             quality = self._config.camera_jpeg_quality
-            outbox.put(CAMERA_COMPRESSED, compressed_message(now_ns, picture.rgb, quality))
-        if picture.depth_m is not None:
+            rgb = taken.picture().rgb
+            outbox.put(CAMERA_COMPRESSED, compressed_message(now_ns, rgb, quality))
+        if self._config.camera_depth_enabled:
             outbox.put(DEPTH_INFO, info)
-            outbox.put(DEPTH_IMAGE, depth_message(now_ns, picture.depth_m))
+            outbox.put(DEPTH_IMAGE, depth_message(now_ns, self._intrinsics, taken))
 
     def _put_stats(self, simulation: Simulation, now_ns: int, outbox: Outbox) -> None:
         outbox.put(SIMULATION_STATS, self._stats(simulation))
 
     def _stats(self, simulation: Simulation) -> SimulationStats:
+        if self._darkroom is not None:
+            self._darkroom.finish()
         return SimulationStats(
             world_hash=simulation.world.hash,
             sim_time_s=time_of_step_ns(self._steps) * 1e-9,

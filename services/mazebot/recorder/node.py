@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import time
 from collections import deque
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from mazebot.common.messages import documents as doc
 from mazebot.common.messages import wire
+from mazebot.common.messages.pending_image import PendingImage
 from mazebot.common.messages.topics import (
     ACTION_RESULT,
     ASSETS,
@@ -245,6 +247,9 @@ class RecorderNode(Node):
             return Taken(message, envelope, ())
         if data is not None:
             return Taken(message, envelope, (data,))
+        if isinstance(message, PendingImage):
+            later = functools.partial(wire.encode_in_pieces, topic, message)
+            return Taken(message, envelope, functools.cache(later))
         try:
             return Taken(message, envelope, wire.encode_in_pieces(topic, message))
         except wire.WireError as error:

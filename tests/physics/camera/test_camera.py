@@ -700,7 +700,7 @@ camera.set_scene(textured_room())
 read_only = TILTED_VIEW.copy(order="F")
 read_only.flags.writeable = False
 camera.render(read_only)
-kernels = rasterizer.triangles_of_parts, rasterizer.project, rasterizer.draw_strip
+kernels = rasterizer.triangles_of_parts, rasterizer.project, rasterizer.draw_strips
 print(*(len(kernel.signatures) for kernel in kernels))
 """
     done = run_python(code)

@@ -45,6 +45,7 @@ bench.say(opening(world))
 bench.say(driving(world, 2.0))
 time.sleep(0.1)
 bench.node._run._flush()
+bench.node._run._drawing._canvas.recording.finish()
 print("driving", flush=True)
 signal.pause()
 """

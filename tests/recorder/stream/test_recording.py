@@ -53,7 +53,7 @@ def test_what_does_not_change_is_written_once_and_now_and_then_again(
         recording.log("points", rr.Points3D([(1.0, 2.0, 3.0)]))
         recording.log("static", rr.Points3D([(1.0, 2.0, 3.0)]), static=True)
         recording.log("said", rr.TextLog("here"))
-        recording.log_later("picture", lambda: rr.Image(picture), picture.copy())
+        recording.log_later("picture", lambda: rr.Image(picture))
         recording.transform("robot", (trembling, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), "map", "robot")
         recording.scalar("speed", trembling)
         recording.scalar("noise", float(number))

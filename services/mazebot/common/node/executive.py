@@ -5,6 +5,7 @@ order.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -17,6 +18,10 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+_SWITCH_INTERVAL_S = 2e-5
+"""The loop hardly ever rests: threads that draw, look for markers and record must get the
+interpreter between two of their long calls, which need none.
+"""
 
 
 class StalledError(RuntimeError):
@@ -238,6 +243,14 @@ class Executive:
 
         Raises StalledError, with what each node waits for, where no further step is possible.
         """
+        before_s = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
+        try:
+            return self._run(until)
+        finally:
+            sys.setswitchinterval(before_s)
+
+    def _run(self, until: Callable[[], bool]) -> int | None:
         while True:
             moved = self.turn()
             for seat in self._round.stepped:

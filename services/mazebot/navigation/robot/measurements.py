@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
+from mazebot.common.maths.odometry_history import OdometryHistory
 from mazebot.common.messages.documents import LocalizationStatus
 from mazebot.common.messages.scan import Scan
 from mazebot.navigation.control.collision import STOP, Velocity
@@ -45,6 +46,7 @@ class Measurements:
     def clear(self) -> None:
         """Drop everything but the state of localization."""
         self.odom: tuple[int, SE2] | None = None
+        self.odometry = OdometryHistory()
         self.velocity = STOP
         self.map_from_odom: tuple[int, SE2] | None = None
         """The newest correction of odometry, with its stamp."""

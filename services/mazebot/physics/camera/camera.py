@@ -100,8 +100,14 @@ class Renderer(Protocol):
     def set_scene(self, scene: Scene) -> None:
         """Render this scene from now on. The last one is released."""
 
-    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
-        """Render the picture from a camera pose.
+    @property
+    def any_thread(self) -> bool:
+        """Whether it may render in another thread than that in which it was made."""
+
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None, spare: int = 0
+    ) -> Picture:
+        """Render the picture from a camera pose; `spare` processors are left to others.
 
         `map_from_movers`, (k, 4, 4), are poses of the scene's movers; None: as at the start. Before
         the first scene it is black and without depth. Raises ValueError where a pose is not finite.

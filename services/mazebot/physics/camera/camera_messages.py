@@ -10,34 +10,47 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import CAMERA_OPTICAL_FRAME
 from mazebot.common.messages import messages as msg
+from mazebot.common.messages.pending_image import PendingImage
 from mazebot.physics.camera.camera import Intrinsics
+from mazebot.physics.camera.darkroom import Exposure
 
 
-def image_message(stamp_ns: int, rgb: NDArray[np.uint8]) -> msg.Image:
-    """rgb8 message of an (h, w, 3) picture, without a copy."""
-    height, width, _ = rgb.shape
-    return msg.Image(
+def image_message(stamp_ns: int, intrinsics: Intrinsics, taken: Exposure) -> msg.Image:
+    """rgb8 message of a picture, without a copy; whoever asks for its pixels waits for them."""
+
+    def pixels() -> NDArray[np.uint8]:
+        return taken.picture().rgb.reshape(-1)
+
+    return PendingImage(
         header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
-        height=height,
-        width=width,
+        height=intrinsics.height,
+        width=intrinsics.width,
         encoding="rgb8",
         is_bigendian=0,
-        step=3 * width,
-        data=rgb.reshape(-1),
+        step=3 * intrinsics.width,
+        data=pixels,
     )
 
 
-def depth_message(stamp_ns: int, depth_m: NDArray[np.float32]) -> msg.Image:
-    """32FC1 message of (h, w) metres, without a copy."""
-    height, width = depth_m.shape
-    return msg.Image(
+def depth_message(stamp_ns: int, intrinsics: Intrinsics, taken: Exposure) -> msg.Image:
+    """32FC1 message of a picture's depths, m, without a copy; see `image_message`.
+
+    The renderer must have been made with a range of depths.
+    """
+
+    def depths() -> NDArray[np.uint8]:
+        depth_m = taken.picture().depth_m
+        assert depth_m is not None
+        return depth_m.reshape(-1).view(np.uint8)
+
+    return PendingImage(
         header=msg.header(stamp_ns, CAMERA_OPTICAL_FRAME),
-        height=height,
-        width=width,
+        height=intrinsics.height,
+        width=intrinsics.width,
         encoding="32FC1",
         is_bigendian=int(sys.byteorder == "big"),
-        step=4 * width,
-        data=depth_m.reshape(-1).view(np.uint8),
+        step=4 * intrinsics.width,
+        data=depths,
     )
 
 

@@ -24,7 +24,7 @@ from mazebot.physics.camera.rasterizer import (
     Scratch,
     Surfaces,
     View,
-    draw_strip,
+    draw_strips,
     levels_of,
     project,
     textures_of,
@@ -45,6 +45,7 @@ class CpuCamera:
     """
 
     name = "cpu_rasterizer"
+    any_thread = True
 
     def __init__(
         self,
@@ -100,7 +101,9 @@ class CpuCamera:
         self._sky = red | green << 8 | blue << 16
         self._scene = scene
 
-    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None, spare: int = 0
+    ) -> Picture:
         """See Renderer."""
         from_map = optical_from_map(map_from_optical)
         height, width = self._intrinsics.height, self._intrinsics.width
@@ -128,7 +131,7 @@ class CpuCamera:
                 len(self._lamps) > 0,
             )
             lamps = Lamps(self._lamps, _plain(map_from_optical, np.float64))
-            self._draw(planes, facts, lamps, words, depths_m)
+            self._draw(planes, facts, lamps, words, depths_m, spare)
         else:
             words[:], depths_m[:] = 0, 0.0
         return Picture(rgb, depth_m)
@@ -140,21 +143,19 @@ class CpuCamera:
         lamps: Lamps,
         rgb: NDArray[np.uint32],
         depths_m: NDArray[np.float32],
+        spare: int,
     ) -> None:
-        height = self._intrinsics.height
-        # A thread that is done takes the next strip: a delayed thread delays one strip only.
-        strips = iter(range(0, height, _STRIP_PX))
+        threads = max(1, len(self._scratches) - spare)
 
-        def draw(scratch: Scratch) -> None:
-            for first in strips:
-                draw_strip(
-                    first, min(first + _STRIP_PX, height), planes, facts, self._textures, lamps,
-                    self._view, self._sky, scratch, rgb, depths_m,
-                )  # fmt: skip
+        def draw(number: int) -> None:
+            draw_strips(
+                number, threads, _STRIP_PX, planes, facts, self._textures, lamps,
+                self._view, self._sky, self._scratches[number], rgb, depths_m,
+            )  # fmt: skip
 
-        mine, *others = self._scratches
-        helping = [self._pool.submit(draw, other) for other in others] if self._pool else []
-        draw(mine)
+        helpers = range(1, threads)
+        helping = [self._pool.submit(draw, one) for one in helpers] if self._pool else []
+        draw(0)
         for help_ in helping:
             help_.result()
 

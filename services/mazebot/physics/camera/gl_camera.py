@@ -189,6 +189,8 @@ class _Shown:
 class GlCamera:
     """A renderer with its own OpenGL context, used from the thread that made it."""
 
+    any_thread = False
+
     def __init__(self, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None) -> None:
         """Raises ConfigError if no context can be created."""
         self._depth_range_m = depth_range_m
@@ -232,7 +234,9 @@ class GlCamera:
             for shading in [key for key in self._programs if key.lamps != self._shown.lamps]:
                 self._programs.pop(shading).release()
 
-    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None, spare: int = 0
+    ) -> Picture:
         """See Renderer."""
         from_map, clip_from_map, for_gl = _views(map_from_optical, self._clip_from_optical)
         shown = self._shown

@@ -424,6 +424,35 @@ def draw_strip(
 
 
 @shared_kernel()
+def draw_strips(
+    first_strip: int,
+    every: int,
+    strip_rows: int,
+    planes: Array,
+    facts: Counts,
+    textures: Textures,
+    lamps: Lamps,
+    view: View,
+    sky: int,
+    scratch: Scratch,
+    rgb: Words,
+    depth_m: Floats,
+) -> None:
+    """Draw one strip of rows after the other, beginning with the first and leaving out those that
+    other threads draw; see `draw_strip`. One call, since a thread that comes back to Python waits
+    for the others.
+    """
+    height = view.size_px[1]
+    first = first_strip * strip_rows
+    while first < height:
+        draw_strip(
+            first, min(first + strip_rows, height), planes, facts, textures, lamps, view, sky,
+            scratch, rgb, depth_m,
+        )  # fmt: skip
+        first += every * strip_rows
+
+
+@shared_kernel()
 def _pack(rgba: Words, pixels: int, rgb: Words, to: int) -> None:
     """Pack each four colours into three words: the bytes are in a word from the lowest up."""
     for four in range((pixels + 3) // 4):

@@ -46,6 +46,7 @@ class TinyCamera:
     """A renderer with its own physics client: visual shapes in a world that is never stepped."""
 
     name = "tiny_renderer"
+    any_thread = False
 
     def __init__(self, intrinsics: Intrinsics, depth_range_m: DepthRange | None = None) -> None:
         self._depth_range_m = depth_range_m
@@ -80,7 +81,9 @@ class TinyCamera:
                 if mover != STATIC:
                     self._bodies_of_mover[mover].append(body)
 
-    def render(self, map_from_optical: Array, map_from_movers: Array | None = None) -> Picture:
+    def render(
+        self, map_from_optical: Array, map_from_movers: Array | None = None, spare: int = 0
+    ) -> Picture:
         """See Renderer."""
         if self._scene is not None:
             self._move(mover_poses(self._scene, map_from_movers))

@@ -37,7 +37,7 @@ def draw_camera_image(canvas: Canvas, image: msg.Image) -> None:
         return
     canvas.frame(CAMERA_ENTITY, IMAGE_FRAME)
     jpeg = canvas.pictures.jpeg(image)
-    canvas.recording.log_later(CAMERA_ENTITY, lambda: _encoded(jpeg), image.data)
+    canvas.recording.log_later(CAMERA_ENTITY, lambda: _encoded(jpeg))
 
 
 def draw_camera_compressed(canvas: Canvas, image: msg.CompressedImage) -> None:
@@ -74,7 +74,7 @@ def draw_depth_image(canvas: Canvas, image: msg.Image) -> None:
             )
     elif canvas.due(path, stamp_ns, _DEPTH_NS):
         canvas.frame(path, DEPTH_FRAME)
-        canvas.recording.log_later(path, lambda: _depth_png(image), image.data)
+        canvas.recording.log_later(path, lambda: _depth_png(image))
 
 
 def draw_depth_info(canvas: Canvas, info: msg.CameraInfo) -> None:

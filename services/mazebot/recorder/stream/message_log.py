@@ -43,8 +43,8 @@ class Taken(NamedTuple):
 
     message: Any
     envelope: Envelope
-    pieces: Pieces
-    """Empty if nothing is recorded."""
+    pieces: Pieces | Callable[[], Pieces]
+    """Empty if nothing is recorded. Of an image that is not yet made, what waits for it."""
 
 
 class Compressed(NamedTuple):
@@ -180,12 +180,13 @@ class MessageLog:
     ) -> tuple[_Unmade, int]:
         """A message with its channel, and its size as far as it is known."""
         envelope = taken.envelope
-        name, made_from, pieces, size = topic.name, "", taken.pieces, 0
-        unmade: Pieces | Callable[[], Pieces] = pieces
-        if compressed is None:
-            size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
-        else:
+        name, made_from, unmade, size = topic.name, "", taken.pieces, 0
+        if compressed is not None:
             made_from, (name, unmade) = name, compressed
+        elif callable(unmade):
+            size = taken.message.height * taken.message.step
+        else:
+            size = len(unmade[0]) if len(unmade) == 1 else sum(map(len, unmade))
         key = name, envelope.source, envelope.world_hash, made_from
         channel = self._routes.get(key)
         if channel is None:

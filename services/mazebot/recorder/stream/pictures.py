@@ -7,7 +7,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from mazebot.common.messages import messages as msg
 from mazebot.common.messages import wire
@@ -35,15 +34,15 @@ class Pictures:
     def __init__(self, jpeg_quality: int) -> None:
         self._quality = jpeg_quality
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="pictures")
-        self._newest: tuple[NDArray[np.uint8], Future[bytes]] | None = None
+        self._newest: tuple[msg.Image, Future[bytes]] | None = None
 
     def jpeg(self, image: msg.Image) -> Future[bytes]:
         """The JPEG of a drawable image, sooner or later."""
         newest = self._newest
-        if newest is not None and newest[0] is image.data:
+        if newest is not None and newest[0] is image:
             return newest[1]
         future = self._maker.submit(_jpeg, image, self._quality)
-        self._newest = image.data, future
+        self._newest = image, future
         return future
 
     def jpeg_message(self, image: msg.Image) -> Callable[[], tuple[wire.Buffer, ...]]:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from mazebot.recorder.stream.file_writer import FileWriter, RecordingError
 from mazebot.recorder.stream.live_feed import (
@@ -79,7 +78,6 @@ class Recording:
         """Of each path with a transform: when the last one was logged, its numbers and frames."""
         self._shown: dict[tuple[str, bool, rr.ComponentDescriptor], tuple[int, bytes]] = {}
         """Of each component of an entity: when it was last logged, and the digest of its data."""
-        self._made_of: dict[str, tuple[int, NDArray[Any]]] = {}
         if path is not None:
             batches = rr.ChunkBatcherConfig(flush_tick=BATCH_PERIOD_S)
             stream = rr.RecordingStream(APPLICATION, recording_id=name, batcher_config=batches)
@@ -109,21 +107,9 @@ class Recording:
             self._file.set_time(TIMELINE, duration=np.timedelta64(self._stamp_ns, "ns"))
         self._log(path, archetypes, self._stamp_ns, static)
 
-    def log_later(
-        self, path: str, make: Callable[[], rr.AsComponents], of: NDArray[Any] | None = None
-    ) -> None:
-        """Log to an entity what takes long to make, in another thread; skipped if it would be made
-        `of` the same array as the last one.
-        """
-        if of is not None:
-            before = self._made_of.get(path)
-            if before is not None and self._is_fresh(before[0], self._stamp_ns):
-                if np.array_equal(before[1], of):
-                    return
-            self._made_of[path] = self._stamp_ns, of
-        while len(self._making) >= _MOST_WAITING:
-            self._making.popleft().result()
-        self._making.append(self._maker.submit(self._make, self._stamp_ns, path, make))
+    def log_later(self, path: str, make: Callable[[], rr.AsComponents]) -> None:
+        """Log to an entity what takes long to make, in another thread."""
+        self._later(self._make, self._stamp_ns, path, make)
 
     def scalar(self, path: str, value: float) -> None:
         """Log a number to an entity; of equal ones in a row only the first and the last."""
@@ -155,16 +141,17 @@ class Recording:
         rows.translations_m.append(translation_m)
         rows.xyzws.append(xyzw)
 
-    def send_numbers(self) -> None:
-        """Log the queued numbers."""
-        for path, series in self._scalars.items():
-            stamps_ns, values = series.take()
-            if stamps_ns:
-                self._send_columns(path, stamps_ns, rr.Scalars.columns(scalars=values))
-
     def send_transforms(self) -> None:
-        """Log the queued transforms."""
-        for (path, parent_frame, child_frame, shown), rows in self._transforms.items():
+        """Log the queued transforms, in another thread."""
+        queued, self._transforms = self._transforms, {}
+        self._later(self._send_transforms, queued)
+
+    def _send_numbers(self, queued: Mapping[str, tuple[list[int], list[float]]]) -> None:
+        for path, (stamps_ns, values) in queued.items():
+            self._send_columns(path, stamps_ns, rr.Scalars.columns(scalars=values))
+
+    def _send_transforms(self, queued: Mapping[tuple[str, str, str, bool], _Transforms]) -> None:
+        for (path, parent_frame, child_frame, shown), rows in queued.items():
             columns = rr.Transform3D.columns(
                 translation=np.array(rows.translations_m),
                 quaternion=np.array(rows.xyzws),
@@ -173,15 +160,15 @@ class Recording:
                 scale=None if shown else [(_UNSEEN, _UNSEEN, _UNSEEN)] * len(rows.stamps_ns),
             )
             self._send_columns(path, rows.stamps_ns, columns)
-        self._transforms.clear()
 
     def flush(self) -> None:
-        """Write everything logged so far to disk, or as much as possible within a second.
+        """Have everything logged so far written to disk, or as much as possible within a second, in
+        another thread.
 
-        Raises RecordingError if the file cannot be written any further.
+        Raises RecordingError if the file cannot be written any further, as far as it is known.
         """
         self._send_all()
-        self._flush_file(_FLUSH_TIMEOUT_S)
+        self._later(self._flush_file, _FLUSH_TIMEOUT_S)
         writer = self._writer if self._file is not None else None
         if writer is not None and writer.problem is not None:
             raise RecordingError(writer.problem)
@@ -194,6 +181,7 @@ class Recording:
         for series in self._scalars.values():
             series.end()
         self._send_all()
+        self.finish()
         stream, writer = self._file, self._writer
         if stream is None or writer is None:
             return
@@ -230,10 +218,23 @@ class Recording:
                 raise RecordingError(_one_line(error)) from error
 
     def _send_all(self) -> None:
+        self.send_transforms()
+        taken = ((path, series.take()) for path, series in self._scalars.items())
+        self._later(self._send_numbers, {path: points for path, points in taken if points[0]})
+
+    def _later(self, task: Callable[..., None], *arguments: Any) -> None:
+        """Have something done in the other thread, after what was asked for before.
+
+        Raises what one of these has raised.
+        """
+        while self._making and (self._making[0].done() or len(self._making) >= _MOST_WAITING):
+            self._making.popleft().result()
+        self._making.append(self._maker.submit(task, *arguments))
+
+    def finish(self) -> None:
+        """Return when everything that was asked for is done."""
         while self._making:
             self._making.popleft().result()
-        self.send_transforms()
-        self.send_numbers()
 
     def _make(self, stamp_ns: int, path: str, make: Callable[[], rr.AsComponents]) -> None:
         if self._file is not None:

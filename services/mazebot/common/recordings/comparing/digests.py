@@ -12,7 +12,7 @@ import json
 import struct
 import zlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,8 +117,13 @@ class DigestWriter:
         if len(others):
             self._first_other = int(others.max()) + 1
 
-    def add(self, topic: Topic[Any], pieces: tuple[wire.Buffer, ...], envelope: Envelope) -> None:
-        """Add a message by its CDR."""
+    def add(
+        self,
+        topic: Topic[Any],
+        pieces: tuple[wire.Buffer, ...] | Callable[[], tuple[wire.Buffer, ...]],
+        envelope: Envelope,
+    ) -> None:
+        """Add a message by its CDR, or an image by what waits for its CDR."""
         if topic.name in self._left_out:
             return
         source = self._sources.get(envelope.source)
@@ -129,11 +134,13 @@ class DigestWriter:
                 self._sources[envelope.source] = source
         number = self._topics[topic.name]
         start = _PACK(envelope.sent_ns, envelope.sequence & 0xFFFFFFFF, number, source)
-        if topic.type is msg.Image:
+        if callable(pieces) or topic.type is msg.Image:
             # Hashing an image takes longer than all the rest, and lets other threads run.
             while len(self._making) >= _MOST_WAITING:
                 self._making.popleft().result()
-            row = self._maker.submit(lambda: start + digest_of(pieces))
+            row = self._maker.submit(
+                lambda: start + digest_of(pieces() if callable(pieces) else pieces)
+            )
             self._making.append(row)
             self._rows.append(row)
         else:
