@@ -12,11 +12,11 @@ GOLDEN_TOURS = {
     "maze": "2cea1c52cd4000c0",
     "maze_rooms": "19fb8b8f2a2e9280",
     "sim_house": "5d399b7f95d015ab",
-    "sim_house_enhanced": "90c14e2624b087f2",
-    "sim_house_floor": "90c14e2624b087f2",
-    "sim_house_markers": "495e541083a08b64",
-    "sim_house_rooms": "a9de8e04e0a9de5e",
-    "sim_house_slam": "a68026edf7d6fe79",
+    "sim_house_enhanced": "035e255e42ec956c",
+    "sim_house_floor": "035e255e42ec956c",
+    "sim_house_markers": "8c9efb2b300211b0",
+    "sim_house_rooms": "ffbb91562db22c36",
+    "sim_house_slam": "9da40d090172de5a",
 }
 """State hash of the whole tour."""
 
