@@ -286,6 +286,9 @@ def run(options: DemoOptions) -> int:
         beside = ConsoleBeside(beside_run(options.console, recorder))
     # No node in this process requests another world.
     nodes = build_nodes(options, lambda *_: loaded)
+    if beside is not None:
+        for node in nodes:
+            node.prepare()
     transport = MemoryTransport() if beside is None else beside.transport
     executive = Executive(nodes, transport, rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))

@@ -59,7 +59,10 @@ class ExplorerNode(Node):
         self._beat = Beat(_STATUS_PERIOD_NS)
         self._published: tuple[str, str, int | None] | None = None
         """State, reason and epoch of the status last published."""
-        compile_kernels(config)
+
+    def prepare(self) -> None:
+        """See Node."""
+        compile_kernels(self._config)
 
     def waiting_for(self) -> str | None:
         """A phrase for the first missing input that keeps the exploration from beginning."""

@@ -97,7 +97,10 @@ class LocalizationNode(Node):
         self._schedule = Schedule()
         self._published: tuple[State, int | None] | None = None
         """State and epoch of the status last published."""
-        compile_kernels(config)
+
+    def prepare(self) -> None:
+        """See Node."""
+        compile_kernels(self._config)
 
     def waiting_for(self) -> str | None:
         """A phrase for the first missing input that keeps the pose from being known."""

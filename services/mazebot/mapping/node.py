@@ -95,7 +95,10 @@ class MappingNode(Node):
         """Version and number of loops of the graph last published."""
         self._counts = {"keyframes": 0, "markers": 0}
         """Of the graph last published."""
-        compile_kernels(config)
+
+    def prepare(self) -> None:
+        """See Node."""
+        compile_kernels(self._config)
 
     def waiting_for(self) -> str | None:
         """A phrase for the first missing input that keeps the map from being made."""

@@ -33,11 +33,13 @@ _LOG = logging.getLogger("navigation")
 _NOWHERE = SE2(0.0, 0.0, 0.0)
 
 
-def compile_kernels(config: NavigationConfig) -> None:
-    """Run all parts once in a small room, so that nothing is compiled while the robot moves.
+def check_parts(config: NavigationConfig) -> None:
+    """Raises ConfigError where a controller, planner or tree that is named cannot be used."""
+    _in_a_room(config)
 
-    Raises ConfigError where a controller or a tree that is named cannot be used.
-    """
+
+def compile_kernels(config: NavigationConfig) -> None:
+    """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
     _compile_whatever_the_configuration()
     drive = _in_a_room(config)
     level = _LOG.level

@@ -98,7 +98,7 @@ from mazebot.navigation.costmap.zones import Zones, zones_of
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.goals import Goals, input_at_waypoint, pause_goal
-from mazebot.navigation.kernels import compile_kernels
+from mazebot.navigation.kernels import check_parts, compile_kernels
 from mazebot.navigation.mask_files import masks_of
 from mazebot.navigation.messages import (
     camera_view,
@@ -164,7 +164,11 @@ class NavigationNode(Node):
         self._goals = Goals()
         self._photo_requested_ns: int | None = None
         """When the picture was requested that is yet to come."""
-        compile_kernels(config)
+        check_parts(config)
+
+    def prepare(self) -> None:
+        """See Node."""
+        compile_kernels(self._config)
 
     def waiting_for(self) -> str | None:
         """A phrase for the first missing input that keeps the robot from driving."""

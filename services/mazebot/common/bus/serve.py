@@ -78,6 +78,7 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
         bus_config = load(BusConfig, "bus", [])
         rosout = log.configure()
         node = node_type(config)
+        node.prepare()
     except ConfigError as error:
         fail(str(error))
     # A collection of the objects made at startup takes as long as a control period.

@@ -88,6 +88,11 @@ class Node(ABC):
     def step(self, now_ns: int, inbox: Inbox, outbox: Outbox) -> None:
         """Process new messages, advance to `now_ns`, publish what is due."""
 
+    def prepare(self) -> None:  # noqa: B027 - most nodes have nothing to prepare
+        """Load or compile what the node computes with. Called once before the first step where time
+        does not wait for a node; elsewhere this happens as the node comes to it.
+        """
+
     def parameters(self) -> Parameters:
         """The configuration of this node."""
         config = self._config
