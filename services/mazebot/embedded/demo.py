@@ -28,12 +28,6 @@ from mazebot.common.node.node import Node
 from mazebot.common.recordings.run_folder import TO_COMPRESS
 from mazebot.common.settings.load import config_flag, load, world_hash_of_run
 from mazebot.common.world.map_files import read_map
-from mazebot.explorer.config import ExplorerConfig
-from mazebot.explorer.node import ExplorerNode
-from mazebot.localization.config import LocalizationConfig
-from mazebot.localization.node import LocalizationNode
-from mazebot.mapping.config import MappingConfig
-from mazebot.mapping.node import MappingNode
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.node import NavigationNode
 from mazebot.perception.config import PerceptionConfig
@@ -42,7 +36,7 @@ from mazebot.physics.config import PhysicsConfig
 from mazebot.physics.node import PhysicsNode
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
-from mazebot.recorder.transcoding.job import start
+from mazebot.recorder.transcoding.background import start
 from mazebot.spawner.config import SpawnerConfig
 from mazebot.spawner.node import SpawnerNode
 from mazebot.worldgen.config import WorldgenConfig
@@ -143,13 +137,7 @@ def robot_nodes(
     settings = {**seed, **camera, **physics}
     named = options.controller and {"controller": options.controller}
     navigation = {**seed, "controller_server": named}
-    mappers: list[Node] = []
-    if not slam:
-        localization = _configured(options, LocalizationConfig, "localization", seed)
-        mappers.append(LocalizationNode(localization))
-    else:
-        mappers.append(MappingNode(_configured(options, MappingConfig, "mapping", seed)))
-        mappers.append(ExplorerNode(_configured(options, ExplorerConfig, "explorer", seed)))
+    mappers = _mappers(options, seed) if slam else [_localization(options, seed)]
     return [
         WorldgenNode(_worldgen_config(options), load_world),
         PhysicsNode(_configured(options, PhysicsConfig, "physics", settings)),
@@ -157,6 +145,26 @@ def robot_nodes(
         PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
         NavigationNode(_configured(options, NavigationConfig, "navigation", navigation)),
         *mappers,
+    ]
+
+
+def _localization(options: DemoOptions, seed: Mapping[str, object]) -> Node:
+    from mazebot.localization.config import LocalizationConfig  # noqa: PLC0415 - loaded if used
+    from mazebot.localization.node import LocalizationNode  # noqa: PLC0415
+
+    return LocalizationNode(_configured(options, LocalizationConfig, "localization", seed))
+
+
+def _mappers(options: DemoOptions, seed: Mapping[str, object]) -> list[Node]:
+    """The nodes in localisation's place."""
+    from mazebot.explorer.config import ExplorerConfig  # noqa: PLC0415 - loaded if used
+    from mazebot.explorer.node import ExplorerNode  # noqa: PLC0415
+    from mazebot.mapping.config import MappingConfig  # noqa: PLC0415
+    from mazebot.mapping.node import MappingNode  # noqa: PLC0415
+
+    return [
+        MappingNode(_configured(options, MappingConfig, "mapping", seed)),
+        ExplorerNode(_configured(options, ExplorerConfig, "explorer", seed)),
     ]
 
 

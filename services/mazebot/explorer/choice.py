@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths.kernels import kernel
 from mazebot.explorer.floor import Floor
+from mazebot.explorer.params import Policy
 from mazebot.explorer.paths import FAR, search
 from mazebot.explorer.view_points import ViewPoint
 
-Policy = Literal["tour", "nearest", "gain"]
 Costs = NDArray[np.int64]
 
 MOST_TOURED: Final = 20

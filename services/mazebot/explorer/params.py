@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from mazebot.common.world.costmap import ROBOT_RADIUS_M, START_TOLERANCE_M
-from mazebot.explorer.choice import Policy
+
+Policy = Literal["tour", "nearest", "gain"]
 
 
 class ExplorerParams(BaseModel):

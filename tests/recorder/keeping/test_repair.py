@@ -26,7 +26,7 @@ from mazebot.recorder.keeping import repair as repair_module
 from mazebot.recorder.keeping.progress import read_progress
 from mazebot.recorder.keeping.repair import Repair, leftovers
 from mazebot.recorder.node import RecorderNode
-from mazebot.recorder.transcoding import job
+from mazebot.recorder.transcoding import background
 from tests.recorder.synthetic import Bench, Said, driving, opening, room
 from tests.recorder.test_node import entities_of, recorder, stats, summary_of, verify
 
@@ -282,7 +282,7 @@ def test_while_there_is_no_run_those_that_wait_get_their_video(
         return subprocess.Popen(["sleep", "60"], start_new_session=True)
 
     def end(process: subprocess.Popen[bytes]) -> None:
-        job.end(process)
+        background.end(process)
         ended.set()
 
     def may_compress() -> bool:

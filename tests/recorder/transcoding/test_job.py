@@ -23,8 +23,9 @@ from mazebot.common.recordings.mcap.mcap_messages import RecordedMessage, read_m
 from mazebot.common.recordings.run_folder import LOCK, TO_COMPRESS
 from mazebot.recorder.drawing.picture_drawing import CAMERA_ENTITY
 from mazebot.recorder.transcoding.as_recorded import as_recorded
+from mazebot.recorder.transcoding.background import end, start, waiting
 from mazebot.recorder.transcoding.depth import compressed_depth, depth_m_of
-from mazebot.recorder.transcoding.job import compress_run, end, start, waiting
+from mazebot.recorder.transcoding.job import compress_run
 from mazebot.recorder.transcoding.mcap_video import VIDEO_TYPE, read_video
 from mazebot.recorder.transcoding.vp9 import VideoError, decode
 from tests.common.samples import SAMPLES

@@ -28,10 +28,10 @@ from mazebot.bench.slam.exploration_kernels import mark_seen, reveal
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
 from mazebot.common.world.costmap import Cells, reachable_from, traversable
-from mazebot.explorer.choice import Policy, costs_between, tour_through
+from mazebot.explorer.choice import costs_between, tour_through
 from mazebot.explorer.exploration import Aim, Survey, aim, survey
 from mazebot.explorer.floor import floor_from
-from mazebot.explorer.params import ExplorerParams
+from mazebot.explorer.params import ExplorerParams, Policy
 from mazebot.explorer.paths import search, way
 from mazebot.worldgen.files import load_any
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from mazebot.cli.parsing.options import print_json
 from mazebot.common.recordings.catalog import find_run
-from mazebot.recorder.transcoding.job import compress_run, waiting, yield_to_others
+from mazebot.recorder.transcoding.background import waiting, yield_to_others
+from mazebot.recorder.transcoding.job import compress_run
 from mazebot.recorder.transcoding.vp9 import VideoError
 
 

@@ -122,7 +122,11 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
 
     It runs in one thread, and gives the same bits each time. It may call other kernels.
     """
-    return lambda function: cast("F", Kernel(function, signature, options))
+
+    def made(function: F) -> F:
+        return cast("F", Kernel(function, signature, options))
+
+    return made
 
 
 def shared_kernel(inline: bool = False) -> Callable[[F], F]:
@@ -135,7 +139,11 @@ def shared_kernel(inline: bool = False) -> Callable[[F], F]:
 
 def elementwise(*signatures: str) -> Callable[[F], F]:
     """Compile a function of numbers that is applied elementwise to arrays; Numba signatures."""
-    return lambda function: cast("F", _Elementwise(function, signatures))
+
+    def made(function: F) -> F:
+        return cast("F", _Elementwise(function, signatures))
+
+    return made
 
 
 def c_function(signature: str) -> Callable[[Callable[..., Any]], CFunction]:

@@ -30,7 +30,7 @@ from mazebot.common.recordings.run_settings import read_summary
 from mazebot.recorder.keeping.closing import leave_report
 from mazebot.recorder.keeping.progress import Progress, read_progress
 from mazebot.recorder.stream.rerun_program import rerun_binary
-from mazebot.recorder.transcoding.job import end, start, waiting
+from mazebot.recorder.transcoding.background import end, start, waiting
 
 _LOG = logging.getLogger("recorder")
 TIMEOUT_S = 120.0

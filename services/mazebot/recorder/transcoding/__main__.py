@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from mazebot.recorder.transcoding.job import compress_run, yield_to_others
+from mazebot.recorder.transcoding.background import yield_to_others
+from mazebot.recorder.transcoding.job import compress_run
 from mazebot.recorder.transcoding.vp9 import VideoError
 
 

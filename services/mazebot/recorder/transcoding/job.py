@@ -1,13 +1,8 @@
-"""Makes videos of the pictures of ended runs, in a process that yields to all others."""
+"""Makes videos of the pictures of an ended run."""
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +12,6 @@ from mazebot.common.recordings.run_folder import LOCK, MESSAGES, TO_COMPRESS, pa
 from mazebot.recorder.transcoding.mcap_video import read_video, transcode_mcap
 from mazebot.recorder.transcoding.vp9 import VideoError
 
-_NICEST = 19
 _LEFT_BY_A_KILLED_ONE = ("*.video", "*.rest", "*.whole", "*.whole_mcap", "*.mp4")
 
 
@@ -74,34 +68,3 @@ def _compress(folder: Path) -> Compression:
 def _size(folder: Path) -> int:
     paths = (*parts_of(folder), *parts_of(folder, MESSAGES))
     return sum(path.stat().st_size for path in paths)
-
-
-def waiting(recordings_dir: Path) -> list[Path]:
-    """The folders of ended runs that are still to be compressed, oldest first."""
-    marked = (marker.parent for marker in sorted(recordings_dir.glob(f"*/{TO_COMPRESS}")))
-    return [folder for folder in marked if not (folder / LOCK).exists()]
-
-
-def start(folder: Path) -> subprocess.Popen[bytes]:
-    """Compress a run in a process that outlives this one, on one core, after everything else."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "mazebot.recorder.transcoding", str(folder.resolve())],
-        env={**os.environ, "OPENCV_FFMPEG_THREADS": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-
-
-def end(process: subprocess.Popen[bytes]) -> None:
-    """End a process of `start()` and what it has started, at once."""
-    if process.poll() is None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def yield_to_others() -> None:
-    """Let every other process go first."""
-    os.nice(_NICEST)
