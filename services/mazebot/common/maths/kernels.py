@@ -1,13 +1,16 @@
-"""Compiled loops over arrays: the only module that uses Numba directly."""
+"""Compiled loops over arrays: the only module, with `kernel_types`, that uses Numba directly."""
 
 from __future__ import annotations
 
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import llvmlite.binding  # type: ignore[import-untyped]
 import numba
 from numba.extending import typeof_impl
 
@@ -24,32 +27,70 @@ if _BLAS not in sys.modules:
 
 _LOCK = threading.RLock()
 """Held while a kernel gets its machine code: several threads may call it first."""
+Types = tuple[Any, ...]
+"""Numba's types of the arguments of a call."""
+
+
+class Kernel(ABC):
+    """A function that is compiled, or loaded from the disk, when it is first used."""
+
+    is_signed = True
+    """Whether it has a signature at its definition."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.__doc__ = function.__doc__
+        self.module, self.name = function.__module__, function.__name__
+        self._function = function
+        KERNELS[self.module, self.name] = self
+
+    @abstractmethod
+    def compile(self, types: Types = ()) -> None:
+        """Get its machine code: for the signature at its definition, or if it has none for these
+        types of arguments.
+        """
+
+    def _is_used(self) -> None:
+        """To be called before Python uses it for the first time."""
+        for listener in USE_LISTENERS:
+            listener(self)
+
+
 KERNELS: dict[tuple[str, str], Kernel] = {}
 """Every kernel of the modules that are imported, by module and name."""
+USE_LISTENERS: list[Callable[[Kernel], None]] = []
+"""Called with a kernel before Python uses it for the first time. Kernels that only others call are
+part of the machine code of these, and are not loaded.
+"""
+CALL_LISTENERS: list[Callable[[Kernel, Types], None]] = []
+"""Called with a kernel without signature and the types of arguments at each of its calls from
+Python, if it was not used before there were any listeners.
+"""
 
 
-class Kernel:
-    """A function that is compiled, or loaded from the disk, when it is first called. Kernels that
-    only other kernels call are part of the machine code of these, and never loaded.
-    """
+class _Loop(Kernel):
+    """A function of numbers and arrays."""
 
     def __init__(self, function: Callable[..., Any], signature: str | None, options: Any) -> None:
-        self.__doc__, self.__wrapped__ = function.__doc__, function
-        self._signature = signature
+        super().__init__(function)
+        self._signature, self.is_signed = signature, signature is not None
         self._dispatcher = numba.njit(cache=True, **options)(function)
         self._run = self._first
-        self.is_called = False
-        """Whether it was called from Python."""
-        KERNELS[function.__module__, function.__name__] = self
 
     def __call__(self, *arguments: Any) -> Any:
         """Run it."""
         return self._run(*arguments)
 
     @property
-    def signatures(self) -> list[Any]:
+    def signatures(self) -> list[Types]:
         """The types of arguments that it has machine code for."""
         return list(self._dispatcher.signatures)
+
+    def compile(self, types: Types = ()) -> None:
+        """See Kernel."""
+        if self._signature is None:
+            self._dispatcher.compile(types)
+        else:
+            self.compiled()
 
     def compiled(self) -> Any:
         """Numba's own object, with machine code for the signature at the definition."""
@@ -59,50 +100,53 @@ class Kernel:
                 self._dispatcher.disable_compile()
         return self._dispatcher
 
-    def compile(self, types: Any) -> None:
-        """Compile it for types of arguments, unless it has machine code for them."""
-        if self._signature is None:
-            self._dispatcher.compile(types)
-        self.compiled()
-
     def _first(self, *arguments: Any) -> Any:
-        self.is_called = True
-        self._run = self.compiled()
+        self._is_used()
+        run = self.compiled()
+        self._run = self._heard if CALL_LISTENERS and self._signature is None else run
         return self._run(*arguments)
 
+    def _heard(self, *arguments: Any) -> Any:
+        types = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+        for listener in CALL_LISTENERS:
+            listener(self, types)
+        return self._dispatcher(*arguments)
 
-@typeof_impl.register(Kernel)
-def _typeof_kernel(kernel: Kernel, context: Any) -> Any:
+
+@typeof_impl.register(_Loop)
+def _typeof_loop(kernel: _Loop, context: Any) -> Any:
     """The type of a kernel that another one calls."""
     return typeof_impl(kernel.compiled(), context)
 
 
-class _Elementwise:
-    """A function of numbers, compiled or loaded when it is first applied to arrays."""
+class _Elementwise(Kernel):
+    """A function of numbers that is applied to arrays."""
 
     def __init__(self, function: Callable[..., Any], signatures: tuple[str, ...]) -> None:
-        self.__doc__ = function.__doc__
-        self._function, self._signatures = function, signatures
+        super().__init__(function)
+        self._signatures = signatures
+
+    def __call__(self, *arrays: Any) -> Any:
+        """Apply it."""
+        return self._ufunc(*arrays)
+
+    def compile(self, types: Types = ()) -> None:
+        """See Kernel."""
+        _ = self._ufunc
 
     @cached_property
     def _ufunc(self) -> Any:
+        self._is_used()
         with _LOCK:
             return numba.vectorize(self._signatures, cache=True)(self._function)  # type: ignore[no-untyped-call]
 
-    def __call__(self, *arrays: Any) -> Any:
-        return self._ufunc(*arrays)
 
-
-class CFunction:
-    """A function for callers in C, compiled or loaded when its address is asked for."""
+class CFunction(Kernel):
+    """A function for callers in C."""
 
     def __init__(self, function: Callable[..., Any], signature: str) -> None:
-        self.__doc__ = function.__doc__
-        self._function, self._signature = function, signature
-
-    @cached_property
-    def _compiled(self) -> Any:
-        return numba.cfunc(self._signature, cache=True)(self._function)
+        super().__init__(function)
+        self._signature = signature
 
     @property
     def address(self) -> int:
@@ -114,6 +158,31 @@ class CFunction:
         """The same function for callers in Python."""
         return self._compiled.ctypes
 
+    def compile(self, types: Types = ()) -> None:
+        """See Kernel."""
+        _ = self._compiled
+
+    @cached_property
+    def _compiled(self) -> Any:
+        self._is_used()
+        with _LOCK:
+            return numba.cfunc(self._signature, cache=True)(self._function)
+
+
+def environment() -> str:
+    """What machine code depends on beside its source: Numba, Python and the processor."""
+    config, host = numba.config, llvmlite.binding
+    name = config.CPU_NAME or host.get_host_cpu_name()  # type: ignore[attr-defined]
+    features = config.CPU_FEATURES  # type: ignore[attr-defined]
+    if features is None:
+        features = host.get_host_cpu_features().flatten()
+    return f"{numba.__version__} {sys.version.split()[0]} {name} {features}"
+
+
+def cache_folder(kernel: Callable[..., Any]) -> Path:
+    """The folder of the machine code of a kernel, and of all in the same folder of sources."""
+    return Path(cast("_Loop", kernel).compiled().stats.cache_path)
+
 
 def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
     """Compile a function of numbers and arrays: for the Numba signature at its definition, or
@@ -124,7 +193,7 @@ def kernel(signature: str | None = None, **options: Any) -> Callable[[F], F]:
     """
 
     def made(function: F) -> F:
-        return cast("F", Kernel(function, signature, options))
+        return cast("F", _Loop(function, signature, options))
 
     return made
 
