@@ -28,12 +28,13 @@ from mazebot.common.node.node import Node
 from mazebot.common.recordings.run_folder import TO_COMPRESS
 from mazebot.common.settings.load import config_flag, load, world_hash_of_run
 from mazebot.common.world.map_files import read_map
+from mazebot.embedded.compile_progress import CompileProgress
+from mazebot.embedded.compiling import CompilingStoppedError, compiled_side_by_side
 from mazebot.navigation.config import NavigationConfig
 from mazebot.navigation.node import NavigationNode
 from mazebot.perception.config import PerceptionConfig
 from mazebot.perception.node import PerceptionNode
 from mazebot.physics.config import PhysicsConfig
-from mazebot.physics.node import PhysicsNode
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
 from mazebot.recorder.transcoding.background import start
@@ -46,6 +47,7 @@ from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 if TYPE_CHECKING:
     from mazebot.console.config import ConsoleConfig
+    from mazebot.embedded.console import ConsoleBeside
 
 C = TypeVar("C", bound=ServiceConfig)
 
@@ -132,6 +134,8 @@ def robot_nodes(
 
     Raises ConfigError where an option cannot be met.
     """
+    from mazebot.physics.node import PhysicsNode  # noqa: PLC0415 - uses kernels at once
+
     seed = {"seed": options.seed}
     camera = {"camera_enabled": options.camera, "renderer": options.renderer}
     settings = {**seed, **camera, **physics}
@@ -292,6 +296,25 @@ def run(options: DemoOptions) -> int:
 
         recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
         beside = ConsoleBeside(beside_run(options.console, recorder))
+    with (
+        _stop_on_signal() as stopped,
+        compiled_side_by_side(CompileProgress(console), lambda: bool(stopped)),
+    ):
+        try:
+            return _run(options, loaded, beside, console, rosout, stopped)
+        except CompilingStoppedError:
+            console.print("interrupted")
+            return EXIT_INTERRUPTED
+
+
+def _run(
+    options: DemoOptions,
+    loaded: LoadedWorld,
+    beside: ConsoleBeside | None,
+    console: Console,
+    rosout: log.RosoutHandler,
+    stopped: list[int],
+) -> int:
     # No node in this process requests another world.
     nodes = build_nodes(options, lambda *_: loaded)
     if beside is not None:
@@ -300,7 +323,7 @@ def run(options: DemoOptions) -> int:
     transport = MemoryTransport() if beside is None else beside.transport
     executive = Executive(nodes, transport, rosout)
     (bringup,) = (node for node in nodes if isinstance(node, BringupNode))
-    with _stop_on_signal() as stopped, _progress(console) as progress:
+    with _progress(console) as progress:
         unit = "%" if bringup.explores else "goals"
         task = progress.add_task("starting", total=None, unit=unit)
         start_s = shown_s = time.monotonic()
@@ -328,6 +351,8 @@ def run(options: DemoOptions) -> int:
             else:
                 beside.play(executive, until)
                 code = bringup.exit_code
+        except CompilingStoppedError:
+            code = None
         except StalledError as error:
             # Print one line instead of a traceback.
             raise ConfigError(str(error)) from error
