@@ -32,6 +32,10 @@ Words = NDArray[np.uint32]
 Counts = NDArray[np.int64]
 
 _f32, _i32, _u32, _at = np.float32, np.int32, np.uint32, np.uintp
+_ZERO: int = np.int64(0)  # type: ignore[assignment]
+"""Where a count starts that is handed on: given a constant, Numba would compile all that is called
+once more.
+"""
 
 EDGE, NEARNESS, UV, TINT, NORMAL, ALBEDO = 0, 3, 4, 6, 9, 12
 PLANES = 15
@@ -221,7 +225,7 @@ def project(
     normal = np.empty((3, 3))
     tint = np.empty((3, 3))
     albedo = np.empty((3, 3))
-    kept = 0
+    kept = _ZERO
     for triangle in chosen:
         mover = surfaces.movers[triangle]
         for index in range(3):
@@ -323,7 +327,7 @@ def project(
     return planes[:kept], facts[:kept]
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64, float64[:, ::1])")
 def _set_edge(edge: Array, index: int, corner: Array) -> None:
     """The cross product of the two corners other than this one, the later one first."""
     a, b = (index + 2) % 3, (index + 1) % 3
@@ -345,7 +349,7 @@ def _pixels(least: float, most: float, count: int) -> tuple[int, int]:
     return first, end
 
 
-@kernel()
+@kernel("void(float64[:, :, ::1], int64, int64, float64, UniTuple(float64, 3))")
 def _interpolate(
     planes: Array, triangle: int, row: int, volume: float, values: tuple[float, float, float]
 ) -> None:
@@ -400,7 +404,7 @@ def draw_strip(
             seen = (depth >= least) & (depth <= most) & (owners[at] >= _i32(0))
             depth_m[start + _at(at)] = depth if seen else _f32(0.0)
 
-    at = 0
+    at = _ZERO
     for v in range(first_row, end_row):
         row_end = at + width
         row_start = at
@@ -546,7 +550,7 @@ def _shade(
         _fill(scratch.rgba, at, at + count, 0xFFFFFF)
     else:
         _place_texels(owner, texture, at, count, u, v, planes, textures, scratch)
-        start = 0
+        start = _ZERO
         while start < count:
             # The two levels between which a pixel lies are mostly those of its neighbour.
             level = scratch.levels[_at(start)] >> 8

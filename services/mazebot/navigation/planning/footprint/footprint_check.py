@@ -24,7 +24,9 @@ _SLACK_M: Final = 0.005
 """By how much it may come nearer to what it touches at the start: the map's cells are 5 cm."""
 
 
-@kernel()
+@kernel(
+    "boolean(float32[:, ::1], float64, float64[:, ::1], float64[::1], float64, float64, float64)"
+)
 def hits(
     distance_m: Clearance,
     resolution_m: float,

@@ -15,7 +15,7 @@ _CORNER = 1e-9
 """A line this near to a cell's corner, as a share of its length, goes through the corner."""
 
 
-@kernel()
+@kernel("float64(uint8[:, ::1], int64, float32[::1], float64, float64, float64, float64, float64)")
 def line_cost(
     cells: Costs, limit: int, price: Prices, x0: float, y0: float, x1: float, y1: float, most: float
 ) -> float:
