@@ -60,6 +60,8 @@ class Compiling:
         self._done = _Done()
         self._queue: list[str] = []
         self._queued: set[str] = set()
+        self.failed: list[str] = []
+        """Modules that could not be compiled."""
         self._compiled: Counter[tuple[str, str]] = Counter()
         self._changed = threading.Condition()
         self._processes: dict[subprocess.Popen[str], threading.Thread] = {}
@@ -142,6 +144,8 @@ class Compiling:
             with self._changed:
                 # Also where the process has failed: then this one compiles it, or tells why not.
                 self._done.add(module, keep=is_whole)
+                if not is_whole:
+                    self.failed.append(module)
                 self._changed.notify_all()
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import sys
+
 from rich.console import Console
 
 from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiling import Compiling
 
 
-def main() -> None:
-    """Compile all of them side by side."""
+def main() -> int:
+    """Compile all of them side by side; exit code 1 if some could not be."""
     compiling = Compiling(CompileProgress(Console(stderr=True)))
     try:
         compiling.compile_all()
     finally:
         compiling.close()
+    if compiling.failed:
+        sys.stderr.write(f"error: not compiled: {', '.join(sorted(compiling.failed))}\n")
+    return 1 if compiling.failed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
