@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -135,6 +136,9 @@ def demo(
     _check_console(console, console_port, tour, goal)
     if config is not None:
         known.check_file(config)
+    if sys.stderr.isatty():
+        # What is imported now takes a second, and may have to be compiled.
+        sys.stderr.write("starting\n")
     with collections_held_off():
         world.refuse_unused(world_name or "enhanced", arguments, path)
         from mazebot.common.recordings.run_folder import check_free  # noqa: PLC0415

@@ -1,7 +1,7 @@
 """Compiles kernels for another process: `python -m mazebot.embedded.compiler`.
 
 Reads names of modules, one a line, and compiles what the list has of each. Prints the name of each
-kernel once it is on the disk, and an empty line after a module. Ends with its standard input.
+kernel once it is on the disk, and WHOLE or FAILED after a module. Ends with its standard input.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import signal
 import sys
 
 from mazebot.embedded.kernel_list import Listed, listed
+
+WHOLE, FAILED = "/whole", "/failed"
 
 
 def main() -> None:
@@ -22,10 +24,23 @@ def main() -> None:
     for one in listed():
         rows.setdefault(one.module, []).append(one)
     for line in sys.stdin:
-        for one in rows[line.strip()]:
+        _answer(_compiled(rows[line.strip()]))
+
+
+def _compiled(rows: list[Listed]) -> str:
+    try:
+        for one in rows:
             one.compile()
-            print(one.name, flush=True)  # noqa: T201 - the answer
-        print(flush=True)  # noqa: T201
+            _answer(one.name)
+    except Exception as error:
+        sys.stderr.write(f"{one.module}.{one.name}: {error}\n")
+        return FAILED
+    return WHOLE
+
+
+def _answer(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

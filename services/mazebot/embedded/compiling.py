@@ -18,6 +18,7 @@ from pathlib import Path
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.kernels import USE_LISTENERS, Kernel, cache_folder, environment
 from mazebot.embedded.compile_progress import CompileProgress
+from mazebot.embedded.compiler import FAILED, WHOLE
 from mazebot.embedded.kernel_list import listed
 
 _SOURCES = Path(__file__).parents[2]
@@ -132,19 +133,19 @@ class Compiling:
                 module = self._queue.pop(0)
             with contextlib.suppress(BrokenPipeError):
                 process.stdin.write(f"{module}\n")
-            is_whole = False
+            # A process that was killed answers nothing more.
+            answer = FAILED
             for line in process.stdout:
-                name = line.strip()
-                is_whole = not name
-                if is_whole:
+                answer = line.strip()
+                if answer in {WHOLE, FAILED}:
                     break
                 with self._changed:
-                    self._compiled[module, name] += 1
+                    self._compiled[module, answer] += 1
                     self._changed.notify_all()
             with self._changed:
-                # Also where the process has failed: then this one compiles it, or tells why not.
-                self._done.add(module, keep=is_whole)
-                if not is_whole:
+                # What has failed is compiled by this process, which tells why it cannot be.
+                self._done.add(module, keep=answer == WHOLE)
+                if answer != WHOLE:
                     self.failed.append(module)
                 self._changed.notify_all()
         with contextlib.suppress(BrokenPipeError):

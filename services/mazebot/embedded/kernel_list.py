@@ -7,6 +7,7 @@ import importlib
 from pathlib import Path
 from typing import NamedTuple
 
+from mazebot.common.maths import portable_kernels  # noqa: F401 - makes those of `portable`
 from mazebot.common.maths.kernel_types import types_of
 from mazebot.common.maths.kernels import KERNELS
 
