@@ -120,6 +120,8 @@ generate: $(STAMP) ## regenerate the generated files
 	@for schema in summary series labels; do \
 		.venv/bin/python -m mazebot.cli.pages.run_schemas $$schema > docs/schemas/$$schema.schema.json; \
 	done
+	@.venv/bin/python -m mazebot.embedded.observed_kernels > .kernels.txt \
+		&& mv .kernels.txt services/mazebot/embedded/kernels.txt
 
 lock: $(STAMP) ## resolve the dependencies again
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock

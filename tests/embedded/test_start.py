@@ -95,7 +95,7 @@ def test_a_tour_imports_nothing_of_what_it_does_not_use() -> None:
 
 def test_every_kernel_that_python_calls_is_listed_and_no_other() -> None:
     found = run(OBSERVED)
-    told = "python -m mazebot.embedded.observed_kernels writes kernels.txt again"
+    told = "make generate writes services/mazebot/embedded/kernels.txt again"
     assert set(found) == {" ".join(one) for one in listed()}, told
 
 

@@ -1,8 +1,5 @@
 """Which kernels Python calls when a robot drives or explores, when a camera draws, and when a maze
-is made. To write the list of those that are compiled in advance again:
-
-    python -m mazebot.embedded.observed_kernels > kernels.txt
-    mv kernels.txt services/mazebot/embedded/
+is made. `make generate` writes them into the list of those that are compiled in advance.
 """
 
 from __future__ import annotations
