@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -12,6 +11,7 @@ from typing import Any, TypeVar, cast
 
 import llvmlite.binding  # type: ignore[import-untyped]
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import typeof_impl
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -25,8 +25,10 @@ if _BLAS not in sys.modules:
     finally:
         del sys.modules[_BLAS]
 
-_LOCK = threading.RLock()
-"""Held while a kernel gets its machine code: several threads may call it first."""
+_LOCK = global_compiler_lock
+"""Held while a kernel gets its machine code, as several threads may call it first: Numba's own,
+since another one would be taken in the other order where a kernel calls a kernel.
+"""
 Types = tuple[Any, ...]
 """Numba's types of the arguments of a call."""
 
