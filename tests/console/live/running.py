@@ -50,6 +50,7 @@ def running(options: DemoOptions) -> Iterator[Run]:
     finally:
         stopped.set()
         thread.join()
+        beside.close()
         executive.close()
 
 
