@@ -59,6 +59,8 @@ demo --renderer vulkan : --renderer|vulkan|'auto'
 demo --renderer GL : --renderer|GL
 demo --camera=no : --camera
 demo --console-port 8080 : --console-port|--console
+demo --router-port 7447 : --router-port|--console
+demo --console --router-port 65536 : --router-port|65536
 demo --no-tour : --no-tour|--console
 demo --console --no-tour --goal 1 0 0 : --no-tour|--goal
 demo --console --console-port 65536 : --console-port|65536

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from mazebot.common.bus.pace import Pace
+from mazebot.common.config import ConfigError
 from mazebot.common.node.executive import Executive
 from mazebot.common.node.node import ClockNode, Node
 from mazebot.console.config import ConsoleConfig
@@ -47,7 +48,11 @@ class ConsoleBeside:
         self._server = ConsoleServer(
             build_app(config, live_routes(self.robot, _HOW_TO_START)), config
         )
-        self._bus = None if open_bus is None else open_bus()
+        try:
+            self._bus = None if open_bus is None else open_bus()
+        except ConfigError:
+            self._server.stop()
+            raise
 
     @property
     def url(self) -> str:
