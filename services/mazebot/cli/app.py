@@ -24,6 +24,7 @@ from mazebot.cli.parsing.options import Connect, Json
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
+from mazebot.cli.stack import commands as stack_commands
 from mazebot.common.config import ConfigError
 
 app = App(
@@ -204,6 +205,7 @@ def topic_pub(
     publish_messages(connect, name, message, rate_hz, 1 if once else times)
 
 
+stack_commands.register(app)
 entities.register(app)
 app.command()(console.console)
 app.command()(replay.replay)
