@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 
@@ -59,6 +60,8 @@ def start(plan: StackPlan, folder: StackFolder) -> StackState:
         assert supervisor.stdin is not None
         with supervisor.stdin:
             supervisor.stdin.write(plan.model_dump_json().encode())
+    # It outlives this command; where it ends sooner, nothing of it must stay.
+    threading.Thread(target=supervisor.wait, name="supervisor", daemon=True).start()
     deadline_s = time.monotonic() + _BEGIN_S
     while time.monotonic() < deadline_s:
         state = folder.read()

@@ -33,6 +33,10 @@ class LogWriter:
             self._file = self._path.open("ab", buffering=0)
         self._file.write(f"{service}\t{text}\n".encode())
 
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
 
 def exists(folder: Path) -> bool:
     """Whether there is a log."""

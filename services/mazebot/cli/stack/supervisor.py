@@ -151,6 +151,7 @@ class Supervisor:
             self._stopped = True
             self._end(service for service in self._services if service.plan.name != ROUTER)
             self._end(service for service in self._services if service.plan.name == ROUTER)
+            self._log.close()
             self._folder.forget()
 
     def _start_due(self) -> bool:
