@@ -112,8 +112,8 @@ def demo(folder: Path, *options: str) -> Iterator[str]:
     output = folder / "output.txt"
     with output.open("wb") as file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "mazebot.cli", "demo", "--console", "--console-port", "0", "--router-port", "0",
-             "--no-tour", "--no-camera", "--out", str(folder / "run"), *options],
+            [sys.executable, "-m", "mazebot.cli", "demo", "--console", "--console-port", "0",
+             "--router-port", "0", "--no-tour", "--no-camera", "--out", str(folder / "run"), *options],
             stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -21,6 +22,7 @@ from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
 from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
 from mazebot.cli.parsing.options import Connect, Json
+from mazebot.cli.parsing.patience import patience
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
@@ -225,11 +227,18 @@ def _command() -> Callable[..., object]:
     return typer.main.get_command(app)
 
 
+def _named(arguments: list[str]) -> str:
+    """The command with its group, as `mazebot map build`."""
+    words = itertools.takewhile(lambda word: word.isalpha(), arguments[1:3])
+    return " ".join(["mazebot", *words])
+
+
 def main() -> NoReturn:
     """Run the command; an error is one line on standard error and a nonzero exit code."""
     code: object = 0
     try:
-        code = _command()(prog_name="mazebot", standalone_mode=False)
+        with patience(_named(sys.argv)):
+            code = _command()(prog_name="mazebot", standalone_mode=False)
     except UsageMistake as error:
         sys.stderr.write(f"error: {in_one_line(error)}\n")
         code = 2

@@ -15,6 +15,7 @@ from mazebot.cli.own_router import OwnRouter
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import world_names
 from mazebot.cli.parsing.options import Json, model_folders, xacro_arguments
+from mazebot.cli.parsing.patience import say_first
 from mazebot.common.config import ConfigError
 from mazebot.common.garbage import collections_held_off
 
@@ -149,6 +150,7 @@ def demo(
     _check_console(console, console_port, router_port, tour, goal)
     if config is not None:
         known.check_file(config)
+    say_first(f"starting the services for world {world_name or 'enhanced'}", as_json)
     with collections_held_off():
         world.refuse_unused(world_name or "enhanced", arguments, path)
         from mazebot.common.recordings.run_folder import check_free  # noqa: PLC0415

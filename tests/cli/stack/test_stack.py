@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -36,6 +37,12 @@ def port(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.chdir(runtime)
     yield number
     mazebot("down", "--router-port", number)
+
+
+def listed_on(port: str) -> dict[str, dict[str, Any]]:
+    """The services that are listed, by their names."""
+    listed = json.loads(mazebot("ps", "--json", "--router-port", port).stdout)
+    return {one["service"]: one for one in listed}
 
 
 def plan(**fields: object) -> dict[str, dict[str, str]]:
@@ -133,9 +140,10 @@ def test_some_services_are_started_listed_and_ended(port: str) -> None:
     (header, *rows) = mazebot("ps", "--router-port", port).stdout.splitlines()
     assert header.split() == ["service", "pid", "uptime", "restarts", "state"]
     assert [row.split()[0] for row in rows] == ["router", "worldgen", "spawner"]
-    listed = json.loads(mazebot("ps", "--json", "--router-port", port).stdout)
-    assert listed[1]["state"] == "waiting for a world request"
-    assert Path(f"/proc/{listed[1]['pid']}").exists()
+    waiting = "waiting for a world request"
+    wait_until(lambda: listed_on(port)["worldgen"]["state"] == waiting)
+    pid = listed_on(port)["worldgen"]["pid"]
+    assert Path(f"/proc/{pid}").exists()
     again = mazebot("up", "--router-port", port)
     assert_one_line(again, "runs already", "mazebot down", "--router-port")
     other = mazebot("ps", "--router-port", str(free_port()))
@@ -148,7 +156,7 @@ def test_some_services_are_started_listed_and_ended(port: str) -> None:
     assert one.startswith("[INFO] [worldgen]: ")
     ended = mazebot("down", "--router-port", port)
     assert ended.stdout == "ending the services\n3 services ended\n"
-    assert not Path(f"/proc/{listed[1]['pid']}").exists()
+    assert not Path(f"/proc/{pid}").exists()
     assert mazebot("logs", "worldgen", "--router-port", port).stdout.startswith(one)
 
 
@@ -185,12 +193,9 @@ def test_a_tour_is_followed_to_its_end_and_the_services_go_on(port: str) -> None
     endpoint = f"tcp/127.0.0.1:{port}"
     goal = mazebot("goal", "0.5", "0", "0", MAZEBOT_BUS_CONNECT=endpoint)
     assert goal.returncode == 0, goal.stderr
-    states = {
-        one["service"]: one["state"]
-        for one in json.loads(mazebot("ps", "--json", "--router-port", port).stdout)
-    }
-    assert states[DEMO] == "ended (exit code 0)"
-    assert states["navigation"] == "active"
+    services = listed_on(port)
+    assert services[DEMO]["state"] == "ended (exit code 0)"
+    assert services["navigation"]["state"] == "active"
     assert mazebot("down", "--router-port", port).stdout.endswith("8 services ended\n")
     (run,) = Path("recordings").iterdir()
     assert (run / "run.mcap").is_file()
