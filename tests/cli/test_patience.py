@@ -15,6 +15,7 @@ import pytest
 
 from mazebot.cli.parsing.patience import patience, say_first
 from mazebot.cli.replay.progress import shown
+from tests.cli.stack.running import wait_until
 from tests.cli.test_app import mazebot
 
 
@@ -25,9 +26,10 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    """A terminal on which a second passes at once."""
+def a_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """A terminal on which a second passes at once, for both streams. Not a fixture: after those,
+    pytest sets the streams.
+    """
     stream = Terminal()
     monkeypatch.setattr("sys.stdout", stream)
     monkeypatch.setattr("sys.stderr", stream)
@@ -41,10 +43,11 @@ def screen(text: str) -> list[str]:
 
 
 def test_a_command_that_says_nothing_is_seen_to_work_until_it_does(
-    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    terminal = a_terminal(monkeypatch)
     with patience("mazebot plan"):
-        time.sleep(0.3)
+        wait_until(terminal.getvalue)
         assert "mazebot plan: working" in screen(terminal.getvalue())
         sys.stdout.write("length 3 m\n")
         time.sleep(0.1)
@@ -54,17 +57,19 @@ def test_a_command_that_says_nothing_is_seen_to_work_until_it_does(
 
 
 def test_the_time_that_it_has_worked_is_told(
-    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    terminal = a_terminal(monkeypatch)
     begin_s = time.monotonic()
     with patience("mazebot plan"):
         monkeypatch.setattr("time.monotonic", lambda: begin_s + 3.2)
-        while "working, 3 s" not in terminal.getvalue():
-            time.sleep(0.01)
+        wait_until(lambda: "working, 3 s" in terminal.getvalue())
+        assert "mazebot plan: working, 3 s" in screen(terminal.getvalue())
     assert screen(terminal.getvalue()) == [""]
 
 
-def test_a_quick_command_shows_nothing_else(terminal: Terminal) -> None:
+def test_a_quick_command_shows_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = a_terminal(monkeypatch)
     with patience("mazebot ps"):
         sys.stdout.write("service\n")
     assert terminal.getvalue() == "service\n"

@@ -12,7 +12,7 @@ from mazebot.cli.parsing.options import ROUTER
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
-    from mazebot.common.bus.run_on_bus import RunOnBus
+    from mazebot.common.client.run_on_bus import RunOnBus
     from mazebot.common.node.node import Node
     from mazebot.embedded.watched_transport import WatchedTransport
 
@@ -81,7 +81,7 @@ class OwnRouter:
 
     def carry(self, nodes: Sequence[Node], transport: WatchedTransport) -> None:
         """See BusBeside."""
-        from mazebot.common.bus.run_on_bus import RunOnBus  # noqa: PLC0415
+        from mazebot.common.client.run_on_bus import RunOnBus  # noqa: PLC0415
 
         self._run = RunOnBus(self._router.session, nodes, transport, self._prefix)
         hint = "" if is_default(self.endpoint) else f": export {_CONNECT}={self.endpoint}"

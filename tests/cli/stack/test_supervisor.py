@@ -86,7 +86,9 @@ def test_one_that_ends_again_and_again_waits_longer_each_time() -> None:
 def test_a_demo_is_not_started_again() -> None:
     with started(plan_of(restarts=False, bringup="import sys; sys.exit(1)")) as folder:
         wait_until(lambda: service(folder, "bringup").phase == "ended")
-        time.sleep(0.5)
+        # Longer than another one would wait.
+        ended_s = time.monotonic()
+        wait_until(lambda: time.monotonic() > ended_s + 0.5)
         state = service(folder, "bringup")
         assert (state.text, state.process, state.restarts) == ("ended (exit code 1)", None, 0)
         assert wait_until_active(folder, lambda _: None, 5.0) == 1
