@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -229,8 +228,9 @@ def _command() -> Callable[..., object]:
 
 def _named(arguments: list[str]) -> str:
     """The command with its group, as `mazebot map build`."""
-    words = itertools.takewhile(lambda word: word.isalpha(), arguments[1:3])
-    return " ".join(["mazebot", *words])
+    words = [word for word in arguments[1:3] if word.isalpha()]
+    groups = {group.name for group in app.registered_groups}
+    return " ".join(["mazebot", *words[: 2 if words[:1] and words[0] in groups else 1]])
 
 
 def main() -> NoReturn:
