@@ -113,7 +113,8 @@ def demo(folder: Path, *options: str) -> Iterator[str]:
     with output.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "mazebot.cli", "demo", "--console", "--console-port", "0",
-             "--no-tour", "--no-camera", "--out", str(folder / "run"), *options],
+             "--router-port", "0", "--no-tour", "--no-camera", "--out", str(folder / "run"),
+             *options],
             stdout=file, stderr=subprocess.STDOUT,
         )  # fmt: skip
     try:

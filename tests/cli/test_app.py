@@ -128,7 +128,9 @@ def test_the_shell_completes_commands_and_names(
     assert set(done.stdout.split()) == offered
 
 
-@pytest.mark.parametrize("arguments", [["--version"], ["recordings", "list"], ["map", "--help"]])
+@pytest.mark.parametrize(
+    "arguments", [["--version"], ["recordings", "list"], ["map", "--help"], ["ps"], ["down"]]
+)
 def test_a_short_command_loads_neither_the_compiler_nor_the_bus(
     arguments: list[str], tmp_path: Path
 ) -> None:
@@ -143,8 +145,9 @@ def test_a_short_command_loads_neither_the_compiler_nor_the_bus(
     )
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(
-        command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False
-    )
+        command, capture_output=True, text=True, cwd=tmp_path, timeout=60, check=False,
+        env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)},
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 
@@ -209,6 +212,12 @@ def test_without_a_stack_the_router_is_named() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     assert_one_line(mazebot("goal", "0", "0", "0", "--connect", endpoint), endpoint)
     assert_one_line(mazebot("topic", "list", "--connect", endpoint), endpoint)
+
+
+def test_without_a_stack_every_way_to_start_one_is_named() -> None:
+    done = mazebot("goal", "0", "0", MAZEBOT_BUS_CONNECT=f"tcp/127.0.0.1:{free_port()}")
+    ways = ("docker compose up demo-world-enhanced", "mazebot demo --console", "mazebot up")
+    assert_one_line(done, "no Zenoh router", *ways)
 
 
 def test_a_router_without_a_robot_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,6 +59,19 @@ demo --renderer vulkan : --renderer|vulkan|'auto'
 demo --renderer GL : --renderer|GL
 demo --camera=no : --camera
 demo --console-port 8080 : --console-port|--console
+demo --router-port 7447 : --router-port|--console
+up --world orignal : --world|orignal|did you mean original?
+up --only navigatin : --only|navigatin|did you mean navigation?
+up --router-port 0 : --router-port|0
+up --seed -1 : --seed|-1
+up extra : extra
+down --router-port x : --router-port|x|integer
+down extra : extra
+ps --jsno : --jsno|--json
+ps --router-port 65536 : --router-port|65536
+logs navigatoin : navigatoin|did you mean navigation?
+logs --router-port : --router-port|a value
+demo --console --router-port 65536 : --router-port|65536
 demo --no-tour : --no-tour|--console
 demo --console --no-tour --goal 1 0 0 : --no-tour|--goal
 demo --console --console-port 65536 : --console-port|65536

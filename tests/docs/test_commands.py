@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mazebot.bench.parts.loopback_router import running_router
+from mazebot.bench.parts.loopback_router import free_port, running_router
 from mazebot.common.bus.config import BusConfig
 from mazebot.common.bus.query import ask
 from mazebot.common.bus.session import open_session
@@ -40,7 +40,15 @@ ON_A_STACK = {
     *("goal", "cancel", "sim", "spawn", "move", "remove", "entities", "topic", "waypoints"),
     *("spin", "backup", "dock", "undock", "teleop"),
 }
-ENDLESS = ("topic echo", "topic hz", "topic pub", "recordings view", "console")
+OF_A_STACK = {"up", "down", "ps", "logs"}
+ENDLESS = (
+    "logs navigation --follow",
+    "topic echo",
+    "topic hz",
+    "topic pub",
+    "recordings view",
+    "console",
+)
 SHORTER = {"--count 100": "--count 2", "--port 8080": "--port 0"}
 CAMERA_INFO = f"""
 image_width: 640
@@ -65,6 +73,8 @@ def kind(example: Example) -> str:
     if words[0] == "mazebot":
         if words[1] == "replay" and "--service" not in words:
             return "router"
+        if words[1] in OF_A_STACK:
+            return "services"
         running = words[1] in ON_A_STACK or words[1:] == ["localize", "--global"]
         return "stack" if running else "alone"
     return words[0]
@@ -76,7 +86,7 @@ def some(wanted: str) -> list[Example]:
 
 def test_there_is_a_test_for_each_kind_of_command() -> None:
     assert {kind(example) for example in COMMANDS} <= {
-        "alone", "stack", "router", "docker", "make", "python", "source"
+        "alone", "stack", "router", "services", "docker", "make", "python", "source"
     }  # fmt: skip
     assert len(some("alone")) > 10
     assert len(some("stack")) > 10
@@ -272,6 +282,31 @@ def test_a_run_is_replayed_on_a_router_as_each_command_says(
             taking_part = a_service(named, **more) if named else nullcontext()
             with subtests.test(str(example)), taking_part:
                 run(filled(example), folder, **more)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_services_are_started_and_ended_as_each_command_says(
+    tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    more = {
+        "XDG_RUNTIME_DIR": str(tmp_path),
+        **{
+            f"MAZEBOT_{name}_PORT": str(free_port()) for name in ("ROUTER", "VIEWER", "VIEWER_DATA")
+        },
+    }
+    try:
+        for example in some("services"):
+            command = filled(example)
+            if program(example)[1] == "up":
+                run("mazebot down", tmp_path, **more)
+                # To follow a tour takes a minute.
+                command += "" if "--detach" in command else " --detach"
+            with subtests.test(str(example)):
+                run(command, tmp_path, **more)
+    finally:
+        said = run("mazebot down", tmp_path, **more)
+    assert said.startswith("no stack runs")
 
 
 @contextmanager

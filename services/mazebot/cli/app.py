@@ -21,9 +21,11 @@ from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
 from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
 from mazebot.cli.parsing.options import Connect, Json
+from mazebot.cli.parsing.patience import patience
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
+from mazebot.cli.stack import commands as stack_commands
 from mazebot.common.config import ConfigError
 
 app = App(
@@ -204,6 +206,7 @@ def topic_pub(
     publish_messages(connect, name, message, rate_hz, 1 if once else times)
 
 
+stack_commands.register(app)
 entities.register(app)
 app.command()(console.console)
 app.command()(replay.replay)
@@ -223,11 +226,19 @@ def _command() -> Callable[..., object]:
     return typer.main.get_command(app)
 
 
+def _named(arguments: list[str]) -> str:
+    """The command with its group, as `mazebot map build`."""
+    words = [word for word in arguments[1:3] if word.isalpha()]
+    groups = {group.name for group in app.registered_groups}
+    return " ".join(["mazebot", *words[: 2 if words[:1] and words[0] in groups else 1]])
+
+
 def main() -> NoReturn:
     """Run the command; an error is one line on standard error and a nonzero exit code."""
     code: object = 0
     try:
-        code = _command()(prog_name="mazebot", standalone_mode=False)
+        with patience(_named(sys.argv)):
+            code = _command()(prog_name="mazebot", standalone_mode=False)
     except UsageMistake as error:
         sys.stderr.write(f"error: {in_one_line(error)}\n")
         code = 2

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import math
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from mazebot.cli import world
+from mazebot.cli import own_router, world
+from mazebot.cli.own_router import OwnRouter
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import world_names
 from mazebot.cli.parsing.options import Json, model_folders, xacro_arguments
+from mazebot.cli.parsing.patience import say_first
 from mazebot.common.config import ConfigError
 from mazebot.common.garbage import collections_held_off
 
@@ -115,15 +118,26 @@ def demo(
     console: Annotated[
         bool,
         typer.Option(
-            "--console", help="serve the console beside the run, which is in real time then and "
-            "continues after the tour until Ctrl-C",
+            "--console", help="serve the console beside the run, and open a router for `mazebot "
+            "goal` and all other commands; the run is in real time then and continues after the "
+            "tour until Ctrl-C",
         ),
     ] = False,
     console_port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="its port [default: 8080]")
     ] = None,
+    router_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="with --console: port of the router; 0: any free one "
+            "[default: that of MAZEBOT_BUS_CONNECT, 7447]",
+        ),
+    ] = None,
     tour: Annotated[
-        bool, typer.Option("--tour/--no-tour", help="with --console: or wait for goals from it")
+        bool,
+        typer.Option(
+            "--tour/--no-tour", help="with --console: or wait for goals from it and from commands"
+        ),
     ] = True,
     as_json: Json = False,
 ) -> None:  # fmt: skip
@@ -133,12 +147,10 @@ def demo(
     given = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
     known.check_not_for_make([option for option, value in given.items() if value])
     explore = _explores(slam, explore, goal, map_file)
-    _check_console(console, console_port, tour, goal)
+    _check_console(console, console_port, router_port, tour, goal)
     if config is not None:
         known.check_file(config)
-    if sys.stderr.isatty():
-        # What is imported now takes a second, and may have to be compiled.
-        sys.stderr.write("starting\n")
+    say_first(f"starting the services for world {world_name or 'enhanced'}", as_json)
     with collections_held_off():
         world.refuse_unused(world_name or "enhanced", arguments, path)
         from mazebot.common.recordings.run_folder import check_free  # noqa: PLC0415
@@ -168,6 +180,7 @@ def demo(
             arguments=xacro_arguments(arguments),
             roots=model_folders("--path", path),
             console=_console_config(config, console_port) if console else None,
+            open_bus=_bus_opener(config, router_port) if console else None,
             tour=tour,
         )
         code = embedded.run(options)
@@ -199,11 +212,20 @@ def _explores(
 
 
 def _check_console(
-    console: bool, port: int | None, tour: bool, goal: tuple[float, float, float] | None
+    console: bool,
+    port: int | None,
+    router: int | None,
+    tour: bool,
+    goal: tuple[float, float, float] | None,
 ) -> None:
-    if not console and (port is not None or not tour):
-        option = "--no-tour" if port is None else "--console-port"
-        raise ConfigError(f"{option}: must be given with --console")
+    given = {
+        "--console-port": port is not None,
+        "--router-port": router is not None,
+        "--no-tour": not tour,
+    }
+    for option, is_given in given.items():
+        if is_given and not console:
+            raise ConfigError(f"{option}: must be given with --console")
     if not tour and goal is not None:
         raise ConfigError("--no-tour: must be given without --goal")
 
@@ -215,6 +237,15 @@ def _console_config(settings: Path | None, port: int | None) -> ConsoleConfig:
 
     given = {} if port is None else {"port": port}
     return load(ConsoleConfig, "console", config_flag(settings), given)
+
+
+def _bus_opener(settings: Path | None, port: int | None) -> Callable[[], OwnRouter]:
+    """What opens the router. Raises ConfigError where a setting is wrong."""
+    from mazebot.common.bus.config import BusConfig  # noqa: PLC0415
+    from mazebot.common.settings.load import config_flag, load  # noqa: PLC0415
+
+    prefix = load(BusConfig, "bus", config_flag(settings)).prefix
+    return functools.partial(OwnRouter, own_router.router_port(port), prefix)
 
 
 def parse_bool(option: str, text: str) -> bool:

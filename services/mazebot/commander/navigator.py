@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
+import os
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -107,11 +108,16 @@ class Navigator:
         self._action = self._closing.enter_context(ActionClient(robot, ACTION_RESULT))
 
     @classmethod
-    def connect(cls, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Self:
-        """To a running stack. Raises ConfigError where no router responds."""
+    def connect(cls, endpoint: str | None = None, timeout_s: float = 10.0) -> Self:
+        """To a running stack, by its router's endpoint: without one given, that of the variable
+        MAZEBOT_BUS_CONNECT, or tcp/127.0.0.1:7447.
+
+        Raises ConfigError where no router responds.
+        """
         from mazebot.common.client.over_zenoh import ZenohRobot  # noqa: PLC0415
 
-        navigator = cls(ZenohRobot(endpoint), timeout_s)
+        router = endpoint or os.environ.get("MAZEBOT_BUS_CONNECT") or ENDPOINT
+        navigator = cls(ZenohRobot(router), timeout_s)
         navigator._closing.callback(navigator._robot.close)
         return navigator
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from mazebot.common.bus.pace import Pace
+from mazebot.common.config import ConfigError
 from mazebot.common.node.executive import Executive
-from mazebot.common.node.node import ClockNode
+from mazebot.common.node.node import ClockNode, Node
 from mazebot.console.config import ConsoleConfig
 from mazebot.console.live.routes import live_routes
 from mazebot.console.server import build_app
@@ -23,17 +25,34 @@ _IDLE_S = 0.02
 _HOW_TO_START = ".venv/bin/mazebot demo --console"
 
 
+class BusBeside(Protocol):
+    """A bus on which the user's tools find the run."""
+
+    def carry(self, nodes: Sequence[Node], transport: WatchedTransport) -> None:
+        """Put the run on it."""
+
+    def close(self) -> None:
+        """End it, whether or not a run is on it."""
+
+
 class ConsoleBeside:
     """A console for one run, on a thread of its own."""
 
-    def __init__(self, config: ConsoleConfig) -> None:
-        """Raises ConfigError where the port is in use or may not be bound."""
+    def __init__(
+        self, config: ConsoleConfig, open_bus: Callable[[], BusBeside] | None = None
+    ) -> None:
+        """Raises ConfigError where a port is in use or may not be bound."""
         self.transport = WatchedTransport()
         """Of the run."""
         self.robot = MemoryRobot(self.transport)
         self._server = ConsoleServer(
             build_app(config, live_routes(self.robot, _HOW_TO_START)), config
         )
+        try:
+            self._bus = None if open_bus is None else open_bus()
+        except ConfigError:
+            self._server.stop()
+            raise
 
     @property
     def url(self) -> str:
@@ -45,11 +64,16 @@ class ConsoleBeside:
         self.robot.begin(executive)
         self._server.start()
         _LOG.info("%s%s (Ctrl-C ends the run)", SERVED, self.url)
-        try:
-            _run(executive, self.robot, until)
-        finally:
-            self.robot.close()
-            self._server.stop()
+        if self._bus is not None:
+            self._bus.carry(executive.nodes, self.transport)
+        _run(executive, self.robot, until)
+
+    def close(self) -> None:
+        """End the console, and the bus."""
+        if self._bus is not None:
+            self._bus.close()
+        self.robot.close()
+        self._server.stop()
 
 
 def _run(executive: Executive, robot: MemoryRobot, until: Callable[[], bool]) -> None:

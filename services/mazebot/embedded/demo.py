@@ -7,8 +7,8 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -47,7 +47,7 @@ from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 
 if TYPE_CHECKING:
     from mazebot.console.config import ConsoleConfig
-    from mazebot.embedded.console import ConsoleBeside
+    from mazebot.embedded.console import BusBeside, ConsoleBeside
 
 C = TypeVar("C", bound=ServiceConfig)
 
@@ -97,8 +97,10 @@ class DemoOptions:
     """Folders of models that an SDF file may include."""
     console: ConsoleConfig | None = None
     """Where the console is served; with it the run is in real time, and goes on until Ctrl-C."""
+    open_bus: Callable[[], BusBeside] | None = None
+    """With a console: opens the bus on which the user's tools find the run."""
     tour: bool = True
-    """Without one, only the console sends goals."""
+    """Without one, only the console and the user's tools send goals."""
 
 
 def build_nodes(options: DemoOptions, load_world: Load = load_any) -> list[Node]:
@@ -290,13 +292,9 @@ def run(options: DemoOptions) -> int:
     except NoLocationsError as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_NOT_REACHED
-    beside = None
-    if options.console is not None:
-        from mazebot.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
-
-        recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
-        beside = ConsoleBeside(beside_run(options.console, recorder))
+    beside = _console_beside(options)
     with (
+        nullcontext() if beside is None else closing(beside),
         _stop_on_signal() as stopped,
         compiled_side_by_side(CompileProgress(console), lambda: bool(stopped)),
     ):
@@ -305,6 +303,15 @@ def run(options: DemoOptions) -> int:
         except CompilingStoppedError:
             console.print("interrupted")
             return EXIT_INTERRUPTED
+
+
+def _console_beside(options: DemoOptions) -> ConsoleBeside | None:
+    if options.console is None:
+        return None
+    from mazebot.embedded.console import ConsoleBeside  # noqa: PLC0415 - loads the server
+
+    recorder = _configured(options, RecorderConfig, "recorder", {"out_dir": options.out_dir})
+    return ConsoleBeside(beside_run(options.console, recorder), options.open_bus)
 
 
 def _run(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from mazebot.common.client.robot import Receive
+from mazebot.common.messages import wire
 from mazebot.common.messages.topics import DIAGNOSTICS, Delivery, Topic
 from mazebot.common.node.executive import MemoryTransport
-from mazebot.common.node.node import Envelope
+from mazebot.common.node.node import Envelope, Inbox
 
 
 class WatchedTransport(MemoryTransport):
@@ -46,6 +47,22 @@ class WatchedTransport(MemoryTransport):
                 self._watches = tuple(one for one in self._watches if one is not watch)
 
         return end
+
+    @property
+    def inboxes(self) -> Mapping[str, Inbox]:
+        """The inbox of each node, by the node's name."""
+        return self._inboxes
+
+    def take_in(self, topic: Topic[Any], data: bytes, envelope: Envelope) -> None:
+        """Pass on a serialized message from outside the process. Any thread may call it."""
+        try:
+            message = wire.decode(topic, data)
+            wire.validate(topic, message)
+        except wire.WireError:
+            # Its readers count it as rejected; nobody else gets it.
+            super()._send(topic, data, envelope)
+        else:
+            self._send(topic, message, envelope)
 
     @property
     def is_watched(self) -> bool:

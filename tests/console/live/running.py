@@ -17,7 +17,7 @@ from websockets.typing import Origin
 
 from mazebot.common.node.executive import Executive
 from mazebot.console.config import ConsoleConfig
-from mazebot.embedded.console import ConsoleBeside
+from mazebot.embedded.console import BusBeside, ConsoleBeside
 from mazebot.embedded.demo import DemoOptions, build_nodes
 
 DEADLINE_S = 60.0
@@ -37,9 +37,9 @@ class Run:
 
 
 @contextmanager
-def running(options: DemoOptions) -> Iterator[Run]:
+def running(options: DemoOptions, open_bus: Callable[[], BusBeside] | None = None) -> Iterator[Run]:
     """A run that goes on, on a thread of its own, with its console on any free port."""
-    beside = ConsoleBeside(ConsoleConfig(port=0))
+    beside = ConsoleBeside(ConsoleConfig(port=0), open_bus)
     executive = Executive(build_nodes(options), beside.transport)
     stopped = threading.Event()
     thread = threading.Thread(target=lambda: beside.play(executive, stopped.is_set))
@@ -50,6 +50,7 @@ def running(options: DemoOptions) -> Iterator[Run]:
     finally:
         stopped.set()
         thread.join()
+        beside.close()
         executive.close()
 
 

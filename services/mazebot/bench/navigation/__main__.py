@@ -146,6 +146,7 @@ def _run(
     rows: dict[str, list[Row]] = {
         name: [] for name in BY_NAME if name in {u.scenario for u in units}
     }
+    console.print(f"{len(units)} drives, {jobs} at a time", style="dim", highlight=False)
     try:
         for number, (unit, ran) in enumerate(run_units(units, options, jobs), 1):
             rows[unit.scenario] += ran.rows

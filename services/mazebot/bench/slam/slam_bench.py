@@ -113,7 +113,11 @@ def main() -> int:
     for world in options.world or list(WORLDS):
         for seed in range(options.seed, options.seed + options.seeds):
             for policy in options.policy.split(","):
-                one = explore(world, seed, policy, options)
+                doing = f"{world} {seed} {policy}: exploring"
+                if not console.is_terminal:
+                    console.print(doing, style="dim", highlight=False)
+                with console.status(doing):
+                    one = explore(world, seed, policy, options)
                 runs.append(one)
                 verdict = "; ".join(one.failures()) or "ok"
                 console.print(f"{world} {seed} {policy}: {verdict}", style="dim", highlight=False)

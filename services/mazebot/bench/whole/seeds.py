@@ -40,7 +40,11 @@ def main() -> int:
     for world in WORLDS:
         summaries = []
         for seed in SEEDS:
-            summaries.append(_tour(world, seed))
+            doing = f"{world} seed {seed}: driving"
+            if not console.is_terminal:
+                console.print(doing, style="dim")
+            with console.status(doing):
+                summaries.append(_tour(world, seed))
             console.print(f"{world} seed {seed}: {summaries[-1]['state_hash']}", style="dim")
         table.add_row(world, *_row(summaries))
         well = well and all(_is_well(summary) for summary in summaries)

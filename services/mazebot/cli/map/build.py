@@ -26,6 +26,7 @@ from mazebot.cli.logs.options import (
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
 from mazebot.cli.parsing.options import Json, print_json
+from mazebot.cli.parsing.patience import say_first
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ def build(
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     known = None if relations is None else read_relations(relations)
     slam_params = _params(params)
+    say_first(f"reading {log_file}", as_json)
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
 
     from mazebot.cli.map.build_run import run  # noqa: PLC0415 - loads Numba

@@ -67,3 +67,11 @@ def service_names(incomplete: str) -> list[str]:
     from mazebot.common.messages.topics import SERVICES  # noqa: PLC0415
 
     return [name for name in SERVICES if name.startswith(incomplete)]
+
+
+def stack_service_names(incomplete: str) -> list[str]:
+    """The services of a stack, of a list the last."""
+    done, comma, last = incomplete.rpartition(",")
+    return [
+        f"{done}{comma}{name}" for name in ("router", *service_names("")) if name.startswith(last)
+    ]

@@ -38,14 +38,14 @@ def check_file(path: Path) -> None:
     read_settings(path, fields_of_all())
 
 
-def check_not_for_make(given: Collection[str]) -> None:
+def check_not_for_make(given: Collection[str], reads: Collection[str] = ()) -> None:
     """Raises ConfigError where the environment sets a variable for make or Docker Compose that this
-    command ignores, unless the corresponding option is `given`.
+    command ignores, unless it `reads` it, or the corresponding option is `given`.
     """
     for name, instead in _ELSEWHERE.items():
         value = os.environ.get(name)
         option = instead.partition(" ")[0]
-        if not value or option in given:
+        if not value or option in given or name in reads:
             continue
         if name == "PACE":
             if value == "lockstep":

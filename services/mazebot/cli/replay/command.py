@@ -10,6 +10,7 @@ import typer
 
 from mazebot.cli.parsing.completion import run_names, service_names, topic_names
 from mazebot.cli.parsing.options import ROUTER, Connect, Json
+from mazebot.cli.parsing.patience import say_first
 from mazebot.common.config import ConfigError
 
 
@@ -94,6 +95,7 @@ def replay(
     )  # fmt: skip
     if as_json and service is None and not compare:
         raise ConfigError("--json: must be given with --service or --compare")
+    say_first(f"reading {run}", as_json)
     # Zenoh, and the services, take long to load.
     from mazebot.cli.replay.reading.find import open_recording  # noqa: PLC0415
 

@@ -43,9 +43,13 @@ class Bus:
         inbox: Inbox,
         prefix: str = "",
         lossless: bool = False,
+        subscribes: bool = True,
     ) -> None:
-        """Declare them. `lossless` is for lockstep: no message is dropped for a slow reader."""
+        """Declare them. `lossless` is for lockstep: no message is dropped for a slow reader.
+        Without `subscribes` the inbox gets its messages elsewhere, and from here only queries.
+        """
         self._inbox = inbox
+        self._topics = read_by(node.name) if subscribes else ()
         self._prefix = prefix
         self._lossless = lossless
         self._lock = threading.RLock()
@@ -76,7 +80,7 @@ class Bus:
                 self._rejecter(topic),
                 self._receives_from,
             )
-            for topic in read_by(self.node_name)
+            for topic in self._topics
         ]
         self._publishers: dict[str, Any] = {
             topic.name: publish(session, topic, self._prefix, self._lossless)
@@ -163,6 +167,15 @@ class Bus:
                 and any(reader in among for reader in BY_NAME[name].readers)
             )
 
+    def has_reader(self, topic: Topic[M]) -> bool:
+        """Whether a message would be received or cached. Advanced publishers, which cache messages
+        for late readers, cannot tell: for them it is always so.
+        """
+        publisher = self._publishers[topic.name]
+        if not isinstance(publisher, zenoh.Publisher):
+            return True
+        return bool(cast("Any", publisher.matching_status).matching)
+
     def is_mute(self) -> bool:
         """Whether a publisher matches no reader although one is alive: then its messages are lost.
         This queries the router, and may block until it replies.
@@ -219,10 +232,16 @@ class Bus:
 
         return ask
 
-    def close(self) -> None:
-        """Withdraw the token, then close the session with all its declarations."""
+    def withdraw(self) -> None:
+        """Withdraw the token: this node accepts no more messages."""
         with self._lock:
             self._closed = True
             if self._token is not None:
                 self._token.undeclare()  # type: ignore[no-untyped-call]
+                self._token = None
+
+    def close(self) -> None:
+        """Withdraw the token, then close the session with all its declarations."""
+        with self._lock:
+            self.withdraw()
             self._session.close()  # type: ignore[no-untyped-call]

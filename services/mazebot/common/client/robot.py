@@ -18,8 +18,8 @@ M = TypeVar("M")
 Q = TypeVar("Q")
 A = TypeVar("A")
 
-HOW_TO_START = "docker compose up demo-world-enhanced"
-"""What to do where no stack is running, in one line."""
+HOW_TO_START = "docker compose up demo-world-enhanced, mazebot demo --console, or mazebot up"
+"""What to do where no stack is running: all ways, in one line."""
 NO_STACK = "no stack is running"
 _POLL_S = 0.01
 _MIN_WALL_S = 0.1

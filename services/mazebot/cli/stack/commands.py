@@ -1,0 +1,299 @@
+"""`mazebot up|down|ps|logs`: all services on this machine, without Docker."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mazebot.cli.own_router import is_default, router_port
+from mazebot.cli.parsing import known
+from mazebot.cli.parsing.completion import stack_service_names, world_names
+from mazebot.cli.parsing.options import Json, print_json
+from mazebot.common.config import ConfigError
+
+if TYPE_CHECKING:
+    from mazebot.cli.parsing.command import App
+    from mazebot.cli.stack.state import StackFolder, StackState
+
+_INTERRUPTED = 130
+_ACTIVE_S = 180.0
+"""Time for the services to become active; kernels may have to be compiled first."""
+
+RouterPort = Annotated[
+    int | None,
+    typer.Option(
+        "--router-port", min=1, max=65535,
+        help="port of the stack's router [default: MAZEBOT_ROUTER_PORT, that of "
+        "MAZEBOT_BUS_CONNECT, 7447]",
+    ),
+]  # fmt: skip
+
+
+def up(
+    world: Annotated[
+        str,
+        typer.Option(
+            "--world", "--world_name", "--world-name", envvar="WORLD_NAME",
+            autocompletion=world_names, help="the world's name",
+        ),
+    ] = "enhanced",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="field=value, overrides the world's recipe; repeatable"),
+    ] = None,
+    slam: Annotated[
+        bool,
+        typer.Option("--slam", help="the robot gets no map: it explores the world and makes one"),
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="start only the router and these services, separated by commas",
+            autocompletion=stack_service_names,
+        ),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", help="YAML file of a map to drive in, instead of the world's own"),
+    ] = None,
+    worlds_dir: Annotated[
+        Path | None, typer.Option(envvar="WORLDS_DIR", help="folder of the worlds")
+    ] = None,
+    texture_base: Annotated[
+        Path | None,
+        typer.Option(
+            "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
+            help="folder of the wall textures",
+        ),
+    ] = None,
+    use_aruco: Annotated[
+        str | None,
+        typer.Option(
+            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
+        ),
+    ] = None,
+    camera: Annotated[
+        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, envvar="SEED", help="of all services [default: 7]")
+    ] = None,
+    pace: Annotated[
+        str | None,
+        typer.Option(
+            envvar="PACE",
+            help="real_time, a factor of it such as 0.5, fast, or lockstep [default: real_time]",
+        ),
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="a YAML file of settings")] = None,
+    detach: Annotated[
+        bool,
+        typer.Option("--detach", "-d", help="return when the services are active"),
+    ] = False,
+    port: RouterPort = None,
+) -> None:  # fmt: skip
+    """Start all services on this machine, each in a process of its own, and follow the tour.
+
+    As docker compose up: the services go on after the tour, until mazebot down. Ctrl-C ends them.
+    """
+    known.check_not_for_make([], reads=("SEED", "WORLDS_DIR", "PACE"))
+    sys.stdout.write(f"starting the services for world {world}\n")
+    sys.stdout.flush()
+    from mazebot.cli.demo import parse_bool  # noqa: PLC0415
+    from mazebot.cli.stack.control import refuse_second, start  # noqa: PLC0415
+    from mazebot.cli.stack.plan import StackOptions, plan_of, service_names  # noqa: PLC0415
+    from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
+
+    folder = StackFolder(router_port(port))
+    refuse_second(folder)
+    options = StackOptions(
+        world=world,
+        port=folder.port,
+        overrides=tuple(overrides or ()),
+        only=service_names(only or ()),
+        slam=slam,
+        map_file=map_file,
+        worlds_dir=worlds_dir,
+        texture_base=texture_base,
+        use_aruco=None if use_aruco is None else parse_bool("--use_aruco", use_aruco),
+        seed=seed,
+        pace=pace,
+        camera=camera,
+        config=config,
+    )
+    plan = plan_of(options)
+    # What ends the command from now on ends the stack.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
+    try:
+        state = start(plan, folder)
+        _say(f"{len(state.services)} services run, on {state.endpoint}{_hint(state.endpoint)}")
+        code = _wait(folder) if detach else _follow(folder, state)
+    except KeyboardInterrupt:
+        # A second Ctrl-C must not leave half of them.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _say("ending the services")
+        _end(folder)
+        code = _INTERRUPTED
+    raise typer.Exit(code)
+
+
+def _hint(endpoint: str) -> str:
+    return "" if is_default(endpoint) else f": export MAZEBOT_BUS_CONNECT={endpoint}"
+
+
+def _wait(folder: StackFolder) -> int:
+    from mazebot.cli.stack.control import wait_until_active  # noqa: PLC0415
+
+    code = wait_until_active(folder, _say, _ACTIVE_S)
+    _say("the demo has ended" if code else "active")
+    _say("see mazebot ps, mazebot logs; mazebot down ends them")
+    return code
+
+
+def _follow(folder: StackFolder, state: StackState) -> int:
+    """Print what the demo says until it has ended, or without a demo what all say."""
+    from mazebot.cli.stack.log_file import follow  # noqa: PLC0415
+    from mazebot.cli.stack.plan import DEMO, ROUTER  # noqa: PLC0415
+    from mazebot.cli.stack.supervisor import SUPERVISOR  # noqa: PLC0415
+
+    has_demo = state.service(DEMO) is not None
+    shown = [DEMO] if has_demo else [one.name for one in state.services if one.name != ROUTER]
+
+    def goes_on() -> bool:
+        now = folder.read()
+        demo = None if now is None else now.service(DEMO)
+        return now is not None and now.supervisor.runs() and not (demo and demo.phase == "ended")
+
+    for line in follow(folder.path, [*shown, SUPERVISOR], goes_on):
+        if line is not None:
+            service, text = line
+            _say(text if service != SUPERVISOR else f"[WARN] [{SUPERVISOR}]: {text}")
+    now = folder.running()
+    if now is None:
+        _say("the stack has ended")
+        return 0
+    demo = now.service(DEMO)
+    _say(
+        "the other services go on: mazebot goal 0.5 -0.9 0 sends the robot, mazebot down ends them"
+    )
+    return 0 if demo is None else demo.exit_code or 0
+
+
+def down(port: RouterPort = None) -> None:
+    """End all services that mazebot up has started, and close the recording."""
+    from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
+
+    folder = StackFolder(router_port(port))
+    if folder.running() is None:
+        _say(_nothing(folder))
+        return
+    _say("ending the services")
+    _end(folder)
+
+
+def _end(folder: StackFolder) -> None:
+    from mazebot.cli.stack.control import end  # noqa: PLC0415
+
+    count = end(folder)
+    _say(f"{count} service{'' if count == 1 else 's'} ended")
+
+
+def ps(as_json: Json = False, port: RouterPort = None) -> None:
+    """List the services that mazebot up has started: process, state, uptime."""
+    from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
+
+    folder = StackFolder(router_port(port))
+    state = folder.running()
+    now_s = time.time()
+    if as_json:
+        print_json(
+            [] if state is None else [
+                {
+                    "service": one.name, "pid": one.process.pid if one.process else None,
+                    "state": one.text, "uptime_s": round(now_s - one.since_s, 1),
+                    "restarts": one.restarts,
+                }
+                for one in state.services
+            ]
+        )  # fmt: skip
+        return
+    if state is None:
+        _say(_nothing(folder))
+        return
+    rows = [("service", "pid", "uptime", "restarts", "state")]
+    for one in state.services:
+        uptime = "" if one.process is None else _duration(now_s - one.since_s)
+        pid = "" if one.process is None else str(one.process.pid)
+        rows.append((one.name, pid, uptime, str(one.restarts or ""), one.text))
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        _say("  ".join([*cells, row[4]]).rstrip())
+
+
+def logs(
+    service: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SERVICE]", help="of this service alone", autocompletion=stack_service_names
+        ),
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", "-f", help="go on with what they say, until Ctrl-C")
+    ] = False,
+    port: RouterPort = None,
+) -> None:
+    """Print what the services of mazebot up have said, also after mazebot down."""
+    from mazebot.cli.stack import log_file  # noqa: PLC0415
+    from mazebot.cli.stack.plan import known_service, known_services  # noqa: PLC0415
+    from mazebot.cli.stack.state import StackFolder  # noqa: PLC0415
+    from mazebot.cli.stack.supervisor import SUPERVISOR  # noqa: PLC0415
+
+    folder = StackFolder(router_port(port))
+    if service is not None:
+        known_service("SERVICE", service)
+    wanted = (*known_services(), SUPERVISOR) if service is None else (service,)
+    if not log_file.exists(folder.path):
+        raise ConfigError(f"logs: {_nothing(folder)}")
+    width = max(map(len, wanted))
+    lines = (
+        log_file.follow(folder.path, wanted, lambda: folder.running() is not None)
+        if follow
+        else log_file.read_lines(folder.path, wanted)
+    )
+    for line in lines:
+        if line is not None:
+            name, text = line
+            _say(text if service is not None else f"{name.ljust(width)} | {text}")
+
+
+def _nothing(folder: StackFolder) -> str:
+    """That no stack runs, and which others do."""
+    from mazebot.cli.stack.state import running_stacks  # noqa: PLC0415
+
+    others = [state.endpoint.rpartition(":")[2] for state in running_stacks()]
+    hint = f"; another one does: --router-port {' or '.join(others)}" if others else ""
+    return f"no stack runs on port {folder.port}: mazebot up starts one{hint}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def register(app: App) -> None:
+    """Add the commands."""
+    for command in (up, down, ps, logs):
+        app.command()(command)

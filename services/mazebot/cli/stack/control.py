@@ -1,0 +1,149 @@
+"""Starts a stack, and ends it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from mazebot.cli.stack.plan import DEMO, StackPlan
+from mazebot.cli.stack.state import ProcessId, ServiceState, StackFolder, StackState
+from mazebot.cli.stack.supervisor import STOP_S
+from mazebot.common.config import ConfigError
+
+_ERRORS = "supervisor.err"
+_POLL_S = 0.1
+_BEGIN_S = 10.0
+"""Within this time the supervisor runs."""
+_SETTLED_S = 0.5
+"""A service that is active for so long waits for nothing."""
+
+
+def refuse_second(folder: StackFolder) -> None:
+    """Raises ConfigError where a stack runs."""
+    state = folder.running()
+    if state is not None:
+        raise _runs_already(state)
+
+
+def _runs_already(state: StackState) -> ConfigError:
+    return ConfigError(
+        f"up: a stack runs already on {state.endpoint} ({state.about}, {len(state.services)} "
+        "services): mazebot down ends it, --router-port N starts another one beside it"
+    )
+
+
+def start(plan: StackPlan, folder: StackFolder) -> StackState:
+    """Start a stack in the background, and return as soon as its processes are started.
+
+    Raises ConfigError where one runs already.
+    """
+    lock = folder.locked()
+    if lock is None:
+        state = folder.running()
+        raise _runs_already(state) if state else ConfigError("up: another one is starting")
+    with lock:
+        folder.forget()
+        with (folder.path / _ERRORS).open("wb") as errors:
+            supervisor = subprocess.Popen(
+                [sys.executable, "-m", "mazebot.cli.stack.supervisor"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                # The lock stands as long as the supervisor runs. Ctrl-C is for the command alone.
+                pass_fds=(lock.fileno(),),
+                start_new_session=True,
+            )
+        assert supervisor.stdin is not None
+        with supervisor.stdin:
+            supervisor.stdin.write(plan.model_dump_json().encode())
+    # It outlives this command; where it ends sooner, nothing of it must stay.
+    threading.Thread(target=supervisor.wait, name="supervisor", daemon=True).start()
+    deadline_s = time.monotonic() + _BEGIN_S
+    while time.monotonic() < deadline_s:
+        state = folder.read()
+        if state is not None and all(map(_has_begun, state.services)):
+            return state
+        if supervisor.poll() is not None:
+            break
+        time.sleep(_POLL_S)
+    said = (folder.path / _ERRORS).read_text(errors="replace").strip().splitlines()
+    raise ConfigError(f"up: the services could not be started: {said[-1] if said else ''}")
+
+
+def _has_begun(service: ServiceState) -> bool:
+    return service.process is not None or service.phase != "starting"
+
+
+def wait_until_active(folder: StackFolder, tell: Callable[[str], None], timeout_s: float) -> int:
+    """Wait until the services of a stack are active; return 0, or the exit code of a demo that has
+    ended before. `tell` gets what is waited for.
+
+    Raises ConfigError where that takes too long, or the stack ends.
+    """
+    deadline_s, since_s = time.monotonic() + timeout_s, time.monotonic()
+    told = ""
+    while time.monotonic() < deadline_s:
+        state = folder.running()
+        if state is None:
+            raise ConfigError("up: the stack has ended")
+        demo = state.service(DEMO)
+        if demo is not None and demo.phase == "ended":
+            return demo.exit_code or 0
+        missing = _missing(state)
+        if missing:
+            since_s = time.monotonic()
+            if missing != told:
+                tell(missing)
+                told = missing
+        elif time.monotonic() - since_s > _SETTLED_S:
+            return 0
+        time.sleep(_POLL_S)
+    raise ConfigError(f"up: not active within {timeout_s:g} s: {told} (mazebot logs, mazebot down)")
+
+
+def _missing(state: StackState) -> str:
+    """What a stack waits for, in words; empty: nothing. A demo knows what the others wait for, and
+    which of them may; without one all have to be connected.
+    """
+    demo = state.service(DEMO)
+    if demo is not None:
+        return "" if demo.phase == "active" else f"{DEMO}: {demo.text}"
+    waiting = [
+        f"{one.name}: {one.text}"
+        for one in state.services
+        if one.phase != "active" and not (one.phase == "waiting" and "the bus" not in one.text)
+    ]
+    return ", ".join(waiting)
+
+
+def end(folder: StackFolder) -> int:
+    """End all processes of a stack; return how many there were, the supervisor not among them.
+    Only processes that the stack has started are ended, whatever has their numbers by now.
+    """
+    state = folder.running()
+    if state is None:
+        return 0
+    state.supervisor.send(signal.SIGTERM)
+    # It ends the services, and the router after them.
+    _wait((state.supervisor,), 2.0 * STOP_S + 2.0)
+    services = [one.process for one in state.services if one.process is not None]
+    count = len(services)
+    # What a supervisor leaves that was killed itself.
+    left = [state.supervisor, *services]
+    for number, timeout_s in ((signal.SIGTERM, STOP_S), (signal.SIGKILL, STOP_S)):
+        for process in left:
+            process.send(number)
+        _wait(left, timeout_s)
+    folder.forget()
+    return count
+
+
+def _wait(processes: tuple[ProcessId, ...] | list[ProcessId], timeout_s: float) -> None:
+    """Wait until some processes have ended."""
+    deadline_s = time.monotonic() + timeout_s
+    while any(process.runs() for process in processes) and time.monotonic() < deadline_s:
+        time.sleep(_POLL_S)

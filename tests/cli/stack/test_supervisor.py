@@ -1,0 +1,220 @@
+"""The processes of a stack: how they start, end, are started again, and are told apart."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mazebot.cli.stack.control import end, start, wait_until_active
+from mazebot.cli.stack.log_file import LogWriter, follow, read_lines
+from mazebot.cli.stack.plan import StackPlan
+from mazebot.cli.stack.state import ProcessId, StackFolder, StackState
+from mazebot.common.config import ConfigError
+from tests.cli.stack.running import DEAF, LASTS, plan_of, runtime, says, service, wait_until
+
+__all__ = ["runtime"]
+
+pytestmark = pytest.mark.usefixtures("runtime")
+
+
+PHYSICS_WAITS = "[INFO] [physics]: waiting for a world"
+
+
+@contextmanager
+def started(plan: StackPlan) -> Iterator[StackFolder]:
+    folder = StackFolder(plan.port)
+    start(plan, folder)
+    try:
+        yield folder
+    finally:
+        end(folder)
+
+
+def test_the_state_of_a_service_is_what_it_says_last() -> None:
+    plan = plan_of(
+        router=says("[INFO] [router]: listening on tcp/127.0.0.1:1"),
+        physics=says(
+            "[INFO] [physics]: connected to tcp/1", "[INFO] [physics]: waiting for a world"
+        ),
+        worldgen=says(
+            "[INFO] [worldgen]: waiting for a world request", "[INFO] [worldgen]: active"
+        ),
+        bringup=says("nothing of interest"),
+    )
+    with started(plan) as folder:
+        states = {
+            "router": "active",
+            "physics": "waiting for a world",
+            "worldgen": "active",
+            "bringup": "starting",
+        }
+        wait_until(lambda: {name: service(folder, name).text for name in states} == states)
+        for name in states:
+            process = service(folder, name).process
+            assert process is not None
+            assert process.runs()
+
+
+def test_a_service_that_dies_is_started_again_and_its_death_is_said() -> None:
+    with started(plan_of(physics=says("here"))) as folder:
+        first = service(folder, "physics").process
+        assert first is not None
+        os.kill(first.pid, signal.SIGKILL)
+        wait_until(lambda: service(folder, "physics").restarts == 1)
+        wait_until(lambda: service(folder, "physics").process not in (None, first))
+        wait_until(lambda: len(said(folder, "physics")) == 2)
+        assert said(folder, "up") == ["physics has ended (signal 9): starting it again in 0.1 s"]
+        assert not first.runs()
+
+
+def test_one_that_ends_again_and_again_waits_longer_each_time() -> None:
+    with started(plan_of(physics="import sys; sys.exit(3)")) as folder:
+        wait_until(lambda: len(said(folder, "up")) >= 3)
+        waits = [line.rpartition("in ")[2] for line in said(folder, "up")[:3]]
+        assert waits == ["0.1 s", "0.2 s", "0.4 s"]
+        assert "exit code 3" in said(folder, "up")[0]
+
+
+def test_a_demo_is_not_started_again() -> None:
+    with started(plan_of(restarts=False, bringup="import sys; sys.exit(1)")) as folder:
+        wait_until(lambda: service(folder, "bringup").phase == "ended")
+        # Longer than another one would wait.
+        ended_s = time.monotonic()
+        wait_until(lambda: time.monotonic() > ended_s + 0.5)
+        state = service(folder, "bringup")
+        assert (state.text, state.process, state.restarts) == ("ended (exit code 1)", None, 0)
+        assert wait_until_active(folder, lambda _: None, 5.0) == 1
+
+
+def test_all_end_and_one_that_does_not_is_killed() -> None:
+    plan = plan_of(router=LASTS, physics=DEAF, worldgen=LASTS)
+    folder = StackFolder(plan.port)
+    state = start(plan, folder)
+    wait_until(lambda: said(folder, "physics") == ["deaf"])
+    begin_s = time.monotonic()
+    assert end(folder) == 3
+    assert 4.5 < time.monotonic() - begin_s < 9.0
+    assert not any(one.process and one.process.runs() for one in state.services)
+    assert not state.supervisor.runs()
+    assert said(folder, "up") == ["physics has not ended within 5 s: killed"]
+    assert folder.running() is None
+    assert end(folder) == 0
+
+
+def test_services_end_with_a_supervisor_that_is_killed() -> None:
+    with started(plan_of(router=LASTS, physics=LASTS)) as folder:
+        state = folder.running()
+        assert state is not None
+        os.kill(state.supervisor.pid, signal.SIGKILL)
+        wait_until(lambda: folder.running() is None)
+        lock = folder.locked()
+        assert lock is not None
+        lock.close()
+
+
+def test_what_a_killed_supervisor_leaves_is_ended() -> None:
+    plan = plan_of(physics=DEAF)
+    folder = StackFolder(plan.port)
+    state = start(plan, folder)
+    wait_until(lambda: said(folder, "physics") == ["deaf"])
+    os.kill(state.supervisor.pid, signal.SIGKILL)
+    wait_until(lambda: not state.supervisor.runs())
+    assert folder.running() is not None
+    assert end(folder) == 1
+    assert folder.running() is None
+
+
+def test_a_process_of_somebody_else_is_left_alone() -> None:
+    with subprocess.Popen([sys.executable, "-c", LASTS]) as other:
+        mine = ProcessId.of(other.pid)
+        # The number was one of ours once, and is theirs now.
+        reused = ProcessId(pid=mine.pid, started_ticks=mine.started_ticks - 1)
+        folder = StackFolder(1)
+        folder.path.mkdir()
+        state = StackState(
+            endpoint="tcp/127.0.0.1:1", about="", supervisor=reused, since_s=0.0, services=[]
+        )
+        folder.write(state)
+        assert folder.running() is None
+        assert end(folder) == 0
+        reused.send(signal.SIGKILL)
+        assert other.poll() is None
+        assert mine.runs()
+        mine.send(signal.SIGKILL)
+        other.wait(10.0)
+        assert not mine.runs()
+
+
+def test_only_one_stack_runs_on_a_port() -> None:
+    plan = plan_of(physics=LASTS)
+    with started(plan) as folder:
+        with pytest.raises(ConfigError, match="a stack runs already on tcp/127"):
+            start(plan, folder)
+        with started(plan_of(physics=LASTS)) as other:
+            assert other.running() is not None
+        assert folder.running() is not None
+
+
+def test_what_is_waited_for_is_told_and_a_stack_that_is_not_active_in_time_is_an_error() -> None:
+    told: list[str] = []
+    plan = plan_of(
+        router=says("[INFO] [router]: listening on tcp/1"),
+        bringup=says("[INFO] [bringup]: waiting for physics (not running)"),
+    )
+    with started(plan) as folder:
+        wait_until(lambda: service(folder, "bringup").phase == "waiting")
+        with pytest.raises(ConfigError, match="5 s: bringup: waiting for physics"):
+            wait_until_active(folder, told.append, 0.5)
+    assert told == ["bringup: waiting for physics (not running)"]
+
+
+def test_without_a_demo_it_is_enough_that_all_are_connected() -> None:
+    plan = plan_of(
+        router=says("[INFO] [router]: listening on tcp/1"),
+        physics=says(
+            "[INFO] [physics]: connected to tcp/1", "[INFO] [physics]: waiting for a world"
+        ),
+    )
+    with started(plan) as folder:
+        assert wait_until_active(folder, lambda _: None, 10.0) == 0
+
+
+def test_a_folder_that_others_may_write_is_refused(runtime: Path) -> None:
+    (runtime / "mazebot").mkdir(exist_ok=True)
+    (runtime / "mazebot").chmod(0o777)
+    with pytest.raises(ConfigError, match="only you may write"):
+        StackFolder(1)
+
+
+def test_the_log_is_followed_over_a_change_of_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    monkeypatch.setattr("mazebot.cli.stack.log_file._MAX_BYTES", 300)
+    monkeypatch.setattr("mazebot.cli.stack.log_file._POLL_S", 0.001)
+    log = LogWriter(tmp_path)
+    # It closes the file also when the test has failed.
+    request.addfinalizer(log.close)
+    log.put("physics", "first")
+    lines = follow(tmp_path, ("physics",), lambda: True)
+    seen = [next(lines)]
+    for number in range(40):
+        log.put("physics", f"line {number}")
+        log.put("other", "not this one")
+        while (line := next(lines)) is not None:
+            seen.append(line)
+    assert seen == [("physics", text) for text in ("first", *(f"line {n}" for n in range(40)))]
+    assert len(list(tmp_path.iterdir())) == 2
+    assert [text for _, text in read_lines(tmp_path, ("physics",))][-1] == "line 39"
+
+
+def said(folder: StackFolder, name: str) -> list[str]:
+    """What a service has said."""
+    return [text for _, text in read_lines(folder.path, (name,))]
