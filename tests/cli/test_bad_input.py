@@ -66,7 +66,7 @@ demo --console --config console.yaml : bind|1.2.3.4|of this machine
 demo --use_aruco maybe : --use_aruco|maybe|True
 demo --use_aruco 2 : --use_aruco|2
 demo --texture_base nowhere --world enhanced : nowhere
-demo --texture_base nowhere --world original : --texture_base|nowhere|folder
+demo --texture_base nowhere --world original : texture_base|nowhere|folder
 demo --texture_base '' : --texture_base|empty
 demo --worlds-dir nowhere : nowhere
 demo --worlds-dir file.txt : file.txt

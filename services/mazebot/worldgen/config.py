@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from os.path import normpath
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field
 
 from mazebot.common.config import ServiceConfig
 from mazebot.common.files.root import ROOT
@@ -29,12 +28,3 @@ class WorldgenConfig(ServiceConfig):
         description="YAML file of a map that is published instead of the world's own; if "
         "`markers.yaml` or `NAME.markers.yaml` lies beside it, the robot knows these markers only",
     )
-
-    @field_validator("texture_base")
-    @classmethod
-    def _must_be_a_folder(cls, folder: Path | None, info: ValidationInfo) -> Path | None:
-        # The default may be missing: a world without textures needs none.
-        usual = info.data.get("worlds_dir", ROOT / "worlds") / "textures"
-        if folder is None or folder.is_dir() or normpath(folder) == normpath(usual):
-            return folder
-        raise ValueError("must be a folder")
