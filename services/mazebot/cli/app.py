@@ -232,7 +232,8 @@ def main() -> NoReturn:
         sys.stderr.write(f"error: {in_one_line(error)}\n")
         code = 2
     except ConfigError as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        line = f"error: {' '.join(str(error).split())}"
+        sys.stderr.write(f"{line}\n{error.details}".rstrip() + "\n")
         code = 2
     except (KeyboardInterrupt, typer.Abort):
         code = 130

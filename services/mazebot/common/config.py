@@ -14,6 +14,9 @@ from pydantic_core import to_jsonable_python
 class ConfigError(Exception):
     """An error in the user's input; its text is the one line to show."""
 
+    details: str = ""
+    """Lines to show below that one: where in the user's own code it is."""
+
 
 class Params(BaseModel):
     """The base of all settings: unknown names and numbers that are not finite are errors."""
