@@ -71,11 +71,13 @@ demo --texture_base '' : --texture_base|empty
 demo --worlds-dir nowhere : nowhere
 demo --worlds-dir file.txt : file.txt
 demo --worlds-dir '' : --worlds-dir|empty
-demo --goal 1 2 : --goal|1 2|3 values
+demo --goal 1 : --goal|1|Y|2 or 3 numbers
 demo --goal 1 nan 0 : --goal|nan|finite
 demo --goal inf 0 0 : --goal|inf|finite
 demo --goal a 0 0 : --goal|a|number
-demo --goal 1,2,3 : --goal|1,2,3
+demo --goal 1,2,3,4 : --goal|1,2,3,4|2 or 3 numbers
+demo --goal 1,x : --goal|Y|x|number
+demo --goal : --goal|a value
 demo --slam --map map.yaml : --map|map.yaml|without --slam
 demo --explore : --explore|--slam
 demo --no-explore : --explore|--slam
@@ -156,8 +158,9 @@ map build --log file.txt --out new --range-max 0.1 --range-min 3 : --range-max|0
 map build --log file.txt --out new --angle-min nan : --angle-min|nan
 map build --log file.txt --out new --angle-increment 0 : --angle-increment|0
 map build --log file.txt --out new --lidar 0 0 inf : --lidar|inf|finite
-map build --log file.txt --out new --lidar 0 0 : --lidar|0 0|3 values
+map build --log file.txt --out new --lidar 0 : --lidar|0|Y|2 or 3 numbers
 waypoints : FILE|NAME
+waypoints 1,2 3,4,5,6 : 3,4,5,6|2 or 3 numbers
 waypoints nowhere.yaml : nowhere.yaml|No such file
 waypoints broken.yaml : broken.yaml:2|not YAML
 waypoints text.yaml : text.yaml|hello|mapping

@@ -21,6 +21,7 @@ from mazebot.cli.parsing.command import App, UsageMistake, in_one_line, overview
 from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
 from mazebot.cli.parsing.options import Connect, Json
+from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
@@ -98,9 +99,10 @@ def diff(
 
 @app.command()
 def goal(
-    x: Annotated[float, typer.Argument(metavar="X", help="in the map, m")],
-    y: Annotated[float, typer.Argument(metavar="Y", help="in the map, m")],
-    yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
+    pose: Annotated[
+        list[str] | None,
+        typer.Argument(metavar=POSE, help="in the map, m and rad; also X,Y[,YAW]"),
+    ] = None,
     timeout_s: Annotated[
         float | None,
         typer.Option("--timeout", min=0.1, help="timeout in seconds; then the goal is canceled"),
@@ -114,7 +116,7 @@ def goal(
     """
     from mazebot.cli.drive.goal import send_goal  # noqa: PLC0415
 
-    raise typer.Exit(send_goal(connect, (x, y, yaw), timeout_s, as_json))
+    raise typer.Exit(send_goal(connect, given_pose("goal", pose or ()), timeout_s, as_json))
 
 
 @app.command()

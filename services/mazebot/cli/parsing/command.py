@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import typer
 from pydantic import ValidationError
 from typer.core import TyperCommand
 
+from mazebot.cli.parsing.poses import POSE_OPTIONS, are_numbers
 from mazebot.common.config import ConfigError, must
 
+_POSE_WORDS = 3
 F = TypeVar("F", bound=Callable[..., Any])
 
 # typer does not export click's UsageError.
@@ -43,12 +45,17 @@ class Command(TyperCommand):
             if word == "--":
                 arguments += reversed(waiting)
                 break
-            if word not in takes and (not word.startswith("-") or is_number(word)):
+            if word not in takes and (not word.startswith("-") or are_numbers(word)):
                 arguments.append(word)
                 continue
             name, equals, value = word.partition("=")
             count = 0 if equals else takes.get(word, 0)
             values = [waiting.pop() for _ in range(count) if waiting]
+            if word in POSE_OPTIONS and values:
+                # As many words as belong to the pose are one value.
+                while waiting and _goes_on(values, waiting[-1], takes):
+                    values.append(waiting.pop())
+                values = [" ".join(values)]
             if len(values) < count:
                 many = f"{count} values" if count > 1 else "a value"
                 given = f"{' '.join(values)!r}: " if values else ""
@@ -81,6 +88,12 @@ def overview(context: typer.Context) -> None:
         sys.stdout.write(context.get_help() + "\n")
 
 
+def _goes_on(pose: Sequence[str], word: str, takes: Mapping[str, int]) -> bool:
+    """Whether a word belongs to the pose that the words before it have begun."""
+    is_whole = len(pose) == _POSE_WORDS or "," in pose[0]
+    return not is_whole and word not in takes and (not word.startswith("-") or are_numbers(word))
+
+
 def in_one_line(error: Exception) -> str:
     """The text of a UsageMistake: the option or argument, its value, and what is allowed."""
     mistake: Any = error
@@ -104,12 +117,3 @@ def in_one_line(error: Exception) -> str:
     if "Did you mean" in text or "Possible" in text:
         return text
     return f"{text}. {' '.join(context.get_usage().split())}"
-
-
-def is_number(word: str) -> bool:
-    """Whether a word is a number, positive or negative."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
