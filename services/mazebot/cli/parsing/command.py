@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 import typer
 from pydantic import ValidationError
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
+from mazebot.cli.parsing.help_text import write_commands, write_help, write_options
 from mazebot.cli.parsing.poses import POSE_OPTIONS, are_numbers
 from mazebot.common.config import ConfigError, must
 
@@ -67,12 +68,33 @@ class Command(TyperCommand):
             raise ConfigError(f"{ctx.command_path}: '': an argument must not be empty")
         return super().parse_args(ctx, [*options, *(["--", *arguments] if arguments else [])])
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_help(self, ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_options(self, ctx, formatter)
+
+
+class Group(TyperGroup):
+    """A group of commands, with help as a Command has it."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_help(self, ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_options(self, ctx, formatter)
+        write_commands(self, ctx, formatter)
+
 
 class App(typer.Typer):
     """A group of commands that prints its help if no command is given."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(invoke_without_command=True, **settings)
+        super().__init__(invoke_without_command=True, cls=Group, **settings)
         self.callback()(overview)
 
     def command(  # type: ignore[override]
