@@ -113,6 +113,11 @@ demo --set maze.rows=1e9 --world maze : rows|e9
 demo --set maze.seed=x --world maze : seed|x
 demo --set maze.nope=1 --world maze : nope
 demo --config : --config|a value
+demo --config empty.yaml : empty.yaml|is empty|sections
+demo --world ./empty.yaml : empty.yaml|is empty|mapping
+demo --map empty.yaml --world original : empty.yaml|is empty|mapping
+demo --config nested.yaml : nested.yaml|controler|did you mean controller_server.controller?
+demo --config mppi.yaml : mppi.yaml|controller_server.mppi.max_sped|controller_server.mppi.vx_max
 demo --config nowhere.yaml : nowhere.yaml|No such file
 demo --config . : .|must be a file
 demo --config '' : --config|empty
@@ -558,6 +563,9 @@ FILES = {
     "broken_run/summary.json": "{}",
     "broken_run/digests.bin": "rubbish",
     "empty/readme.txt": "",
+    "empty.yaml": "# nothing yet\n",
+    "nested.yaml": "navigation: {controller_server: {controler: mppi}}\n",
+    "mppi.yaml": "navigation: {controller_server: {mppi: {max_sped: 1}}}\n",
 }
 
 

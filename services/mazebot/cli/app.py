@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -225,18 +226,28 @@ def _command() -> Callable[..., object]:
     return typer.main.get_command(app)
 
 
+def _told(line: str, details: str = "") -> int:
+    """Print an error on standard error, and with --json also as JSON on standard output. Returns
+    the exit code.
+    """
+    code = 2
+    if "--json" in sys.argv:
+        sys.stdout.write(json.dumps({"error": line, "exit_code": code}) + "\n")
+    sys.stderr.write(f"error: {line}\n{details}".rstrip() + "\n")
+    return code
+
+
 def main() -> NoReturn:
-    """Run the command; an error is one line on standard error and a nonzero exit code."""
+    """Run the command; an error is one line on standard error, with --json also an object on
+    standard output, and a nonzero exit code.
+    """
     code: object = 0
     try:
         code = _command()(prog_name="mazebot", standalone_mode=False)
     except UsageMistake as error:
-        sys.stderr.write(f"error: {in_one_line(error)}\n")
-        code = 2
+        code = _told(in_one_line(error))
     except ConfigError as error:
-        line = f"error: {' '.join(str(error).split())}"
-        sys.stderr.write(f"{line}\n{error.details}".rstrip() + "\n")
-        code = 2
+        code = _told(" ".join(str(error).split()), error.details)
     except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:
