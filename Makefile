@@ -156,7 +156,7 @@ bench-slam: $(STAMP) ## explore worlds without a map, judged by the ground truth
 		$(NOISE:%=--noise %) --json $(if $(filter file,$(origin JSON)),bench-slam.json,$(JSON))
 
 image: ## build the container image
-	@docker compose --profile original --profile enhanced --profile slam --profile slam-enhanced --profile console build
+	@docker compose build demo-world-enhanced
 
 clean: ## remove the environment and caches; recordings stay
 	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -80,6 +80,23 @@ def test_help_names_every_command() -> None:
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        ["goal", "nan", "0", "--json"],
+        ["recordings", "info", "nope", "--json"],
+        ["demo", "--json", "--seed", "-1"],
+        ["topic", "info", "/nope", "--json"],
+    ],
+)
+def test_with_json_a_mistake_is_json_as_well(arguments: list[str]) -> None:
+    done = mazebot(*arguments)
+    assert_one_line(done)
+    said = json.loads(done.stdout)
+    assert said == {"error": done.stderr.removeprefix("error: ").strip(), "exit_code": 2}
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["demo", "--nope"], ["--nope"]),

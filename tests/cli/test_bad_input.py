@@ -79,15 +79,18 @@ demo --console --config console.yaml : bind|1.2.3.4|of this machine
 demo --use_aruco maybe : --use_aruco|maybe|True
 demo --use_aruco 2 : --use_aruco|2
 demo --texture_base nowhere --world enhanced : nowhere
+demo --texture_base nowhere --world original : texture_base|nowhere|folder
 demo --texture_base '' : --texture_base|empty
 demo --worlds-dir nowhere : nowhere
 demo --worlds-dir file.txt : file.txt
 demo --worlds-dir '' : --worlds-dir|empty
-demo --goal 1 2 : --goal|1 2|3 values
+demo --goal 1 : --goal|1|Y|2 or 3 numbers
 demo --goal 1 nan 0 : --goal|nan|finite
 demo --goal inf 0 0 : --goal|inf|finite
 demo --goal a 0 0 : --goal|a|number
-demo --goal 1,2,3 : --goal|1,2,3
+demo --goal 1,2,3,4 : --goal|1,2,3,4|2 or 3 numbers
+demo --goal 1,x : --goal|Y|x|number
+demo --goal : --goal|a value
 demo --slam --map map.yaml : --map|map.yaml|without --slam
 demo --explore : --explore|--slam
 demo --no-explore : --explore|--slam
@@ -123,6 +126,11 @@ demo --set maze.rows=1e9 --world maze : rows|e9
 demo --set maze.seed=x --world maze : seed|x
 demo --set maze.nope=1 --world maze : nope
 demo --config : --config|a value
+demo --config empty.yaml : empty.yaml|is empty|sections
+demo --world ./empty.yaml : empty.yaml|is empty|mapping
+demo --map empty.yaml --world original : empty.yaml|is empty|mapping
+demo --config nested.yaml : nested.yaml|controler|did you mean controller_server.controller?
+demo --config mppi.yaml : mppi.yaml|controller_server.mppi.max_sped|controller_server.mppi.vx_max
 demo --config nowhere.yaml : nowhere.yaml|No such file
 demo --config . : .|must be a file
 demo --config '' : --config|empty
@@ -168,8 +176,9 @@ map build --log file.txt --out new --range-max 0.1 --range-min 3 : --range-max|0
 map build --log file.txt --out new --angle-min nan : --angle-min|nan
 map build --log file.txt --out new --angle-increment 0 : --angle-increment|0
 map build --log file.txt --out new --lidar 0 0 inf : --lidar|inf|finite
-map build --log file.txt --out new --lidar 0 0 : --lidar|0 0|3 values
+map build --log file.txt --out new --lidar 0 : --lidar|0|Y|2 or 3 numbers
 waypoints : FILE|NAME
+waypoints 1,2 3,4,5,6 : 3,4,5,6|2 or 3 numbers
 waypoints nowhere.yaml : nowhere.yaml|No such file
 waypoints broken.yaml : broken.yaml:2|not YAML
 waypoints text.yaml : text.yaml|hello|mapping
@@ -567,6 +576,9 @@ FILES = {
     "broken_run/summary.json": "{}",
     "broken_run/digests.bin": "rubbish",
     "empty/readme.txt": "",
+    "empty.yaml": "# nothing yet\n",
+    "nested.yaml": "navigation: {controller_server: {controler: mppi}}\n",
+    "mppi.yaml": "navigation: {controller_server: {mppi: {max_sped: 1}}}\n",
 }
 
 

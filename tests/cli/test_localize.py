@@ -169,7 +169,7 @@ class TestMistakes:
         ("options", "said"),
         [
             (["--global", "--start", "0", "0", "0"], "--global"),
-            (["--start", "0", "nan", "0"], "--start: 0.0 nan 0.0: must be finite numbers"),
+            (["--start", "0", "nan", "0"], "--start: Y: nan: must be a finite number"),
             (["--range-min", "4"], "--range-max: 3.5: must be > --range-min"),
             (["--angle-increment", "0"], "--angle-increment"),
             (["--draw", "/no/such/folder/way.png"], "--draw"),

@@ -104,6 +104,19 @@ class Stack:
             check=False,
         )
 
+    def shell(self, line: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+        """Run a line of a shell in the stack's folder to its end."""
+        return subprocess.run(
+            [*self._as_person, "sh", "-c", line],
+            cwd=self.folder,
+            env=self._settings,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
     def in_foreground(self, output: IO[bytes], *arguments: str) -> subprocess.Popen[bytes]:
         """Start `docker compose` as a person who watches it does."""
         process = subprocess.Popen(

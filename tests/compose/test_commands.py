@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
+import subprocess
 from collections.abc import Iterator
 
 import pytest
@@ -15,8 +17,9 @@ from mazebot.common.files.root import ROOT
 from mazebot.common.messages.documents import World
 from mazebot.common.messages.topics import WORLD
 from mazebot.common.messages.wire import decode
-from tests.compose.checks import check_recordings, is_active
+from tests.compose.checks import ACTIVE, check_recordings, is_active
 from tests.compose.stack import DEMOS, PROFILES, SERVICES, Stack, stack_of, wait_until
+from tests.compose.test_file import gate_of
 
 pytestmark = [pytest.mark.compose, pytest.mark.usefixtures("image")]
 
@@ -46,6 +49,38 @@ def test_a_bare_up_starts_nothing_and_says_what_to_do(stack: Stack) -> None:
     assert stack.containers() == []
 
 
+@pytest.mark.parametrize("name", ["console", *DEMOS.values(), "slam-world", "slam-world-enhanced"])
+def test_the_name_of_what_one_starts_builds_the_image(name: str) -> None:
+    built = subprocess.run(
+        ["docker", "compose", "build", name],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=1200,
+        check=False,
+    )
+    assert built.returncode == 0, built.stdout
+    assert "naming to docker.io/library/mazebot" in built.stdout
+    # Another service's build before this one has left nothing to do.
+    steps = dict(re.findall(r"^#(\d+) \[.*\] (?:RUN|COPY) (.*)$", built.stdout, re.MULTILINE))
+    assert steps
+    cached = set(re.findall(r"^#(\d+) CACHED$", built.stdout, re.MULTILINE))
+    assert {step: steps[step] for step in steps.keys() - cached} == {}
+
+
+def test_the_tutorial_s_commands_word_for_word(stack: Stack) -> None:
+    with (stack.folder / "output").open("wb") as output:
+        stack.in_foreground(output, "up", "demo-world-enhanced")
+    command = 'docker compose logs demo-world-enhanced | grep "Managed nodes are active"'
+    wait_until(lambda: stack.shell(command).stdout.count(ACTIVE) == 2, 90.0, command)
+    containers = {name: stack.inspect(name)["Id"] for name in SERVICES}
+    # Nothing is started anew by what starts the same demo a second time.
+    again = stack.compose("up", "--detach", "demo-world-enhanced")
+    assert again.returncode == 0, again.stdout
+    assert {name: stack.inspect(name)["Id"] for name in SERVICES} == containers
+
+
 def test_one_service_comes_up_alone_and_says_what_it_waits_for(stack: Stack) -> None:
     assert stack.compose("up", "--detach", "physics").returncode == 0
     assert stack.containers() == ["physics", "router"]
@@ -57,8 +92,7 @@ def test_one_service_comes_up_alone_and_says_what_it_waits_for(stack: Stack) -> 
 def test_each_demo_s_profile_starts_what_it_needs(stack: Stack) -> None:
     for profile, demo in DEMOS.items():
         enabled = stack.compose("--profile", profile, "config", "--services").stdout.split()
-        gate = f"one-world-at-a-time-{profile}"
-        assert sorted(enabled) == sorted([*SERVICES, demo, gate])
+        assert sorted(enabled) == sorted([*SERVICES, demo, gate_of(demo)])
     both = stack.compose(*PROFILES, "config", "--services").stdout.split()
     assert "nothing-named" not in both
 

@@ -236,11 +236,11 @@ def test_a_second_world_is_refused_and_the_first_goes_on(tour: Tour, witness: Wi
     # What it says of its own stopping may come before or after the reason.
     told = [line for line in words.splitlines() if "didn't complete successfully" in line]
     assert told
-    assert "one-world-at-a-time-original" in told[-1]
+    assert "demo-world-is-refused-if-another-world-runs" in told[-1]
     assert "Traceback" not in refused.stdout
     reasons = [
         line
-        for line in tour.stack.logs("one-world-at-a-time-original").splitlines()
+        for line in tour.stack.logs("demo-world-is-refused-if-another-world-runs").splitlines()
         if line.startswith("[ERROR]")
     ]
     assert len(reasons) == 1

@@ -9,7 +9,7 @@ import pytest
 from mazebot.bringup.tour import PLACES
 from mazebot.cli import app
 from mazebot.common.config import ConfigError
-from mazebot.embedded.demo import DemoOptions, run
+from mazebot.embedded.demo import DemoOptions, bringup_config, run
 from tests.worldgen import folder
 
 
@@ -39,6 +39,15 @@ def test_what_is_put_over_a_recipe_is_driven_in_and_recorded(tmp_path: Path) -> 
     assert summary["goals"][0]["shortest_path_m"] == pytest.approx(0.4, abs=0.05)
     config = (tmp_path / "run" / "config.yaml").read_text()
     assert overrides[1] in config
+
+
+def test_a_world_is_recorded_by_its_own_name_whichever_was_given(tmp_path: Path) -> None:
+    assert bringup_config(DemoOptions(world_name="enhanced")) == bringup_config(DemoOptions())
+    # A world of one's own that is called as a short name is.
+    worlds_dir = folder.make(tmp_path / "worlds")
+    (worlds_dir / "room.yaml").rename(worlds_dir / "enhanced.yaml")
+    mine = bringup_config(DemoOptions(world_name="enhanced", worlds_dir=worlds_dir))
+    assert mine.world_name == "enhanced"
 
 
 def test_a_world_with_nowhere_to_drive_is_one_line_and_leaves_nothing(

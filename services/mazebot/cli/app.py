@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -22,6 +23,7 @@ from mazebot.cli.parsing.completion import topic_names, written_topic_names
 from mazebot.cli.parsing.options import ROUTER as _ROUTER
 from mazebot.cli.parsing.options import Connect, Json
 from mazebot.cli.parsing.patience import patience
+from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
@@ -100,9 +102,10 @@ def diff(
 
 @app.command()
 def goal(
-    x: Annotated[float, typer.Argument(metavar="X", help="in the map, m")],
-    y: Annotated[float, typer.Argument(metavar="Y", help="in the map, m")],
-    yaw: Annotated[float, typer.Argument(metavar="YAW", help="rad")] = 0.0,
+    pose: Annotated[
+        list[str] | None,
+        typer.Argument(metavar=POSE, help="in the map, m and rad; also X,Y[,YAW]"),
+    ] = None,
     timeout_s: Annotated[
         float | None,
         typer.Option("--timeout", min=0.1, help="timeout in seconds; then the goal is canceled"),
@@ -116,7 +119,7 @@ def goal(
     """
     from mazebot.cli.drive.goal import send_goal  # noqa: PLC0415
 
-    raise typer.Exit(send_goal(connect, (x, y, yaw), timeout_s, as_json))
+    raise typer.Exit(send_goal(connect, given_pose("goal", pose or ()), timeout_s, as_json))
 
 
 @app.command()
@@ -233,18 +236,29 @@ def _named(arguments: list[str]) -> str:
     return " ".join(["mazebot", *words[: 2 if words[:1] and words[0] in groups else 1]])
 
 
+def _told(line: str, details: str = "") -> int:
+    """Print an error on standard error, and with --json also as JSON on standard output. Returns
+    the exit code.
+    """
+    code = 2
+    if "--json" in sys.argv:
+        sys.stdout.write(json.dumps({"error": line, "exit_code": code}) + "\n")
+    sys.stderr.write(f"error: {line}\n{details}".rstrip() + "\n")
+    return code
+
+
 def main() -> NoReturn:
-    """Run the command; an error is one line on standard error and a nonzero exit code."""
+    """Run the command; an error is one line on standard error, with --json also an object on
+    standard output, and a nonzero exit code.
+    """
     code: object = 0
     try:
         with patience(_named(sys.argv)):
             code = _command()(prog_name="mazebot", standalone_mode=False)
     except UsageMistake as error:
-        sys.stderr.write(f"error: {in_one_line(error)}\n")
-        code = 2
+        code = _told(in_one_line(error))
     except ConfigError as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        code = 2
+        code = _told(" ".join(str(error).split()), error.details)
     except (KeyboardInterrupt, typer.Abort):
         code = 130
     except BrokenPipeError:

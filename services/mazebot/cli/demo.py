@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,6 +15,7 @@ from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import world_names
 from mazebot.cli.parsing.options import Json, model_folders, xacro_arguments
 from mazebot.cli.parsing.patience import say_first
+from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
 from mazebot.common.garbage import collections_held_off
 
@@ -71,8 +71,8 @@ def demo(
         typer.Option(help="the run's folder [default: recordings/<time>_<world>]"),
     ] = None,
     goal: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="x, y (m) and yaw (rad) in the map: one goal instead of the tour"),
+        str | None,
+        typer.Option(metavar=POSE, help="in the map, m and rad: one goal instead of the tour"),
     ] = None,
     slam: Annotated[
         bool | None,
@@ -146,8 +146,9 @@ def demo(
     """
     given = {"--seed": seed, "--world": world_name, "--set": overrides, "--worlds-dir": worlds_dir}
     known.check_not_for_make([option for option, value in given.items() if value])
-    explore = _explores(slam, explore, goal, map_file)
-    _check_console(console, console_port, router_port, tour, goal)
+    pose = None if goal is None else given_pose("--goal", goal)
+    explore = _explores(slam, explore, pose, map_file)
+    _check_console(console, console_port, router_port, tour, pose)
     if config is not None:
         known.check_file(config)
     say_first(f"starting the services for world {world_name or 'enhanced'}", as_json)
@@ -167,7 +168,7 @@ def demo(
             use_aruco=None if use_aruco is None else parse_bool("--use_aruco", use_aruco),
             texture_base=texture_base,
             renderer=renderer,
-            goal=goal,
+            goal=pose,
             slam=slam,
             explore=explore,
             map_file=map_file,
@@ -196,8 +197,6 @@ def _explores(
     """Whether `explorer` drives; None: as in the settings. Raises ConfigError for flags that
     contradict each other.
     """
-    if goal is not None and not all(map(math.isfinite, goal)):
-        raise ConfigError(f"--goal: {' '.join(map(str, goal))}: must be finite numbers")
     if slam and map_file is not None:
         raise ConfigError(f"--map: {map_file}: must be given without --slam, which makes the map")
     if explore is not None and not slam:

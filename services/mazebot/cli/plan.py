@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import numpy as np
 import typer
 
-from mazebot.cli.parsing.number_options import numbers
 from mazebot.cli.parsing.options import Json, print_json
+from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ def plan(
     map_file: Annotated[
         Path, typer.Option("--map", metavar="MAP.yaml", help="a map as Nav2's map_server reads it")
     ],
-    start: Annotated[str, typer.Option(metavar="X,Y[,YAW]", help="in the map, metres and radians")],
-    goal: Annotated[str, typer.Option(metavar="X,Y[,YAW]", help="in the map, metres and radians")],
+    start: Annotated[str, typer.Option(metavar=POSE, help="in the map, m and rad; also X,Y,YAW")],
+    goal: Annotated[str, typer.Option(metavar=POSE, help="in the map, m and rad; also X,Y,YAW")],
     radius: Annotated[
         float | None,
         typer.Option(min=0.0, max=100.0, help="m, radius of the robot [default: a waffle]"),
@@ -86,10 +86,10 @@ def plan(
     """
     from mazebot.common.maths.frames import SE2  # noqa: PLC0415
     from mazebot.navigation.errors import NavigationError  # noqa: PLC0415
-    from mazebot.navigation.planners import make_planner  # noqa: PLC0415
+    from mazebot.navigation.planners import checked_planner, make_planner  # noqa: PLC0415
     from mazebot.navigation.planning.interface import GridPlannerParams, PlannerParams  # noqa: PLC0415
 
-    start_pose, goal_pose = SE2(*_pose("--start", start)), SE2(*_pose("--goal", goal))
+    start_pose, goal_pose = SE2(*given_pose("--start", start)), SE2(*given_pose("--goal", goal))
     if draw is not None and draw.suffix.lower() != ".png":
         raise ConfigError(f"--draw: {draw}: must end in .png")
     masks = _masks(keepout, speed)
@@ -103,7 +103,7 @@ def plan(
         footprint=footprint,
         allow_reverse=allow_reverse,
     )
-    chosen = make_planner(planner, params)
+    chosen = checked_planner(planner, make_planner(planner, params))
     try:
         if zones is not None and zones.keepout.size:
             costmap = _with_zones(costmap, zones, params, start_pose, goal_pose)
@@ -117,17 +117,15 @@ def plan(
     _print_path(path, taken_s, planner, as_json, _slow(path, zones))
 
 
-def _pose(option: str, text: str) -> tuple[float, float, float]:
-    values = numbers(option, text, 2, 3)
-    return values[0], values[1], values[2] if len(values) > 2 else 0.0
-
-
 def _timed(
     planner: GlobalPlanner, costmap: Costmap, start: SE2, goal: SE2, tolerance_m: float
 ) -> tuple[PlannedPath, float]:
     """A path, and the wall time to plan it, s. Raises NavigationError."""
-    # The first time its kernels are loaded.
-    planner.plan(costmap, start, goal, tolerance_m)
+    from mazebot.navigation.planning.planner import Planner  # noqa: PLC0415
+
+    if isinstance(planner, Planner):
+        # The first time its kernels are loaded.
+        planner.plan(costmap, start, goal, tolerance_m)
     start_s = time.perf_counter()
     path = planner.plan(costmap, start, goal, tolerance_m)
     return path, time.perf_counter() - start_s

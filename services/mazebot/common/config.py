@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -13,6 +14,9 @@ from pydantic_core import to_jsonable_python
 
 class ConfigError(Exception):
     """An error in the user's input; its text is the one line to show."""
+
+    details: str = ""
+    """Lines to show below that one: where in the user's own code it is."""
 
 
 class Params(BaseModel):
@@ -98,17 +102,34 @@ class PlainText:
     """Annotation of a list field whose flag or variable is read as plain text, not as JSON."""
 
 
-def one_line(error: ValidationError, source: Callable[[str], str] = lambda _: "") -> str:
+def one_line(
+    error: ValidationError,
+    source: Callable[[str], str] = lambda _: "",
+    model: type[BaseModel] | None = None,
+) -> str:
     """The errors, field by field, in one line; `source` returns the origin of the value of a dotted
-    name.
+    name. With the `model` that was to be made, the nearest name of an unknown field is suggested.
     """
     parts = []
     for problem in error.errors():
         field = ".".join(str(part) for part in problem["loc"]) or "(whole)"
         origin = source(field) if problem["loc"] else ""
         got = f"{problem['input']!r:.80}{f' from {origin}' if origin else ''}"
-        parts.append(f"{field}: {must(problem['msg'])} (got {got})")
+        hint = ""
+        if model is not None and problem["type"] == "extra_forbidden":
+            hint = _nearest_hint(model, problem["loc"])
+        parts.append(f"{field}: {must(problem['msg'])} (got {got}){hint}")
     return "; ".join(parts)
+
+
+def _nearest_hint(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    """The field nearest to the one at a location, as a suggestion; empty if none is near."""
+    inner: type[BaseModel] | None = model
+    for part in location[:-1]:
+        field = inner.model_fields.get(str(part)) if inner is not None else None
+        inner = None if field is None else section_model(field)
+    near = get_close_matches(str(location[-1]), inner.model_fields, 1) if inner is not None else []
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def must(message: str) -> str:

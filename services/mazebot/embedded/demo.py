@@ -44,6 +44,7 @@ from mazebot.worldgen.config import WorldgenConfig
 from mazebot.worldgen.files import load_any
 from mazebot.worldgen.node import Load, WorldgenNode
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
+from mazebot.worldgen.recipe.sources import SHORT_NAMES, full_name
 
 if TYPE_CHECKING:
     from mazebot.console.config import ConsoleConfig
@@ -145,7 +146,7 @@ def robot_nodes(
     navigation = {**seed, "controller_server": named}
     mappers = _mappers(options, seed) if slam else [_localization(options, seed)]
     return [
-        WorldgenNode(_worldgen_config(options), load_world),
+        WorldgenNode(worldgen_config(options), load_world),
         PhysicsNode(_configured(options, PhysicsConfig, "physics", settings)),
         SpawnerNode(_configured(options, SpawnerConfig, "spawner", seed)),
         PerceptionNode(_configured(options, PerceptionConfig, "perception", seed)),
@@ -186,10 +187,21 @@ def bringup_config(options: DemoOptions) -> BringupConfig:
         "explore": options.explore,
         "only_ask": None if options.tour else True,
     }
-    return _configured(options, BringupConfig, "bringup", settings)
+    config = _configured(options, BringupConfig, "bringup", settings)
+    return with_full_name(config, worldgen_config(options).worlds_dir)
 
 
-def _worldgen_config(options: DemoOptions) -> WorldgenConfig:
+def with_full_name(config: BringupConfig, worlds_dir: Path) -> BringupConfig:
+    """The configuration with the world's full name, so that a run is recorded as the same one
+    whichever of its names was given. Raises WorldError.
+    """
+    if config.world_name not in SHORT_NAMES:
+        return config
+    return config.model_copy(update={"world_name": full_name(config.world_name, worlds_dir)})
+
+
+def worldgen_config(options: DemoOptions) -> WorldgenConfig:
+    """Where worlds, textures and the map are. Raises ConfigError."""
     settings = {
         "seed": options.seed,
         "texture_base": options.texture_base,
@@ -228,7 +240,7 @@ def check_world(options: DemoOptions) -> LoadedWorld:
     Raises ConfigError where it cannot be loaded or lacks a location of the tour, NoLocationsError
     where there is no reachable goal.
     """
-    config, bringup = _worldgen_config(options), bringup_config(options)
+    config, bringup = worldgen_config(options), bringup_config(options)
     loaded = load_any(
         bringup.world_name,
         bringup.use_aruco,

@@ -58,7 +58,7 @@ from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive, StalledError
 from mazebot.common.node.node import Outbox
 from mazebot.common.settings.load import load
-from mazebot.embedded.demo import DemoOptions, robot_nodes
+from mazebot.embedded.demo import DemoOptions, robot_nodes, with_full_name, worldgen_config
 from mazebot.embedded.watched_transport import WatchedTransport
 from mazebot.physics.config import STEPS_PER_SECOND
 from mazebot.recorder.config import RecorderConfig
@@ -141,6 +141,7 @@ class Session(Robot):
             world_name=world, use_aruco=use_aruco, world_overrides=overrides, slam=slam,
             explore=explore, only_ask=True,
         )  # fmt: skip
+        bringup = with_full_name(bringup, worldgen_config(options).worlds_dir)
         nodes = [*robot_nodes(options, physics, slam=slam), BringupNode(bringup)]
         if out_dir is not None:
             recorder = {"seed": seed, "out_dir": out_dir}

@@ -10,8 +10,8 @@ from mazebot.common.world.costmap import Cells
 from mazebot.navigation.behavior.bt_navigator import BtNavigator, NavigatorParams
 from mazebot.navigation.behavior.motions.search_motion import SearchMotionParams
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
-from mazebot.navigation.control.controller import Robot
-from mazebot.navigation.control.controllers import make_controller
+from mazebot.navigation.control.controller import Controller, Robot
+from mazebot.navigation.control.controllers import CONTROLLERS, make_controller
 from mazebot.navigation.control.safety.collision_monitor import CollisionMonitor
 from mazebot.navigation.control.safety.velocity_smoother import VelocitySmoother
 from mazebot.navigation.control.tracking import ObstacleTracker
@@ -19,7 +19,8 @@ from mazebot.navigation.costmap.footprint import WAFFLE, Footprint
 from mazebot.navigation.costmap.layered_costmap import GridFrame, LayeredCostmap, LocalCostmap
 from mazebot.navigation.costmap.zones import Zones
 from mazebot.navigation.drive import Drive
-from mazebot.navigation.planners import make_planner
+from mazebot.navigation.own_class import OwnController
+from mazebot.navigation.planners import checked_planner, make_planner
 from mazebot.navigation.planning.interface import PlannerParams
 from mazebot.navigation.robot.controller_server import ControllerServer
 from mazebot.navigation.robot.planner_server import PlannerServer
@@ -58,7 +59,7 @@ def made_drive(
     server, period_s = config.controller_server, CONTROL_PERIOD_NS * 1e-9
     made = Robot(server, control_period_s=period_s)
     controllers = {
-        name: make_controller(name, server.params_of(name), made, random)
+        name: _checked_controller(name, make_controller(name, server.params_of(name), made, random))
         for name in dict.fromkeys((server.controller, "mppi", "regulated_pure_pursuit"))
     }
     robot = RobotContext(
@@ -79,6 +80,11 @@ def made_drive(
     )  # fmt: skip
 
 
+def _checked_controller(name: str, controller: Controller) -> Controller:
+    """A controller, whose calls are checked if it is a user's own."""
+    return controller if name in CONTROLLERS else OwnController(name, controller)
+
+
 def made_planner_server(
     config: NavigationConfig, costmap: LayeredCostmap, zones: Zones | None
 ) -> PlannerServer:
@@ -86,7 +92,7 @@ def made_planner_server(
     footprint = WAFFLE.padded(config.global_costmap.footprint_padding)
     params = planner_params(config, costmap.frame.resolution_m, footprint)
     planners = {
-        name: make_planner(name, params)
+        name: checked_planner(name, make_planner(name, params))
         for name in dict.fromkeys((config.planner_server.planner, "any_angle", "a_star"))
     }
     return PlannerServer(

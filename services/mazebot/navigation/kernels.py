@@ -13,12 +13,14 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.common.node.node import random_generator
 from mazebot.navigation.behavior.actions import NavigateToPose
+from mazebot.navigation.behavior.bt_navigator import without_own_nodes
 from mazebot.navigation.behavior.context import PathCheck
 from mazebot.navigation.behavior.motions.search_motion import SearchMotion
 from mazebot.navigation.build import made_drive
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP, Velocity
 from mazebot.navigation.control.controller import Robot
+from mazebot.navigation.control.controllers import CONTROLLERS
 from mazebot.navigation.control.mppi.mppi_kernels import compile_mppi_kernels
 from mazebot.navigation.control.safety.collision_kernels import compile_collision_kernels
 from mazebot.navigation.control.safety.collision_monitor import SourcePoints, moved_points
@@ -26,6 +28,7 @@ from mazebot.navigation.costmap.layered_costmap import frame_of, scan_points
 from mazebot.navigation.costmap.obstacle_layer import denoised_ranges
 from mazebot.navigation.drive import Drive
 from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.planners import PLANNERS
 from mazebot.navigation.planning.warm_up import run_planning_kernels
 from mazebot.navigation.robot.view import View
 
@@ -41,7 +44,8 @@ def check_parts(config: NavigationConfig) -> None:
 def compile_kernels(config: NavigationConfig) -> None:
     """Run all parts once in a small room, so that nothing is compiled while the robot moves."""
     _compile_whatever_the_configuration()
-    drive = _in_a_room(config)
+    _check_own_classes(config)
+    drive = _in_a_room(_with_built_in_classes(config))
     level = _LOG.level
     _LOG.setLevel(logging.CRITICAL)
     try:
@@ -61,6 +65,26 @@ def _compile_whatever_the_configuration() -> None:
     config = NavigationConfig()
     costmap = _in_a_room(config).robot.costmap.static
     compile_mppi_kernels(costmap, SE2(1.0, 1.0, 0.0), Robot(config.controller_server))
+
+
+def _check_own_classes(config: NavigationConfig) -> None:
+    """Raises ConfigError where a class or a tree that is named cannot be used."""
+    _in_a_room(config)
+
+
+def _with_built_in_classes(config: NavigationConfig) -> NavigationConfig:
+    """The configuration without a user's own classes: they are called in the run alone."""
+    default = NavigationConfig()
+    changes: dict[str, object] = {}
+    server, planner, trees = config.controller_server, config.planner_server, config.bt_navigator
+    if server.controller not in CONTROLLERS:
+        name = default.controller_server.controller
+        changes["controller_server"] = server.model_copy(update={"controller": name})
+    if planner.planner not in PLANNERS:
+        name = default.planner_server.planner
+        changes["planner_server"] = planner.model_copy(update={"planner": name})
+    changes["bt_navigator"] = without_own_nodes(trees)
+    return config.model_copy(update=changes)
 
 
 def _in_a_room(config: NavigationConfig) -> Drive:

@@ -7,6 +7,7 @@ from typing import Final, cast
 
 from mazebot.common.config import ConfigError
 from mazebot.navigation.control.plugins import load_plugin
+from mazebot.navigation.own_class import OwnPlanner
 from mazebot.navigation.planning.planner import GlobalPlanner, Planner, PlannerParams
 
 
@@ -25,6 +26,11 @@ class AStar(Planner):
 
 
 PLANNERS: Final[dict[str, type[GlobalPlanner]]] = {"any_angle": AnyAngle, "a_star": AStar}
+
+
+def checked_planner(name: str, planner: GlobalPlanner) -> GlobalPlanner:
+    """A planner, whose calls are checked if it is a user's own."""
+    return planner if name in PLANNERS else OwnPlanner(name, planner)
 
 
 def make_planner(name: str, params: PlannerParams) -> GlobalPlanner:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mazebot.common.config import ConfigError
-from mazebot.common.problems import Problem, WorldError
+from mazebot.common.problems import Problem, WorldError, words
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR, shown_path
@@ -55,6 +55,11 @@ def load_any(
     `arguments` are xacro's, `roots` folders of models; the rest is as in `load_world`. Raises
     ConfigError if there is no such file, else WorldError.
     """
+    # The default may be missing: many worlds need no textures.
+    usual = os.path.normpath(worlds_dir / "textures")
+    if texture_base and not texture_base.is_dir() and os.path.normpath(texture_base) != usual:
+        value = words(f"{str(texture_base)!r:.80}")
+        raise WorldError([Problem(field="texture_base", value=value, must="must be a folder")])
     path = Path(world)
     if is_sdf(path):
         check_there(path)

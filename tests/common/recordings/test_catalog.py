@@ -14,6 +14,7 @@ import pytest
 from mazebot.common.config import ConfigError
 from mazebot.common.recordings import catalog
 from mazebot.common.recordings.catalog import Catalog, find_run, list_recordings
+from mazebot.common.recordings.figures import figures_of
 from mazebot.common.recordings.run_folder import LOCK, SUMMARY, RunFolder, write_atomically
 
 
@@ -55,6 +56,15 @@ def test_runs_are_listed_newest_first_with_what_they_reached(tmp_path: Path) -> 
     assert second.recording == tmp_path / "2026-11-20_10-00-00_house" / "run.rrd"
     assert second.size_bytes == 4 + (second.path / "summary.json").stat().st_size
     assert second.closed
+
+
+def test_a_goal_that_the_explorer_gave_up_does_not_count(tmp_path: Path) -> None:
+    goals = [{"reached": True, "time_s": 2.0}, {"reached": False, "given_up": True, "time_s": 1.0}]
+    make(tmp_path, "run", {"goals": goals, "mapping": {"exploration": "complete"}})
+    (run,) = list_recordings(tmp_path)
+    assert (run.goals_reached, run.goals_total, run.failed) == (1, 1, False)
+    figures = figures_of({"goals": goals})
+    assert (figures["goals_missed"], figures["goal_time_s"]) == (0.0, 2.0)
 
 
 def test_a_damaged_or_unfinished_run_is_listed_as_far_as_it_goes(tmp_path: Path) -> None:

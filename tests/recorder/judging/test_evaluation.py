@@ -41,6 +41,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.error_codes import ErrorCode
+from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.recorder.judging import error_summary
 from mazebot.recorder.judging.error_summary import ErrorSummary
 from mazebot.recorder.judging.evaluation import RunEvaluation
@@ -527,6 +528,38 @@ def test_an_evaluation_that_is_gone_on_with_keeps_tasks_and_consistency() -> Non
     assert [again.totals()[one] for one in totals] == [evaluation.totals()[one] for one in totals]
     assert again.evaluation().localization.estimates == 1
     assert [goal.action for goal in again.evaluation().goals] == ["spin", "backup"]
+
+
+def test_a_goal_that_the_explorer_gives_up_is_neither_reached_nor_missed() -> None:
+    evaluation, again = RunEvaluation(make_world()), RunEvaluation(make_world())
+    drive(evaluation)
+    aim, better = SE2(9.0, 9.0, 0.0), SE2(START.x_m + 3.0, START.y_m, 0.0)
+    # The explorer's first goal comes just before its state.
+    for stamp_ns in (1, 2):
+        evaluation.add_goal(
+            msg.PoseStamped(msg.header(stamp_ns, MAP_FRAME), msg.pose_from_se2(aim))
+        )
+        evaluation.add_exploration(ExplorationStatus(state="exploring"))
+    first = result(aim, 1e-9, 1.0, ErrorCode.PREEMPTED)
+    evaluation.add_result(first)
+    evaluation.add_result(result(aim, 1.0, 2.0, ErrorCode.NO_VALID_PATH))
+    # Stopped by the user: the state changes before navigation reports the end of the goal.
+    evaluation.add_exploration(ExplorationStatus(state="paused"))
+    evaluation.add_result(first.model_copy(update={"goal_stamp_ns": 2}))
+    evaluation.add_result(result(aim, 3.0, 4.0, ErrorCode.PREEMPTED))
+    evaluation.add_result(result(better, 5.0, 10.0))
+    goals = evaluation.evaluation().goals
+    assert [goal.given_up for goal in goals] == [True, False, True, False, False]
+    assert [row[1] for row in goal_rows(goals)] == [
+        "given up", "no (208)", "given up", "no (9010)", "yes",
+    ]  # fmt: skip
+    assert len(failure_lines(goals)) == 0
+    totals = evaluation.totals()
+    assert (totals["goals_sent"], totals["goals_reached"], totals["goals_given_up"]) == (3, 1, 2)
+    assert totals["spl"] == pytest.approx(1 / 3, abs=0.01)
+    again.restore(*evaluation.state())
+    assert again.totals() == {**totals, "distance_m": None}
+    assert again.evaluation() == evaluation.evaluation()
 
 
 def test_totals_weigh_success_by_path_length() -> None:

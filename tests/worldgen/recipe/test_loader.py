@@ -153,7 +153,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path: Path, spoil: Spoil, said: str)
         ("[" * 1000, ":1: not YAML: column 41: must be at most 40 levels deep"),
         (f"a: {'x' * 7000}", ":1: not YAML: column 4: must have values of at most 6000 char"),
         ("# " + "x" * 5_000_000, ": must have at most 4194304 bytes"),
-        ("", ":1: None: must be a mapping"),
+        ("", ":1: is empty: must be a mapping"),
         ("- 1", ":1: (1,): must be a mapping"),
         ("\0", ": not YAML: "),
     ],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 
 from mazebot.cli.drive.progress import ProgressLine
@@ -21,7 +20,6 @@ from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import MAP_FRAME, SE2
 from mazebot.common.messages import messages as msg
-from mazebot.common.messages import wire
 from mazebot.common.messages.documents import CancelGoal
 from mazebot.common.messages.topics import GOAL_POSE, NAVIGATION_RESULT
 
@@ -32,14 +30,8 @@ def send_goal(
     """Send a goal (x and y in metres, yaw in radians) and wait for its result; return 0 if it was
     reached, else 1. Ctrl-C, and a timeout after `timeout_s` of wall time, cancel it.
 
-    Raises ConfigError where a number is not finite or navigation is not running.
+    Raises ConfigError where navigation is not running.
     """
-    for name, value in zip(("X", "Y", "YAW"), goal, strict=True):
-        if not math.isfinite(value):
-            raise ConfigError(f"goal: {name}: {value}: must be a finite number")
-        if abs(value) > wire.MAX_COORDINATE:
-            most = f"{wire.MAX_COORDINATE:g}"
-            raise ConfigError(f"goal: {name}: {value:g}: must be within -{most} and {most}")
     x_m, y_m, yaw_rad = goal
     with ZenohRobot(endpoint) as robot, ProgressLine(not as_json) as line:
         stamp_ns = ready(robot, "goal")

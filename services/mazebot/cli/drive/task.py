@@ -170,6 +170,11 @@ def failure(who: str, action: str, code: int, text: str) -> int:
     return EXIT_FAILED
 
 
+def _status(status: str, error_msg: str) -> str:
+    """How a task has ended, and why, where that says more."""
+    return status if error_msg in ("", status) else f"{status}: {error_msg}"
+
+
 def _rejected(who: str, reply: act.SendGoalReply, as_json: bool) -> int:
     if as_json:
         print_json(reply.model_dump(mode="json"))
@@ -185,7 +190,7 @@ def _ended(who: str, result: act.ActionResult, as_json: bool) -> int:
         if one.error_code:
             name = code_name("NavigateToPose", one.error_code)
             sys.stdout.write(
-                f"waypoint {one.index} {one.status}: {one.error_msg} "
+                f"waypoint {one.index} {_status(one.status, one.error_msg)} "
                 f"(error code {one.error_code}, {name})\n"
             )
     if result.status != "succeeded":

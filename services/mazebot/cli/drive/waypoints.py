@@ -23,8 +23,8 @@ def waypoints(
     places: Annotated[
         list[str],
         typer.Argument(
-            metavar="FILE|NAME...",
-            help="a YAML file of waypoints, or names of the world's locations",
+            metavar="FILE|NAME|X,Y[,YAW]...",
+            help="a YAML file of waypoints, or names of the world's locations and poses in the map",
         ),
     ],
     loops: Annotated[

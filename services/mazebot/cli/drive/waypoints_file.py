@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mazebot.cli.parsing.poses import are_numbers, given_pose
 from mazebot.common.config import ConfigError
 from mazebot.common.files.yaml_source import Source, read_source
 from mazebot.common.maths.frames import yaw_from_quaternion
@@ -76,16 +77,29 @@ class Mission:
 
 
 def read_mission(words: Sequence[str]) -> Mission:
-    """The waypoints of a command: names of locations, or the path of one file.
+    """The waypoints of a command: names of locations, poses X,Y[,YAW], or the path of one file.
 
     Raises ConfigError, in one line, where a file is not one of waypoints.
     """
+    if all(map(are_numbers, words)):
+        # One pose, its numbers one by one.
+        alone = len(words) > 1 and not any("," in word for word in words)
+        given = [" ".join(words)] if alone else words
+        return Mission(tuple(_given_waypoint(word) for word in given))
     if len(words) == 1 and (words[0].endswith(_ENDINGS) or "/" in words[0]):
         return _read_file(Path(words[0]))
     for word in words:
         if word.endswith(_ENDINGS):
             raise ConfigError(f"waypoints: {word!r:.60}: a file must be the only argument")
-    return Mission(tuple(Waypoint(word, "waypoints") for word in words))
+    return Mission(tuple(_given_waypoint(word) for word in words))
+
+
+def _given_waypoint(word: str) -> Waypoint:
+    """A location's name, or a pose X,Y[,YAW]. Raises ConfigError."""
+    if not are_numbers(word.partition(" ")[0]):
+        return Waypoint(word, "waypoints")
+    x_m, y_m, yaw_rad = given_pose("waypoints", word)
+    return Waypoint(Planar(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), "waypoints")
 
 
 def _read_file(path: Path) -> Mission:

@@ -19,12 +19,13 @@ from mazebot.cli.logs.options import (
     RangeMax,
     RangeMin,
     ScanTopic,
-    finite_pose,
     scan_form,
 )
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.parsing.options import ROUTER, Connect, Json, print_json
+from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
 
 
 def localize(
@@ -41,8 +42,8 @@ def localize(
         ),
     ] = False,
     start: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help="x, y (m) and yaw (rad) in the map at the start of the log"),
+        str | None,
+        typer.Option(metavar=POSE, help="in the map, m and rad, at the start of the log"),
     ] = None,
     draw: Annotated[
         Path | None, typer.Option(help="a PNG of map, trajectory and 95 % ellipses")
@@ -93,8 +94,8 @@ def localize(
         raise ConfigError("--global: must not be given with --start")
     form = scan_form(angle_min, angle_increment, range_min, range_max)
     chart = read_map(map_file)
-    begin = None if start is None else finite_pose("--start", start)
-    base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
+    begin = None if start is None else SE2(*given_pose("--start", start))
+    base_from_scan = None if lidar is None else SE2(*given_pose("--lidar", lidar))
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))

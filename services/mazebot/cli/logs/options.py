@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from mazebot.cli.logs.log import ScanForm
+from mazebot.cli.parsing.poses import POSE
 from mazebot.common.config import ConfigError
-from mazebot.common.maths.frames import SE2
 from mazebot.common.robot.waffle import BASE_FROM_SCAN
 
 LogFile = Annotated[
@@ -24,10 +24,11 @@ LogFile = Annotated[
 ScanTopic = Annotated[str, typer.Option(help="LaserScan of a bag")]
 OdomTopic = Annotated[str, typer.Option(help="Odometry of a bag; without it: /tf")]
 Lidar = Annotated[
-    tuple[float, float, float] | None,
+    str | None,
     typer.Option(
-        help="x, y (m) and yaw (rad) of the lidar on the robot [default: the log's, "
-        f"else {BASE_FROM_SCAN.x_m} 0 0]"
+        metavar=POSE,
+        help="pose of the lidar on the robot, m and rad [default: the log's, "
+        f"else {BASE_FROM_SCAN.x_m} 0 0]",
     ),
 ]
 AngleMin = Annotated[
@@ -68,13 +69,3 @@ def scan_form(
             f"--range-max: {range_max}: must be > --range-min, {least}, which is >= 0"
         )
     return ScanForm(angle_min, angle_increment, range_min, range_max)
-
-
-def finite_pose(option: str, values: tuple[float, float, float]) -> SE2:
-    """A pose from an option's numbers.
-
-    Raises ConfigError where one is not finite.
-    """
-    if not all(math.isfinite(value) for value in values):
-        raise ConfigError(f"{option}: {' '.join(map(str, values))}: must be finite numbers")
-    return SE2(*values)

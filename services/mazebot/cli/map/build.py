@@ -20,14 +20,15 @@ from mazebot.cli.logs.options import (
     RangeMax,
     RangeMin,
     ScanTopic,
-    finite_pose,
     scan_form,
 )
 from mazebot.cli.logs.read import read_log
 from mazebot.cli.map.relations import RelationErrors, read_relations, relation_errors
 from mazebot.cli.parsing.options import Json, print_json
 from mazebot.cli.parsing.patience import say_first
+from mazebot.cli.parsing.poses import given_pose
 from mazebot.common.config import ConfigError
+from mazebot.common.maths.frames import SE2
 
 if TYPE_CHECKING:
     from mazebot.cli.map.build_run import Built
@@ -71,7 +72,7 @@ def build(
         missing = "--log" if log_file is None else "--out"
         raise ConfigError(f"{missing}: must be given")
     form = scan_form(angle_min, angle_increment, range_min, range_max)
-    base_from_scan = None if lidar is None else finite_pose("--lidar", lidar)
+    base_from_scan = None if lidar is None else SE2(*given_pose("--lidar", lidar))
     _check_folder(out)
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")

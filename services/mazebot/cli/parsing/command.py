@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import typer
 from pydantic import ValidationError
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
+from mazebot.cli.parsing.help_text import write_commands, write_help, write_options
+from mazebot.cli.parsing.poses import POSE_OPTIONS, are_numbers
 from mazebot.common.config import ConfigError, must
 
+_POSE_WORDS = 3
 F = TypeVar("F", bound=Callable[..., Any])
 
 # typer does not export click's UsageError.
@@ -43,12 +46,17 @@ class Command(TyperCommand):
             if word == "--":
                 arguments += reversed(waiting)
                 break
-            if word not in takes and (not word.startswith("-") or is_number(word)):
+            if word not in takes and (not word.startswith("-") or are_numbers(word)):
                 arguments.append(word)
                 continue
             name, equals, value = word.partition("=")
             count = 0 if equals else takes.get(word, 0)
             values = [waiting.pop() for _ in range(count) if waiting]
+            if word in POSE_OPTIONS and values:
+                # As many words as belong to the pose are one value.
+                while waiting and _goes_on(values, waiting[-1], takes):
+                    values.append(waiting.pop())
+                values = [" ".join(values)]
             if len(values) < count:
                 many = f"{count} values" if count > 1 else "a value"
                 given = f"{' '.join(values)!r}: " if values else ""
@@ -60,12 +68,33 @@ class Command(TyperCommand):
             raise ConfigError(f"{ctx.command_path}: '': an argument must not be empty")
         return super().parse_args(ctx, [*options, *(["--", *arguments] if arguments else [])])
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_help(self, ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_options(self, ctx, formatter)
+
+
+class Group(TyperGroup):
+    """A group of commands, with help as a Command has it."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_help(self, ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """See `help_text`."""
+        write_options(self, ctx, formatter)
+        write_commands(self, ctx, formatter)
+
 
 class App(typer.Typer):
     """A group of commands that prints its help if no command is given."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(invoke_without_command=True, **settings)
+        super().__init__(invoke_without_command=True, cls=Group, **settings)
         self.callback()(overview)
 
     def command(  # type: ignore[override]
@@ -79,6 +108,12 @@ def overview(context: typer.Context) -> None:
     """Print the help of a group."""
     if context.invoked_subcommand is None:
         sys.stdout.write(context.get_help() + "\n")
+
+
+def _goes_on(pose: Sequence[str], word: str, takes: Mapping[str, int]) -> bool:
+    """Whether a word belongs to the pose that the words before it have begun."""
+    is_whole = len(pose) == _POSE_WORDS or "," in pose[0]
+    return not is_whole and word not in takes and (not word.startswith("-") or are_numbers(word))
 
 
 def in_one_line(error: Exception) -> str:
@@ -104,12 +139,3 @@ def in_one_line(error: Exception) -> str:
     if "Did you mean" in text or "Possible" in text:
         return text
     return f"{text}. {' '.join(context.get_usage().split())}"
-
-
-def is_number(word: str) -> bool:
-    """Whether a word is a number, positive or negative."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

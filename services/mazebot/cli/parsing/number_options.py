@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from mazebot.cli.parsing.command import Command, is_number
+from mazebot.cli.parsing.command import Command
+from mazebot.cli.parsing.poses import are_numbers
 from mazebot.common.config import ConfigError
 
 MOST_NUMBERS = {
@@ -26,7 +27,7 @@ class NumbersCommand(Command):
             word = waiting.pop()
             joined.append(word)
             numbers: list[str] = []
-            while waiting and len(numbers) < MOST_NUMBERS.get(word, 0) and is_number(waiting[-1]):
+            while waiting and len(numbers) < MOST_NUMBERS.get(word, 0) and are_numbers(waiting[-1]):
                 numbers.append(waiting.pop())
             if numbers:
                 joined.append(" ".join(numbers))
@@ -39,7 +40,7 @@ def numbers(option: str, text: str, *counts: int) -> tuple[float, ...]:
     Raises ConfigError, in one line.
     """
     words = text.replace(",", " ").split()
-    if not all(is_number(word) and math.isfinite(float(word)) for word in words):
+    if not all(are_numbers(word) and math.isfinite(float(word)) for word in words):
         raise ConfigError(f"{option}: {text!r:.60}: must be finite numbers")
     if counts and len(words) not in counts:
         many = " or ".join(map(str, counts))

@@ -91,7 +91,7 @@ def main(config_type: type[C], node_type: Callable[[C], Node]) -> NoReturn:
         sys.stderr.write(f"error: {error}\n")
     except ConfigError as error:
         code = 2
-        sys.stderr.write(f"error: {error}\n")
+        sys.stderr.write(f"error: {error}\n{error.details}".rstrip() + "\n")
     finally:
         with contextlib.suppress(ConfigError):
             node.close()

@@ -27,7 +27,7 @@ def goal_rows(goals: Iterable[GoalReport]) -> list[tuple[str, ...]]:
     return [
         (
             task_name(goal),
-            "yes" if goal.reached else f"no ({goal.error_code})",
+            "given up" if goal.given_up else "yes" if goal.reached else f"no ({goal.error_code})",
             f"{goal.time_s:.1f}",
             f"{goal.path_length_m:.2f}",
             measured(goal.shortest_path_m, 2),
@@ -54,7 +54,7 @@ def failure_lines(goals: Iterable[GoalReport]) -> list[str]:
     return [
         f"{task_name(goal)}: error {goal.error_code}: {goal.error_msg}"
         for goal in goals
-        if goal.error_msg
+        if goal.error_msg and not goal.given_up
     ]
 
 

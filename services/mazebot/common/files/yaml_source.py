@@ -80,8 +80,10 @@ def read_source(path: Path, shown: str) -> Source:
     if len(data) > MAX_BYTES:
         raise _problem(shown, f"must have at most {MAX_BYTES} bytes")
     root, content = _load(data, shown)
+    must = "must be a mapping of fields to values"
+    if content is None:
+        raise _problem(shown, must, 1, value="is empty")
     if not isinstance(content, dict):
-        must = "must be a mapping of fields to values"
         raise _problem(shown, must, 1, value=shown_value(content))
     return Source(shown, content, root)
 

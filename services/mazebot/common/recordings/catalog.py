@@ -250,7 +250,11 @@ def _read(path: Path, versions: tuple[_File | None, _File | None]) -> dict[str, 
             problem = problem or str(error).removeprefix(f"{path}{os.sep}")
             labels = None
     goals = summary.get("goals")
-    reports = [goal for goal in goals if isinstance(goal, dict)] if isinstance(goals, list) else []
+    reports = [
+        goal
+        for goal in (goals if isinstance(goals, list) else ())
+        if isinstance(goal, dict) and goal.get("given_up") is not True
+    ]
     error_m, mapping = _mapping(summary, "localisation_error_m"), _mapping(summary, "mapping")
     changed = summary.get("changed_settings")
     return {

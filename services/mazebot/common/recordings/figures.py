@@ -54,7 +54,7 @@ FIGURES = (
 
 def figures_of(summary: Mapping[str, Any]) -> dict[str, float | None]:
     """The value of each figure by name; None where a run has none."""
-    goals = _objects(summary.get("goals"))
+    goals = [goal for goal in _objects(summary.get("goals")) if goal.get("given_up") is not True]
     messages = summary.get("messages")
     topics = _objects(list(messages.values())) if isinstance(messages, dict) else []
     errors_m = [value for goal in goals if (value := _number(goal.get("goal_error_m"))) is not None]

@@ -122,12 +122,17 @@ class RunSummary(Document):
     distance_m: Finite | None = Field(
         description="length of the true path, m; null: no ground truth"
     )
-    goals_sent: int = Field(description="number of goals sent, actions included")
+    goals_sent: int = Field(
+        description="number of goals sent, actions included, without those given up"
+    )
+    goals_given_up: int = Field(
+        0, description="number of goals that the explorer replaced by better ones on the way"
+    )
     goals_reached: int = Field(description="number of goals with `reached`")
     spl: Finite | None = Field(
         description="success weighted by path length (arXiv:1807.06757), 0 to 1: the mean of "
-        "reached x shortest / max(driven, shortest) over the goals of `navigate_to_pose`; null: no "
-        "such goal has ended"
+        "reached x shortest / max(driven, shortest) over the goals of `navigate_to_pose`, without "
+        "those given up; null: no such goal has ended"
     )
     messages: dict[str, TopicMessages] = Field(description="messages by topic")
     versions: dict[str, str] = Field(description="versions of Mazebot, Python and its libraries")

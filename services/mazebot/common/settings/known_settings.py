@@ -12,6 +12,8 @@ ALONE = (
 )  # fmt: skip
 """Variables that are not a field of a service. The ports are used by Docker Compose."""
 _NEAR = 0.6
+_SAME = 0.85
+"""So near must a name be that is in another section than the unknown one."""
 _MOST_NAMED = 4
 
 Fields = Mapping[str, Collection[str] | None]
@@ -57,17 +59,24 @@ def unknown_variable(names: Iterable[str], fields_of: Fields) -> str:
     return ""
 
 
-def unknown_setting(name: str, known: Collection[str], shown: Callable[[str], str] = str) -> str:
+def unknown_setting(
+    name: str, known: Collection[str], shown: Callable[[str], str] = str, within: str = ""
+) -> str:
     """The end of the message about an unknown setting: where the nearest ones are, by their last
-    names, or all sections. `shown` says how a dotted name is shown.
+    names, or all that could be there. `shown` says how a dotted name is shown; `within` is the
+    beginning of those in the same section, of which a near one is meant rather than any other.
     """
-    near = _nearest(name, known)
+    there = [one for one in known if one.startswith(within) and "." not in one[len(within) :]]
+    if within:
+        near = _nearest(name, there) or _nearest(name, known, _SAME)
+    else:
+        near = _nearest(name, known)
     if near:
         return f"; did you mean {' or '.join(map(shown, near))}?"
-    return f"; must be one of {', '.join(shown(one) for one in known if '.' not in one)}"
+    return f"; must be one of {', '.join(map(shown, there))}"
 
 
-def _nearest(name: str, known: Iterable[str]) -> list[str]:
+def _nearest(name: str, known: Iterable[str], least: float = _NEAR) -> list[str]:
     """The known dotted names that are nearest to a name, most often one."""
 
     def nearness(one: str) -> float:
@@ -80,7 +89,7 @@ def _nearest(name: str, known: Iterable[str]) -> list[str]:
 
     near = [(nearness(one), one) for one in known]
     best = max(near, default=(0.0, ""))[0]
-    return [one for each, one in near if each >= max(best, _NEAR)][:_MOST_NAMED]
+    return [one for each, one in near if each >= max(best, least)][:_MOST_NAMED]
 
 
 def unknown_name(name: str, known: Collection[str]) -> str:

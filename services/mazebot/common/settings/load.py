@@ -76,7 +76,7 @@ def load(
     except ValidationError as error:
         files = {path: filed, params_path: from_nav2}
         source = functools.partial(_source, service, rest, given, files, fields)
-        raise ConfigError(f"{service}: {one_line(error, source)}") from error
+        raise ConfigError(f"{service}: {one_line(error, source, model)}") from error
 
 
 def sections() -> tuple[str, ...]:
@@ -138,7 +138,9 @@ def _check_section(
         dotted = f"{prefix}{field}"
         if dotted not in fields:
             where = f"{path}: {name}.{field!s:.60}: {value!r:.60}"
-            raise ConfigError(f"{where}: unknown field{unknown_setting(str(field), fields)}")
+            raise ConfigError(
+                f"{where}: unknown field{unknown_setting(str(field), fields, within=prefix)}"
+            )
         if any(one.startswith(f"{dotted}.") for one in fields):
             _check_section(path, f"{name}.{field}", value, fields, f"{dotted}.")
 
@@ -271,6 +273,8 @@ def _yaml_mapping(path: Path) -> dict[Any, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         line, reason = line_and_words(error)
         raise ConfigError(f"{path}{f':{line}' if line else ''}: not YAML: {reason}") from error
-    if content is not None and not isinstance(content, dict):
+    if content is None:
+        raise ConfigError(f"{path}: is empty: must be sections with fields: {{seed: 8}}")
+    if not isinstance(content, dict):
         raise ConfigError(f"{path}: {content!r:.60}: must be a mapping of sections to their fields")
-    return content or {}
+    return content

@@ -27,6 +27,7 @@ from mazebot.navigation.behavior.context import NavigationContext
 from mazebot.navigation.behavior.docking.docking import DockingParams
 from mazebot.navigation.behavior.engine.tree import BehaviorTree, Ending, NodeSnapshot
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams
+from mazebot.navigation.behavior.nodes.node_kinds import is_own
 from mazebot.navigation.behavior.nodes.xml_loader import (
     DEFAULT_NAV_THROUGH_POSES,
     DEFAULT_NAV_TO_POSE,
@@ -89,6 +90,19 @@ class NavigatorParams:
     waypoint_follower: WaypointFollowerParams = field(default_factory=WaypointFollowerParams)
     behavior_server: BehaviorServerParams = field(default_factory=BehaviorServerParams)
     docking_server: DockingParams = field(default_factory=DockingParams)
+
+
+def without_own_nodes(params: BtNavigatorParams) -> BtNavigatorParams:
+    """The settings, with the trees that come with navigation in place of those that have nodes of a
+    user's own class. Raises ConfigError where a tree cannot be used.
+    """
+    default = BtNavigatorParams()
+    changes = {
+        name: getattr(default, name)
+        for name in ("default_nav_to_pose_bt_xml", "default_nav_through_poses_bt_xml")
+        if any(map(is_own, read_tree_file(Path(tree_path(getattr(params, name)))).kinds()))
+    }
+    return params.model_copy(update=changes)
 
 
 def tree_path(name: str) -> str:

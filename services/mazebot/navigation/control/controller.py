@@ -191,4 +191,4 @@ def make_params(
     try:
         return params.model_validate(dict(values))
     except ValidationError as error:
-        raise ConfigError(f"{source}: {one_line(error)}") from error
+        raise ConfigError(f"{source}: {one_line(error, model=params)}") from error

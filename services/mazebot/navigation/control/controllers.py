@@ -11,6 +11,7 @@ from mazebot.common.config import ConfigError
 from mazebot.navigation.control.controller import (
     Controller,
     ControllerParams,
+    PathlessController,
     Robot,
     make_params,
 )
@@ -26,7 +27,12 @@ CONTROLLERS: Mapping[str, type[Any]] = {
 
 def controller_class(spec: str) -> type[Any]:
     """The class of a controller that a configuration names; raises ConfigError in one line."""
-    return load_plugin(spec, Controller, "controller", CONTROLLERS)
+    found = load_plugin(spec, Controller, "controller", CONTROLLERS)
+    if getattr(found, "command", None) is PathlessController.command:
+        raise ConfigError(
+            f"controller: {spec}: a PathlessController must have command(self, around)"
+        )
+    return found
 
 
 def make_controller(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,11 @@ from typing import Any
 
 from mazebot.common.config import ConfigError
 
+_PAGES = {"planner": "planning", "behavior tree node": "behavior-trees"}
 _NO_BUILTINS: Mapping[str, type[Any]] = {}
+
+_FROM_FILES: dict[tuple[Path, int, int], ModuleType] = {}
+"""A file that has not changed is run once, however many of its classes are named."""
 
 
 def load_plugin(
@@ -47,17 +52,39 @@ def load_plugin(
         known_as = f"; it has {', '.join(classes)}" if classes else ""
         raise ConfigError(f"{source}: {place} has no class {name}{known_as}")
     missing = [each for each in _members(protocol) if not hasattr(found, each)]
+    missing += sorted(getattr(found, "__abstractmethods__", ()))
     if missing:
-        raise ConfigError(
-            f"{source}: a {kind} must have {', '.join(missing)}, see docs/controllers.md"
-        )
+        page = _PAGES.get(kind, "controllers")
+        raise ConfigError(f"{source}: a {kind} must have {', '.join(missing)}, see docs/{page}.md")
+    for name in _members(protocol):
+        _check_arguments(getattr(protocol, name, None), getattr(found, name), f"{source}: {name}")
     return found
+
+
+def _check_arguments(wanted: object, found: object, source: str) -> None:
+    """Raises ConfigError where a method cannot be called as that of the protocol is."""
+    if not inspect.isfunction(wanted) or not callable(found):
+        return
+    names = list(inspect.signature(wanted).parameters)
+    try:
+        taken = inspect.signature(found)
+        taken.bind(*names)
+    except TypeError:
+        line = getattr(getattr(found, "__code__", None), "co_firstlineno", 0)
+        place = f" of line {line}" if line else ""
+        raise ConfigError(f"{source}{place}: {taken}: must take ({', '.join(names)})") from None
+    except ValueError:
+        # The signature of a function that is not written in Python may not be known.
+        return
 
 
 def _from_file(place: str, source: str) -> ModuleType:
     path = Path(place)
     if not path.is_file():
         raise ConfigError(f"{source}: {place}: no such file")
+    version = (path.resolve(), path.stat().st_mtime_ns, path.stat().st_size)
+    if version in _FROM_FILES:
+        return _FROM_FILES[version]
     # A name of its own, so that a file named like a module hides none.
     name = f"mazebot_plugin_{path.stem}"
     made = importlib.util.spec_from_file_location(name, path)
@@ -70,6 +97,7 @@ def _from_file(place: str, source: str) -> ModuleType:
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise ConfigError(f"{source}: {_import_error(error)}") from error
+    _FROM_FILES[version] = module
     return module
 
 

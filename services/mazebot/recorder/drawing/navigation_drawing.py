@@ -320,7 +320,8 @@ def _log_end(
     """How a goal ended, as an event. The time must be set."""
     took_s = result.end_time_s - result.start_time_s
     if result.error_code in _REPLACED:
-        canvas.event("goal", f"{what} canceled after {took_s:.1f} s: {result.error_msg}")
+        why = "" if result.error_msg in ("", "canceled") else f": {result.error_msg}"
+        canvas.event("goal", f"{what} canceled after {took_s:.1f} s{why}")
     elif result.error_code:
         why = f"{result.error_msg} ({result.error_code})" if result.error_msg else ""
         text = f"{what} failed after {took_s:.1f} s: {why or result.error_code}"

@@ -126,8 +126,9 @@ def draw_evaluation(canvas: Canvas, evaluation: doc.Evaluation, final: bool = Fa
     if not canvas.changed("evaluation", (len(evaluation.goals), rows)) and not final:
         return
     left_out = len(evaluation.goals) - len(rows)
-    reached = sum(goal.reached for goal in evaluation.goals)
-    lines = [f"# {reached} of {len(evaluation.goals)} goals reached" if rows else "# No goal yet"]
+    counted = [goal for goal in evaluation.goals if not goal.given_up]
+    reached = sum(goal.reached for goal in counted)
+    lines = [f"# {reached} of {len(counted)} goals reached" if rows else "# No goal yet"]
     if rows:
         lines += ["", _table_row(HEADINGS), "| --- " + "| ---: " * (len(HEADINGS) - 1) + "|"]
         lines += [_table_row(row) for row in rows]

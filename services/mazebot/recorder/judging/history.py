@@ -232,7 +232,10 @@ def _goal_events(goal: GoalReport) -> list[_Event]:
     end_ns = round((goal.start_time_s + goal.time_s) * 1e9)
     name = task_name(goal)
     why = goal.error_msg or (f"error {goal.error_code}" if goal.error_code else "not at the goal")
-    ended = f"{name}: reached" if goal.reached else f"{name}: not reached: {why}"
+    missed = (
+        f"{name}: given up for a better goal" if goal.given_up else f"{name}: not reached: {why}"
+    )
+    ended = f"{name}: reached" if goal.reached else missed
     level = "info" if goal.reached or _is_canceled(goal) else "error"
     return [
         (start_ns, "goal", "info", f"{name}: started"),

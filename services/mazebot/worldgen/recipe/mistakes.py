@@ -124,9 +124,10 @@ def _materials(recipe: Recipe) -> Iterator[Mistake]:
         uses.append((("rooms", name, "wall_material"), room.wall_material, ""))
         uses.append((("rooms", name, "floor_material"), room.floor_material, ""))
     known = ", ".join(recipe.materials)
+    must = f"must be one of {known}" if known else "must be left out: there are no materials"
     for location, material, own in uses:
         if material is not None and material not in recipe.materials and material != own:
-            yield Mistake(location, material, f"must be one of {known or 'the materials: none'}")
+            yield Mistake(location, material, must)
     textures = {m.texture for m in recipe.materials.values() if m.texture}
     if len(textures) > MAX_ASSETS:
         yield Mistake(("materials",), f"{len(textures)} textures", f"must be at most {MAX_ASSETS}")

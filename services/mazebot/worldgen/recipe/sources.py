@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,13 +39,27 @@ def known_worlds(worlds_dir: Path = DEFAULT_WORLDS_DIR) -> list[str]:
         raise WorldError(f"worlds_dir: {worlds_dir}: {error.strerror}") from error
 
 
+def full_name(name: str, worlds_dir: Path) -> str:
+    """The name of the recipe that a short name stands for; any other text as it is.
+
+    Raises WorldError if there is no such folder.
+    """
+    return _full_name(name, known_worlds(worlds_dir))
+
+
+def _full_name(name: str, known: Sequence[str]) -> str:
+    # A world of one's own may be called as a short name is.
+    stem = SHORT_NAMES.get(name, name)
+    return stem if name not in known and stem in known else name
+
+
 def named_sources(name: str, worlds_dir: Path) -> list[Source]:
     """The recipe of that name, then the one it extends, and so on.
 
     Raises WorldError.
     """
     known = known_worlds(worlds_dir)
-    stem = name if name in known else SHORT_NAMES.get(name, name)
+    stem = _full_name(name, known)
     if stem not in known:
         short = [f"{s} (short for {n})" for s, n in SHORT_NAMES.items() if n in known]
         value = words(f"{name!r:.80}")

@@ -67,6 +67,11 @@ class GoalReport(Document):
     goal: Planar | None = Field(
         None, description="target pose in `map`; null: the task specifies none"
     )
+    given_up: bool = Field(
+        False,
+        description="the explorer replaced it by a better one on the way: neither reached nor "
+        "missed, and not counted",
+    )
 
 
 class Evaluation(Document):

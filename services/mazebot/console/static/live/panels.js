@@ -199,7 +199,7 @@ export class Panels {
 
   #showEvaluation(evaluation) {
     this.#showRun(evaluation.recording.split("/").pop());
-    const goals = evaluation.goals;
+    const goals = evaluation.goals.filter((goal) => !goal.given_up);
     this.#figure("goals reached", `${goals.filter((goal) => goal.reached).length} of ${goals.length}`);
     const error = evaluation.localisation_error_m;
     if (error.mean !== null) {

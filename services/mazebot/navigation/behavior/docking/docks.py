@@ -157,7 +157,7 @@ class Docks:
             )
         if name not in self.known:
             raise NavigationError(
-                ErrorCode.DOCK_NOT_IN_DB, f"dock {name!r:.60}: must be one of {_listed(self.known)}"
+                ErrorCode.DOCK_NOT_IN_DB, f"dock {name!r:.60}: {_must_be(self.known)}"
             )
         return self.known[name]
 
@@ -185,11 +185,13 @@ class Docks:
             raise NavigationError(
                 ErrorCode.DOCK_NOT_VALID,
                 f"dock_pose ({x_m:.2f}, {y_m:.2f}, {yaw_rad:.2f}): must face a marker within "
-                f"{places.most_m} m; docks are {_listed(self.known)}",
+                f"{places.most_m} m; {_must_be(self.known)}",
             )
         _, _, dock, back = min(faced, key=lambda one: one[:2])
         return replace(dock, marker_from_dock=back)
 
 
-def _listed(docks: Mapping[str, Dock]) -> str:
-    return ", ".join(sorted(docks)) or "none"
+def _must_be(docks: Mapping[str, Dock]) -> str:
+    if not docks:
+        return "the world has no marker to dock at"
+    return f"must be one of {', '.join(sorted(docks))}"

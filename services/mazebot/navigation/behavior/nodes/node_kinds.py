@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from mazebot.navigation.behavior.engine.tree import Node
+from mazebot.common.config import ConfigError
+from mazebot.navigation.behavior.engine.tree import Node, NodeStatus, TreeError
 from mazebot.navigation.behavior.nodes import (
     controls,
     decorators,
@@ -16,6 +17,9 @@ from mazebot.navigation.behavior.nodes import (
     nodes_goals,
     nodes_planning,
 )
+from mazebot.navigation.control.plugins import load_plugin
+from mazebot.navigation.errors import NavigationError
+from mazebot.navigation.own_class import OwnClass
 
 CONTROLS: Final[Mapping[str, type[Node]]] = MappingProxyType(
     {
@@ -128,6 +132,48 @@ ACTIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
 NODE_KINDS: Final[Mapping[str, type[Node]]] = MappingProxyType(
     {**CONTROLS, **DECORATORS, **CONDITIONS, **ACTIONS}
 )
+
+
+def node_class(kind: str) -> type[Node] | None:
+    """The class of a node kind, which may be "FILE.py:MyNode" or "my_package.my_module:MyNode";
+    None: there is none of that name.
+
+    Raises ConfigError, in one line, where a class of a user's own cannot be loaded.
+    """
+    if not is_own(kind):
+        return NODE_KINDS.get(kind)
+    found = load_plugin(kind, Node, "behavior tree node")
+    if not issubclass(found, Node):
+        raise ConfigError(f"behavior tree node: {kind:.120}: must be derived from Node")
+    return found
+
+
+def is_own(kind: str) -> bool:
+    """Whether a node kind is a class of a user's own."""
+    return ":" in kind
+
+
+def checked_node(kind: str, node: Node) -> Node:
+    """A node, whose calls are checked if its class is a user's own."""
+    if not is_own(kind):
+        return node
+    own, tick, halt = OwnClass("behavior tree node", kind, type(node)), node._tick, node._halt
+
+    def checked_tick(now_ns: int) -> NodeStatus:
+        with own.calling("_tick", TreeError, NavigationError):
+            status = tick(now_ns)
+        if not isinstance(status, NodeStatus) or status is NodeStatus.IDLE:
+            raise own.refused("_tick", status, "a NodeStatus, and not IDLE")
+        return status
+
+    def checked_halt() -> None:
+        with own.calling("_halt", TreeError, NavigationError):
+            halt()
+
+    node._tick = checked_tick  # type: ignore[method-assign]
+    node._halt = checked_halt  # type: ignore[method-assign]
+    return node
+
 
 _ROUTES = "there is no route graph"
 UNSUPPORTED: Final[Mapping[str, str]] = MappingProxyType(

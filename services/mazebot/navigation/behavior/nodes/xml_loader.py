@@ -17,7 +17,11 @@ from mazebot.navigation.behavior.nodes.node_kinds import (
     NODE_KINDS,
     RENAMED_PORTS,
     UNSUPPORTED,
+    checked_node,
+    is_own,
+    node_class,
 )
+from mazebot.navigation.own_class import OwnClass
 
 TREES = Path(__file__).parents[1] / "trees"
 """The trees that come with navigation."""
@@ -157,14 +161,21 @@ class _Checker:
             return
         if kind in UNSUPPORTED:
             self.unsupported.append(f"{at} is not supported: {UNSUPPORTED[kind]}")
-        elif kind not in NODE_KINDS:
+        else:
+            self._check_known(at, self._class(at, kind), element)
+        for child in element.children:
+            self.check(child)
+
+    def _class(self, at: str, kind: str) -> type[Node]:
+        try:
+            found = node_class(kind)
+        except ConfigError as error:
+            raise ConfigError(f"{at}: {error}") from error
+        if found is None:
             raise ConfigError(
                 f"{at} is not a known node{_meant(kind, [*NODE_KINDS, *UNSUPPORTED])}"
             )
-        else:
-            self._check_known(at, NODE_KINDS[kind], element)
-        for child in element.children:
-            self.check(child)
+        return found
 
     def _check_known(self, at: str, node: type[Node], element: Element) -> None:
         found, fewest, most = len(element.children), node.fewest_children, node.most_children
@@ -251,7 +262,12 @@ class _Builder:
             self._node(child, board, in_recovery or (kind == "RecoveryNode" and index == 1))
             for index, child in enumerate(element.children)
         ]
-        return NODE_KINDS[kind](place, children)
+        found = node_class(kind)
+        assert found is not None, kind
+        if not is_own(kind):
+            return found(place, children)
+        with OwnClass("behavior tree node", kind, found).calling("__init__"):
+            return checked_node(kind, found(place, children))
 
 
 def _board_below(element: Element, board: Blackboard) -> Blackboard:

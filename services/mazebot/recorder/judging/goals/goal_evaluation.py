@@ -36,6 +36,7 @@ SAME_PLACE_M = 1e-3
 
 Result = NavigationResult | ActionResult
 _DRIVE = "navigate_to_pose"
+_EXPLORING = ("exploring", "returning")
 _MOST_CONTACTS = 1000
 _GOALS_UNDER_WAY = 16
 
@@ -67,6 +68,10 @@ class GoalEvaluation:
         self._goals: list[JudgedGoal] = []
         self._stamps_ns: set[int] = set()
         self._ids: set[str] = set()
+        self._exploring = False
+        self._explorer_stamps_ns: set[int] = set()
+        """Of goals that came while the explorer drove."""
+        self._given_up_stamps_ns: set[int] = set()
         self._paths: tuple[tuple[BodyEntity, ...], ShortestPath] | None = None
         self._contact_stamps_ns: deque[int] = deque(maxlen=_MOST_CONTACTS)
 
@@ -74,7 +79,13 @@ class GoalEvaluation:
         """Add a goal that was sent."""
         stamp_ns = ns_from_time(goal.header.stamp)
         self._stamps_ns.add(stamp_ns)
+        if self._exploring:
+            self._explorer_stamps_ns.add(stamp_ns)
         self._remember_standing(stamp_ns)
+
+    def add_exploration(self, state: str) -> None:
+        """The explorer's state: while it drives, it replaces a goal when it has a better one."""
+        self._exploring = state in _EXPLORING
 
     def add_feedback(self, feedback: ActionFeedback) -> None:
         """Add the progress of an action; its first one tells that it was sent."""
@@ -94,7 +105,13 @@ class GoalEvaluation:
         if isinstance(result, ActionResult):
             self._ids.add(result.goal_id)
         else:
-            self._stamps_ns.add(result.goal_stamp_ns)
+            stamp_ns = result.goal_stamp_ns
+            self._stamps_ns.add(stamp_ns)
+            # The explorer sends its first goal just before it reports that it drives.
+            of_explorer = self._exploring or stamp_ns in self._explorer_stamps_ns
+            if of_explorer and result.error_code == ErrorCode.PREEMPTED:
+                self._given_up_stamps_ns.add(stamp_ns)
+            self._explorer_stamps_ns.discard(stamp_ns)
         self._results.add(ns_from_s(result.end_time_s), result)
 
     def see_contact(self, stamp_ns: int) -> None:
@@ -126,12 +143,15 @@ class GoalEvaluation:
     def totals(self) -> dict[str, Any]:
         """How many goals were sent and reached, and `spl`, success weighted by path length,
         https://arxiv.org/abs/1807.06757: the mean over the goals of navigate_to_pose that have
-        ended of reached x shortest / max(driven, shortest); None where no goal has.
+        ended of reached x shortest / max(driven, shortest); None where no goal has. Goals that the
+        explorer has given up are only counted as such.
         """
-        reports = self.reports()
+        reports = [report for report in self.reports() if not report.given_up]
+        given_up = len(self._given_up_stamps_ns)
         drives = [report for report in reports if report.action == _DRIVE]
         return {
-            "goals_sent": len(self._stamps_ns) + len(self._ids),
+            "goals_sent": len(self._stamps_ns) - given_up + len(self._ids),
+            "goals_given_up": given_up,
             "goals_reached": sum(report.reached for report in reports),
             "spl": sum(map(_path_efficiency, drives)) / len(drives) if drives else None,
         }
@@ -153,6 +173,7 @@ class GoalEvaluation:
             "results": self._waiting(NavigationResult),
             "action_results": self._waiting(ActionResult),
             "goal_stamps_ns": sorted(self._stamps_ns),
+            "given_up_stamps_ns": sorted(self._given_up_stamps_ns),
             "goal_ids": sorted(self._ids),
             "contact_stamps_ns": list(self._contact_stamps_ns),
         }
@@ -165,6 +186,7 @@ class GoalEvaluation:
         for goal in values["goals"]:
             verdict = GoalReport.model_validate(goal["verdict"])
             self._goals.append(JudgedGoal(**{**goal, "verdict": verdict}))
+        self._given_up_stamps_ns.update(values.get("given_up_stamps_ns", ()))
         for result in values["results"]:
             self.add_result(NavigationResult.model_validate(result))
         for result in values["action_results"]:
@@ -211,6 +233,7 @@ class GoalEvaluation:
             goal_id=goal_id,
             start_time_s=result.start_time_s,
             goal=None if goal is None else Planar(x_m=goal.x_m, y_m=goal.y_m, yaw_rad=goal.yaw_rad),
+            given_up=not goal_id and stamp_ns in self._given_up_stamps_ns,
         )
         judged = JudgedGoal(start_ns, end_ns, report)
         stamps_ns = self._recent_error_m.stamps_ns
