@@ -17,6 +17,13 @@ from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats
 from mazebot.console.live.feed import MAX_EVENTS, Outgoing
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
+from mazebot.console.live.history import (
+    MOST_LINES,
+    MOST_POINTS,
+    STEP_M,
+    History,
+    Trail,
+)
 from mazebot.console.live.view import WATCHED, View
 
 
@@ -135,3 +142,42 @@ def test_a_marker_faces_where_its_panel_does() -> None:
     (drawn,) = content(View().frames([(tp.ENTITIES, entities)]), "entities")["markers"]
     assert (drawn["id"], drawn["x_m"], drawn["y_m"]) == (5, 1.0, 2.0)
     assert drawn["heading_rad"] == pytest.approx(0.0)
+
+
+def stats(epoch: int, time_s: float) -> SimulationStats:
+    return SimulationStats(
+        world_hash="0" * 16, sim_time_s=time_s, iterations=240, step_size_s=1 / 240,
+        renderer="none", state_hash="", epoch=epoch,
+    )  # fmt: skip
+
+
+def test_a_trail_is_whole_however_long_it_is() -> None:
+    trail = Trail()
+    for number in range(20 * MOST_POINTS):
+        trail.add(number * STEP_M, 0.0)
+        trail.add(number * STEP_M + 1e-3, 0.0)
+        assert len(trail.points) < MOST_POINTS
+    assert trail.points[0] == (0.0, 0.0)
+    assert trail.points[-1][0] > (20 * MOST_POINTS - 100) * STEP_M
+
+
+@pytest.mark.parametrize(("epoch", "time_s"), [(1, 0.0), (0, 5.0)])
+def test_what_is_kept_is_bounded_and_belongs_to_one_run(epoch: int, time_s: float) -> None:
+    history = History()
+    view = View(history)
+    view.frames(
+        [(tp.SIMULATION_STATS, stats(0, 10.0)), (tp.GROUND_TRUTH_ODOM, odom(1, SE2(1, 2, 0)))]
+    )
+    for number in range(1000):
+        history.add_event(text_frame("log", {"number": number}, is_event=True))
+        history.add_event(text_frame("contact", {"number": number}, is_event=True))
+    kept = history.frames()
+    assert content(kept, "trails")["truth"] == [[1, 2]]
+    assert len(kept) == 1 + 2 * MOST_LINES
+    assert content(kept, "contact") == {"number": 999}
+    view.frames([(tp.SIMULATION_STATS, stats(0, 11.0))])
+    assert not view.restarted
+    view.frames([(tp.SIMULATION_STATS, stats(epoch, time_s))])
+    assert view.restarted
+    assert [frame.kind for frame in history.frames()] == ["trails"]
+    assert content(history.frames(), "trails") == {"truth": [], "estimate": []}

@@ -20,6 +20,7 @@ from mazebot.common.messages.documents import Document, SimulationStats
 from mazebot.common.messages.topics import Delivery, Topic
 from mazebot.console.live import drawing
 from mazebot.console.live.frame import Frame, text_frame
+from mazebot.console.live.history import History
 
 WATCHED: tuple[Topic[Any], ...] = (
     tp.WORLD, tp.WORLD_STATUS, tp.MAP, tp.ENTITIES, tp.TF, tp.TF_STATIC, tp.SCAN,
@@ -55,14 +56,15 @@ _MOST_CONTACTS = 20
 class View:
     """Turns messages into frames. Not for several threads at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, history: History | None = None) -> None:
+        """`history`: what is kept for pages that come late."""
+        self._history = history or History()
         self._transforms: dict[str, msg.TransformStamped] = {}
         self._truth: msg.Odometry | None = None
         self._estimate: msg.PoseWithCovarianceStamped | None = None
         self._command: msg.TwistStamped | None = None
         self._scan: msg.LaserScan | None = None
         self._has_moved = False
-        self._epoch: tuple[str, int] | None = None
         self.restarted = False
         """Whether the simulation restarted in the last `frames`: what was drawn before is no
         longer valid.
@@ -120,7 +122,7 @@ class View:
             assert isinstance(message, Document)
             kind, is_event = _AS_THEY_ARE[topic.name], topic.delivery is Delivery.EVERY
             if isinstance(message, SimulationStats):
-                self._notice_restart(message.world_hash, message.epoch)
+                self._notice_restart(message)
             content = message.model_dump(mode="json")
             if topic.name == tp.EVALUATION.name:
                 content["contacts"] = content["contacts"][-_MOST_CONTACTS:]
@@ -128,12 +130,11 @@ class View:
             return [text_frame(kind, content, is_event)]
         return self._drawn[topic.name](message)
 
-    def _notice_restart(self, world_hash: str, epoch: int) -> None:
-        now = world_hash, epoch
-        if self._epoch is not None and self._epoch != now:
+    def _notice_restart(self, stats: SimulationStats) -> None:
+        if self._history.is_restart(stats):
             self.restarted = True
             self._truth = self._estimate = self._command = self._scan = None
-        self._epoch = now
+            self._history.clear()
 
     def _costmap(self, kind: str) -> Callable[[Any], list[Frame]]:
         def draw(grid: msg.OccupancyGrid) -> list[Frame]:
@@ -197,6 +198,7 @@ class View:
         if self._truth is not None:
             content["time_s"] = drawing.stamp_s(self._truth.header)
             content["truth"] = tuple(msg.se2_from_pose(self._truth.pose.pose))
+            self._history.add_pose("truth", *content["truth"][:2])
             twist = self._truth.twist.twist
             content["velocity"] = (twist.linear.x, twist.angular.z)
         if self._command is not None:
@@ -209,6 +211,7 @@ class View:
             )
             if estimate is not None:
                 content["estimate"] = tuple(se2_from_matrix(estimate))
+                self._history.add_pose("estimate", *content["estimate"][:2])
             covariance = self._estimate.pose.covariance
             content["covariance"] = tuple(float(covariance[index]) for index in (0, 1, 7, 35))
         moved = {
