@@ -78,6 +78,8 @@ class Feed:
         self._robot = robot
         self._how_to_start = how_to_start
         self._pages: set[Outgoing] = set()
+        self._begun: set[Outgoing] = set()
+        """Those that have got nothing yet: they begin with all that is known."""
         self._lock = threading.Lock()
         self._states: dict[tuple[str, str], tuple[Topic[Any], Any]] = {}
         self._events: deque[tuple[Topic[Any], Any]] = deque(maxlen=_MAX_WAITING)
@@ -100,9 +102,8 @@ class Feed:
     async def page(self) -> AsyncIterator[Outgoing]:
         """The queue of one page while the context lasts."""
         outgoing = Outgoing()
-        for frame in (*self._newest.values(), *self._history.frames()):
-            outgoing.offer(frame)
         self._pages.add(outgoing)
+        self._begun.add(outgoing)
         if self._rest is not None:
             self._rest.cancel()
             self._rest = None
@@ -112,6 +113,7 @@ class Feed:
             yield outgoing
         finally:
             self._pages.discard(outgoing)
+            self._begun.discard(outgoing)
             if not self._pages:
                 self._rest = asyncio.get_running_loop().call_later(LINGER_S, self._end)
 
@@ -134,10 +136,14 @@ class Feed:
                     # What cannot be drawn must not end the feed of all pages.
                     _LOG.error("live page: %s: %s", type(error).__name__, error)
                     continue
+                for page in self._begun:
+                    for frame in (*self._newest.values(), *self._history.frames()):
+                        page.offer(frame)
                 for frame in frames:
-                    for page in self._pages:
+                    for page in self._pages - self._begun:
                         if frame.kind != "camera" or page.wants_camera:
                             page.offer(frame)
+                self._begun.clear()
         finally:
             end()
             if self._camera_ends is not None:
