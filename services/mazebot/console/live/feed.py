@@ -35,8 +35,8 @@ MAX_EVENTS = 2 * MOST_LINES
 """Events that wait for a page: beyond it the oldest are dropped."""
 _MAX_WAITING = 500
 """Events that wait to be drawn; and messages of all other kinds and sources."""
-_LASTING = {"world", "map", "entities", "stack", "stats"}
-"""Kinds that stay valid when the simulation restarts."""
+_LASTING = {"world", "map", "entities", "stack", "stats", "global_costmap"}
+"""Kinds that stay valid when the simulation restarts, or may have come again already."""
 
 
 class Outgoing:

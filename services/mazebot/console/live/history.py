@@ -1,4 +1,4 @@
-"""What a page that comes late has missed of the run: driven trails, results, the log."""
+"""What a page that comes late has missed of the run: driven trails, plots, results, the log."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ MOST_LINES = 200
 MOST_POINTS = 3000
 """Points of a trail; a longer one gets coarser."""
 STEP_M = 0.05
+MOST_ROWS = 1500
+"""Rows of the plots; more get coarser."""
+ROW_S = 0.1
 _BACK_S = 1.0
 """A clock that goes back by more is that of another run."""
 _RESULTS = ("action_result", "navigation_result", "contact")
@@ -36,6 +39,25 @@ class Trail:
             self._step_m *= 2.0
 
 
+class Plots:
+    """Numbers over time, with a bounded number of rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float | None, ...]] = []
+        """Time, s, and the numbers; None where one is not known."""
+        self._step_s = ROW_S
+
+    def add(self, time_s: float, *numbers: float | None) -> None:
+        """Add a row, unless the last one is of nearly the same time."""
+        last_s = self.rows[-1][0] if self.rows else None
+        if last_s is not None and time_s - last_s < self._step_s:
+            return
+        self.rows.append((time_s, *numbers))
+        if len(self.rows) >= MOST_ROWS:
+            self.rows = self.rows[::2]
+            self._step_s *= 2.0
+
+
 class History:
     """Of one run, from one start of its simulation to the next."""
 
@@ -47,6 +69,7 @@ class History:
     def clear(self) -> None:
         """Another run begins."""
         self._trails = {"truth": Trail(), "estimate": Trail()}
+        self.plots = Plots()
         self._log: deque[Frame] = deque(maxlen=MOST_LINES)
         self._results: deque[Frame] = deque(maxlen=MOST_LINES)
 
@@ -71,4 +94,5 @@ class History:
     def frames(self) -> list[Frame]:
         """All of it for a page that comes now."""
         trails = {name: trail.points for name, trail in self._trails.items()}
-        return [text_frame("trails", trails), *self._results, *self._log]
+        plots = text_frame("plots", {"rows": self.plots.rows})
+        return [text_frame("trails", trails), plots, *self._results, *self._log]

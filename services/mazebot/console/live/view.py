@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +31,7 @@ WATCHED: tuple[Topic[Any], ...] = (
     tp.ACTION_RESULT, tp.BEHAVIOR_TREE, tp.TRAJECTORIES, tp.NAVIGATION_STATUS,
     tp.NAVIGATION_RESULT, tp.EVALUATION, tp.DIAGNOSTICS, tp.ROSOUT, tp.CONTACTS, tp.GOAL_POSE,
 )  # fmt: skip
-CAMERA: tuple[Topic[Any], ...] = (tp.CAMERA_IMAGE,)
+CAMERA: tuple[Topic[Any], ...] = (tp.CAMERA_IMAGE, tp.CAMERA_INFO)
 """Watched only while a page shows it."""
 
 _AS_THEY_ARE = {
@@ -64,6 +65,7 @@ class View:
         self._estimate: msg.PoseWithCovarianceStamped | None = None
         self._command: msg.TwistStamped | None = None
         self._scan: msg.LaserScan | None = None
+        self._info: msg.CameraInfo | None = None
         self._has_moved = False
         self.restarted = False
         """Whether the simulation restarted in the last `frames`: what was drawn before is no
@@ -90,6 +92,7 @@ class View:
             tp.DIAGNOSTICS.name: drawing.services_frame,
             tp.ROSOUT.name: lambda log: [drawing.log_frame(log)],
             tp.CAMERA_IMAGE.name: lambda image: [drawing.camera_frame(image)],
+            tp.CAMERA_INFO.name: self._take_info,
             tp.GOAL_POSE.name: self._take_goal,
         }
 
@@ -174,8 +177,11 @@ class View:
         return [text_frame("goal", {"pose": tuple(msg.se2_from_pose(goal.pose))}, is_event=True)]
 
     def _take_detections(self, array: msg.Detection3DArray) -> list[Frame]:
-        ids = [one.results[0].hypothesis.class_id for one in array.detections if one.results]
-        return [text_frame("detections", {"ids": ids})] if ids else []
+        return [drawing.detections_frame(array, self._info)] if array.detections else []
+
+    def _take_info(self, info: msg.CameraInfo) -> list[Frame]:
+        self._info = info
+        return []
 
     def _map_from(self, frame: str) -> Array | None:
         """(4, 4) map_from_frame; None where it is not known. Without an estimate the true pose is
@@ -214,6 +220,7 @@ class View:
                 self._history.add_pose("estimate", *content["estimate"][:2])
             covariance = self._estimate.pose.covariance
             content["covariance"] = tuple(float(covariance[index]) for index in (0, 1, 7, 35))
+        self._keep_for_plots(content)
         moved = {
             child: tuple(se2_from_matrix(msg.matrix_from_transform(entry.transform)))
             for child, entry in self._transforms.items()
@@ -222,3 +229,13 @@ class View:
         if moved:
             content["moved"] = moved
         return text_frame("pose", content)
+
+    def _keep_for_plots(self, pose: dict[str, Any]) -> None:
+        if pose["truth"] is None:
+            return
+        error_m = error_rad = None
+        if pose["estimate"] is not None:
+            x_m, y_m, yaw_rad = pose["truth"]
+            error_m = math.dist((x_m, y_m), pose["estimate"][:2])
+            error_rad = abs(math.remainder(pose["estimate"][2] - yaw_rad, 2.0 * math.pi))
+        self._history.plots.add(pose["time_s"], *pose["velocity"], error_m, error_rad)

@@ -8,14 +8,18 @@ const SMOOTH_MS = 90;
 
 /** Everything that the plan draws; `take` gives it each frame of the feed. */
 export class Scene {
+  #map = null;
+
   constructor() {
+    /** Counts the changes of what moves seldom: world, map and costmaps. */
+    this.version = 0;
     this.world = null;
     this.entities = { bodies: [], markers: [], refused: [] };
     this.grids = {};
     this.beginAnew();
   }
 
-  /** The simulation restarted: only the world stays. */
+  /** The simulation restarted: only the world stays, and the costmap made of its map. */
   beginAnew() {
     this.pose = null;
     this.shown = { truth: null, estimate: null };
@@ -28,9 +32,18 @@ export class Scene {
     this.goal = null;
     this.seen = new Set();
     this.visible = new Map();
-    delete this.grids.global_costmap;
     delete this.grids.local_costmap;
     this.poseTime = performance.now();
+    this.version += 1;
+  }
+
+  /** The map without the walls that the plan draws by itself: all but those that the robot maps. */
+  #drawMap() {
+    this.version += 1;
+    if (this.#map) {
+      const walls = this.world && !this.world.slam ? this.world.walls : [];
+      this.grids.map = gridPicture("map", this.#map.head, this.#map.data, walls);
+    }
   }
 
   /** Take one frame in; returns whether the plan has to be drawn again. */
@@ -39,16 +52,25 @@ export class Scene {
       case "world":
         if (this.world && this.world.hash !== content.hash) {
           this.beginAnew();
+          delete this.grids.global_costmap;
         }
         this.world = content;
+        this.#drawMap();
         return true;
       case "restarted":
         this.beginAnew();
         return true;
       case "map":
+        this.#map = { head: content, data };
+        this.#drawMap();
+        return true;
       case "global_costmap":
       case "local_costmap":
         this.grids[kind] = gridPicture(kind, content, data);
+        this.version += 1;
+        return true;
+      case "trails":
+        this.trails = content;
         return true;
       case "entities":
         this.entities = content;
