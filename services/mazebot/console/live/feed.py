@@ -29,7 +29,7 @@ PERIOD_S = 0.07
 CAMERA_EVERY = 3
 """Pictures of the feed for one of the camera."""
 MAX_PAGES = 32
-LINGER_S = 15.0
+LINGER_S = 60.0
 """For so long it goes on without a page."""
 MAX_EVENTS = 2 * MOST_LINES
 """Events that wait for a page: beyond it the oldest are dropped."""
