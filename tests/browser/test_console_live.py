@@ -597,6 +597,8 @@ def test_the_3d_view_and_the_plots_lie_beside_the_plan(live: Opened) -> None:
     assert plan.is_visible()
     assert rerun.is_hidden()
     assert page.locator(".stage").bounding_box() == stage
+    # Nothing is recorded that the viewer could show.
+    live.wrong[:] = [one for one in live.wrong if "404" not in one]
 
 
 def test_the_place_under_the_pointer_and_its_cost_are_told(live: Opened, url: str) -> None:
@@ -802,8 +804,14 @@ def test_the_camera_is_seen_without_scrolling_with_the_outlines_of_markers(
         assert picture is not None
         assert marker is not None
         assert picture["y"] + picture["height"] <= 900
-        assert marker["x"] == pytest.approx(picture["x"] + picture["width"] / 4, abs=4)
-        assert marker["width"] == pytest.approx(picture["width"] / 4, abs=6)
+        middle = marker["x"] + marker["width"] / 2, marker["y"] + marker["height"] / 2
+        wanted = (
+            picture["x"] + 0.375 * picture["width"],
+            picture["y"] + 0.375 * picture["height"],
+        )
+        assert math.dist(middle, wanted) < 3
+        # With its line.
+        assert marker["width"] == pytest.approx(picture["width"] / 4, abs=10)
         assert page.locator("#camera-panel text").text_content() == "60"
     finally:
         context.close()
