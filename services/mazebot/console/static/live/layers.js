@@ -29,14 +29,18 @@ const VISIBLE_MS = 1500;
 
 /** A trail has a gap where its points are further apart: something was put elsewhere. */
 const TRAIL_GAP_M = 2.5;
+/** Points of a line that are nearer to each other add nothing to see. */
+const LEAST_PX = 3;
 /** Where a name may stand instead, if another one stands there: below or above, in px. */
 const ASIDE_PX = [0, 14, -14, 28, -28];
 
 /**
  * Layers from the lowest to the highest: key, name, colour, whether shown at first, drawing. Names and
- * scan lie above all that could hide them. The `FIXED` lowest change seldom.
+ * scan lie above all that could hide them. The `FIXED` lowest change seldom, those up to `SLOW` with
+ * messages that come a few times a second.
  */
 export const FIXED = 5;
+export const SLOW = 12;
 export const LAYERS = [
   ["map", "Map", "#ffffff", true, drawMap],
   ["global_costmap", "Global costmap", "#7f007f", false, (pen, scene) => drawGrid(pen, scene.grids.global_costmap)],
@@ -180,9 +184,25 @@ function drawGraph(pen, scene) {
   }
 }
 
+/** All but the ends, which are drawn with the robot: a long line takes long. */
 function drawTrails(pen, scene) {
-  drawLine(pen, scene.trails.estimate, `${COLORS.estimate}90`, 1.5, TRAIL_GAP_M);
-  drawLine(pen, scene.trails.truth, `${COLORS.truth}b0`, 2, TRAIL_GAP_M);
+  for (const name of ["estimate", "truth"]) {
+    scene.drawn[name] = scene.trails[name].length;
+    drawTrail(pen, name, scene.trails[name]);
+  }
+}
+
+/** The ends of the trails, from where they are drawn already to the robot. */
+export function drawTrailEnds(pen, scene) {
+  for (const name of ["estimate", "truth"]) {
+    const end = scene.trails[name].slice(Math.max(scene.drawn[name] - 1, 0));
+    drawTrail(pen, name, scene.shown[name] ? [...end, scene.shown[name]] : end);
+  }
+}
+
+function drawTrail(pen, name, points) {
+  const [color, width] = { estimate: [`${COLORS.estimate}90`, 1.5], truth: [`${COLORS.truth}b0`, 2] }[name];
+  drawLine(pen, points, color, width, TRAIL_GAP_M);
 }
 
 function drawLine(pen, points, color, width, gapM = Infinity) {
@@ -195,13 +215,20 @@ function drawLine(pen, points, color, width, gapM = Infinity) {
   context.lineJoin = "round";
   context.beginPath();
   context.moveTo(...pen.at(points[0][0], points[0][1]));
+  let [fromX, fromY] = points[0];
+  const leastM = LEAST_PX / pen.scale;
   for (let index = 1; index < points.length; index += 1) {
-    const [[fromX, fromY], [x, y]] = [points[index - 1], points[index]];
-    if (Math.abs(x - fromX) + Math.abs(y - fromY) > gapM) {
+    const [x, y] = points[index];
+    const farM = Math.abs(x - fromX) + Math.abs(y - fromY);
+    if (farM < leastM && index < points.length - 1) {
+      continue;
+    }
+    if (farM > gapM) {
       context.moveTo(...pen.at(x, y));
     } else {
       context.lineTo(...pen.at(x, y));
     }
+    [fromX, fromY] = [x, y];
   }
   context.stroke();
 }

@@ -1,6 +1,6 @@
 // The plan on its canvas: draws the scene when something has changed; zoom, pan and follow.
 
-import { COLORS, FIXED, LAYERS, arrow, boxOutline, measured } from "./layers.js";
+import { COLORS, FIXED, LAYERS, SLOW, arrow, boxOutline, drawTrailEnds, measured } from "./layers.js";
 
 const MIN_SCALE = 4;
 const MAX_SCALE = 600;
@@ -11,7 +11,15 @@ const AIM_KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], Arro
 const TURN_KEYS = { ",": 1, ".": -1 };
 const AIM_STEP_M = 0.1;
 const FINE_STEP_M = 0.02;
+/** What is kept of the lower layers reaches so far beyond the canvas, in px: it may be moved. */
+const MARGIN_PX = 120;
 const TURN_STEP_RAD = Math.PI / 12;
+
+/** A drawing of some layers: what it shows, and where. */
+function kept() {
+  const context = document.createElement("canvas").getContext("2d", { alpha: false });
+  return { context, of: "", scale: 0, center: [0, 0] };
+}
 
 /** The canvas and its pointer. `onPick(pose, dragged)` is called when a tool has aimed. */
 export class Plan {
@@ -23,9 +31,9 @@ export class Plan {
   #wanted = false;
   #drawnMs = 0;
   #looksElsewhere = false;
-  /** The layers that change seldom, as they were drawn for `#fixedFor`. */
-  #fixed = document.createElement("canvas").getContext("2d", { alpha: false });
-  #fixedFor = "";
+  /** The layers that change seldom, and those with the ones that change with each message. */
+  #fixed = kept();
+  #slow = kept();
   #look = { raised: "", font: "" };
   #widths = new Map();
 
@@ -94,7 +102,7 @@ export class Plan {
     const style = getComputedStyle(this.canvas);
     this.#look = { raised: style.getPropertyValue("--raised"), font: style.fontFamily };
     this.#widths.clear();
-    this.#fixedFor = "";
+    this.#fixed.of = this.#slow.of = "";
     this.redraw();
   }
 
@@ -105,12 +113,16 @@ export class Plan {
       // Another view is shown.
       return;
     }
-    for (const context of [this.#context, this.#fixed]) {
-      context.canvas.width = Math.max(1, Math.round(width * ratio));
-      context.canvas.height = Math.max(1, Math.round(height * ratio));
+    for (const [context, margin] of [
+      [this.#context, 0],
+      [this.#fixed.context, MARGIN_PX],
+      [this.#slow.context, MARGIN_PX],
+    ]) {
+      context.canvas.width = Math.max(1, Math.round((width + 2 * margin) * ratio));
+      context.canvas.height = Math.max(1, Math.round((height + 2 * margin) * ratio));
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
     }
-    this.#fixedFor = "";
+    this.#fixed.of = this.#slow.of = "";
     if (!this.#looksElsewhere) {
       this.fit();
     }
@@ -169,10 +181,18 @@ export class Plan {
     if (width === 0 || height === 0) {
       return;
     }
-    this.#drawFixed(width, height);
-    context.drawImage(this.#fixed.canvas, 0, 0, width, height);
-    const pen = this.#pen(context, width, height);
-    this.#drawLayers(pen, LAYERS.slice(FIXED));
+    const ratio = context.canvas.width / width;
+    const [dx, dy] = this.#drawLower(width, height).map((shift) => Math.round(shift * ratio) / ratio);
+    context.drawImage(
+      this.#slow.context.canvas,
+      ...[dx - MARGIN_PX, dy - MARGIN_PX, width + 2 * MARGIN_PX, height + 2 * MARGIN_PX],
+    );
+    const pen = this.#pen(context, width, height, this.center);
+    if (this.layers.trails) {
+      context.globalAlpha = this.opacity.trails;
+      drawTrailEnds(pen, this.#scene);
+    }
+    this.#drawLayers(pen, LAYERS.slice(SLOW));
     this.route.forEach((pose, index) => arrow(pen, pose, COLORS.goal, String(index + 1)));
     this.waypoints.forEach((pose, index) => arrow(pen, pose, COLORS.marker, String(index + 1)));
     if (this.outline && (this.#aim || this.hover)) {
@@ -189,8 +209,8 @@ export class Plan {
     }
   }
 
-  #pen(context, width, height) {
-    const [left, top] = [width / 2 - this.center[0] * this.scale, height / 2 + this.center[1] * this.scale];
+  #pen(context, width, height, center) {
+    const [left, top] = [width / 2 - center[0] * this.scale, height / 2 + center[1] * this.scale];
     const { scale } = this;
     return {
       context,
@@ -225,17 +245,33 @@ export class Plan {
     pen.context.globalAlpha = 1;
   }
 
-  /** Draw the layers that change seldom, unless they look as they did. */
-  #drawFixed(width, height) {
-    const layers = LAYERS.slice(0, FIXED);
-    const looks = layers.map(([key]) => (this.layers[key] ? this.opacity[key] : 0));
-    const now = [this.#scene.version, ...this.center, this.scale, ...looks].join(" ");
-    if (now !== this.#fixedFor) {
-      this.#fixedFor = now;
-      this.#fixed.fillStyle = this.#look.raised;
-      this.#fixed.fillRect(0, 0, width, height);
-      this.#drawLayers(this.#pen(this.#fixed, width, height), layers);
+  /** Draw the lower layers, unless they look as they did; returns where they lie now, in px. */
+  #drawLower(width, height) {
+    const { scale } = this;
+    const shift = () => [0, 1].map((axis) => (axis ? 1 : -1) * scale * (this.center[axis] - this.#fixed.center[axis]));
+    if (scale !== this.#fixed.scale || shift().some((far) => Math.abs(far) > MARGIN_PX)) {
+      Object.assign(this.#fixed, { of: "", scale, center: [...this.center] });
     }
+    const looks = (layers) => layers.map(([key]) => (this.layers[key] ? this.opacity[key] : 0)).join(" ");
+    const size = [width + 2 * MARGIN_PX, height + 2 * MARGIN_PX];
+    const { context } = this.#fixed;
+    const fixed = LAYERS.slice(0, FIXED);
+    const fixedOf = `${this.#scene.version} ${looks(fixed)}`;
+    if (fixedOf !== this.#fixed.of) {
+      Object.assign(this.#fixed, { of: fixedOf });
+      this.#slow.of = "";
+      context.fillStyle = this.#look.raised;
+      context.fillRect(0, 0, ...size);
+      this.#drawLayers(this.#pen(context, ...size, this.#fixed.center), fixed);
+    }
+    const slow = LAYERS.slice(FIXED, SLOW);
+    const slowOf = `${this.#scene.slowVersion} ${looks(slow)}`;
+    if (slowOf !== this.#slow.of) {
+      this.#slow.of = slowOf;
+      this.#slow.context.drawImage(context.canvas, 0, 0, ...size);
+      this.#drawLayers(this.#pen(this.#slow.context, ...size, this.#fixed.center), slow);
+    }
+    return shift();
   }
 
   #hovers(place) {
