@@ -163,6 +163,40 @@ def test_a_reset_begins_the_tour_anew(stage: Stage, caplog: pytest.LogCaptureFix
     assert stage.node.exit_code == 0
 
 
+def test_a_reset_after_the_tour_begins_it_anew(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage.bring_up()
+    stage.answer()
+    stage.answer()
+    stage.judge(True, True)
+    assert stage.node.exit_code == 0
+    goals_before = len(stage.goals())
+    stage.now_ns = 0
+    stage.step()
+    assert "restarting the tour" in caplog.records[-1].getMessage()
+    assert stage.node.exit_code is None
+    stage.say(table.NAVIGATION_STATUS, INACTIVE)
+    stage.step()
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.step()
+    stage.answer()
+    stage.answer()
+    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
+    assert places[goals_before:] == [(1, 2), (0, 0)]
+
+
+def test_a_reset_without_a_tour_begins_none(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    stage = Stage(BringupConfig(world_name="tiny", only_ask=True))
+    stage.bring_up()
+    assert stage.node.exit_code == 0
+    stage.now_ns = 0
+    stage.step()
+    assert stage.node.exit_code == 0
+    assert "tour" not in caplog.text
+
+
 def test_a_goal_that_its_world_took_away_is_driven_to_again(stage: Stage) -> None:
     stage.bring_up()
     stage.answer(error_code=9011)

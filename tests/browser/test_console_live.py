@@ -15,11 +15,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
+import numpy as np
 import pytest
 
 from mazebot.common.client.over_zenoh import ZenohRobot
 from mazebot.common.client.reconnecting import ReconnectingRobot
 from mazebot.console.config import ConsoleConfig
+from mazebot.console.live.frame import binary_frame
 from mazebot.console.live.routes import live_routes
 from mazebot.console.server import build_app
 from mazebot.console.serving import ConsoleServer
@@ -531,3 +534,287 @@ def test_missed_waypoints_are_told(live: Opened, url: str) -> None:
     assert said[1].startswith("waypoint 1 missed: ")
     assert said[2].startswith("waypoint 2 missed: ")
     assert page.locator("#results li.bad").count() >= 3
+
+
+def drawn(page: Page, place: tuple[float, float], half_px: int = 2) -> list[list[int]]:
+    """The colours of the plan around a place of the screen."""
+    found: list[list[int]] = page.locator("#plan").evaluate(
+        """(canvas, [x, y, half]) => {
+          const box = canvas.getBoundingClientRect();
+          const ratio = canvas.width / box.width;
+          const side = Math.round(2 * half * ratio);
+          const left = (x - box.left - half) * ratio;
+          const top = (y - box.top - half) * ratio;
+          const { data } = canvas.getContext("2d").getImageData(left, top, side, side);
+          return Array.from({ length: side * side }, (_, i) => [...data.slice(4 * i, 4 * i + 3)]);
+        }""",
+        [*place, half_px],
+    )
+    return found
+
+
+def layer(page: Page, key: str) -> Any:
+    page.locator(".layers").evaluate("one => { one.open = true; }")
+    return page.locator(f"[data-layer={key}]")
+
+
+def middle_of(corners: list[list[float]]) -> tuple[float, float]:
+    x, y = (sum(corner[axis] for corner in corners) / len(corners) for axis in (0, 1))
+    return x, y
+
+
+def test_the_plan_stays_where_it_is_whatever_comes_and_goes(live: Opened) -> None:
+    page = live.page
+    plan = page.locator("#plan")
+    before = plan.bounding_box()
+    for tool in ("Goal", "Waypoints", "Box", "Measure"):
+        page.get_by_role("button", name=tool).click()
+        page.locator("#hint").wait_for()
+        assert plan.bounding_box() == before, tool
+    for text in ("", "one line", 40 * "a reason in many words, "):
+        page.locator("#message").evaluate("(one, text) => { one.textContent = text; }", text)
+        assert plan.bounding_box() == before, text
+
+
+def test_the_3d_view_and_the_plots_lie_beside_the_plan(live: Opened) -> None:
+    page = live.page
+    page.set_viewport_size({"width": 1440, "height": 900})
+    plan, rerun, plots = (page.locator(f"#{name}") for name in ("plan", "rerun", "plots-view"))
+    stage = page.locator(".stage").bounding_box()
+    page.get_by_role("button", name="Plots").click()
+    live.wait(lambda: plots.locator("figure path.line").count() >= 4)
+    for title in ("localisation error, mm", "speed, m/s"):
+        assert plots.get_by_text(title).is_visible()
+    assert plan.is_hidden()
+    page.get_by_role("button", name="3D view").click()
+    assert rerun.is_visible()
+    assert plan.is_hidden()
+    assert plots.is_hidden()
+    box = rerun.bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] <= 900
+    # A tool is one of the plan.
+    page.keyboard.press("g")
+    assert plan.is_visible()
+    assert rerun.is_hidden()
+    assert page.locator(".stage").bounding_box() == stage
+    # Nothing is recorded that the viewer could show.
+    live.wrong[:] = [one for one in live.wrong if "404" not in one]
+
+
+def test_the_place_under_the_pointer_and_its_cost_are_told(live: Opened, url: str) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    readout = page.locator("#readout")
+    page.mouse.move(*live.pixel(x, y))
+    told = re.match(r"(-?[\d.]+), (-?[\d.]+) m · free", readout.inner_text())
+    assert told, readout.inner_text()
+    assert math.dist((float(told[1]), float(told[2])), (x, y)) < 0.03
+    with Bystander(url) as bystander:
+        wall = middle_of(bystander.wait_kind("world")["walls"][0])
+        bystander.wait_kind("global_costmap")
+    page.mouse.move(*live.pixel(*wall))
+    live.wait(lambda: "occupied · cost 100 (lethal)" in readout.inner_text())
+    page.mouse.move(5, 5)
+    assert readout.is_hidden()
+
+
+def test_the_distance_between_two_places_is_measured(live: Opened) -> None:
+    page = live.page
+    page.keyboard.press("m")
+    page.mouse.click(*live.pixel(0.0, 0.0))
+    page.mouse.click(*live.pixel(0.9, -1.2))
+    length_m = float(live.said().split()[0])
+    assert length_m == pytest.approx(1.5, abs=0.03)
+    # By keys, too: from where the robot is, 0.5 m to the right.
+    page.locator("#message").evaluate("one => { one.textContent = ''; }")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    for key in (*(5 * ["ArrowRight"]), "Enter"):
+        page.keyboard.press(key)
+    assert live.said().startswith("0.500 m")
+
+
+def test_a_box_is_placed_in_the_size_that_is_asked_for(live: Opened, url: str) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    page.get_by_role("button", name="Box").click()
+    for side, value in (("length", "0.2"), ("width", "0.1"), ("height", "0.5")):
+        page.locator(f"#box-{side}").fill(value)
+    page.mouse.click(*live.pixel(x - 0.8, y + 0.4))
+    name = live.said().split()[0]
+    with Bystander(url) as bystander:
+        bodies = bystander.wait_for(lambda: bystander.newest.get("entities", {}).get("bodies"))
+        (box,) = (body for body in bodies if body["name"] == name)
+        corners = box["polygons_m"][0]
+        for axis, size_m in ((0, 0.2), (1, 0.1)):
+            values = [corner[axis] for corner in corners]
+            assert max(values) - min(values) == pytest.approx(size_m, abs=0.01)
+        # What is no size is refused before it is asked for.
+        page.get_by_role("button", name="Box").click()
+        page.locator("#box-length").fill("0")
+        page.mouse.click(*live.pixel(x - 0.8, y - 0.4))
+        assert page.locator("#message.bad").inner_text().startswith("length m: ")
+        page.keyboard.press("Escape")
+        page.get_by_role("button", name="Remove").click()
+        page.mouse.click(*live.pixel(x - 0.8, y + 0.4))
+        bystander.wait_for(lambda: not bystander.newest["entities"]["bodies"])
+
+
+def test_layers_are_as_opaque_as_is_asked_for(live: Opened) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    free = live.pixel(x - 0.6, y + 0.9)
+    live.wait(lambda: drawn(page, free)[0] == [255, 255, 255])
+    layer(page, "map")
+    page.get_by_label("Opacity of Map").fill("50")
+    live.wait(lambda: drawn(page, free)[0] != [255, 255, 255])
+    page.get_by_label("Opacity of Map").fill("100")
+    live.wait(lambda: drawn(page, free)[0] == [255, 255, 255])
+
+
+def test_walls_are_drawn_once(live: Opened, url: str) -> None:
+    page = live.page
+    with Bystander(url) as bystander:
+        wall = middle_of(bystander.wait_kind("world")["walls"][0])
+    place = live.pixel(*wall)
+
+    def black() -> int:
+        """Pixels in the colour of the map's occupied cells."""
+        return sum(max(color) < 8 for color in drawn(page, place, half_px=30))
+
+    layer(page, "names").uncheck()
+    live.wait(lambda: black() == 0)
+    layer(page, "map").uncheck()
+    layer(page, "map").check()
+    assert black() == 0
+    layer(page, "names").check()
+
+
+def test_what_changes_seldom_is_not_drawn_again(live: Opened) -> None:
+    page = live.page
+    page.get_by_role("button", name="Pause", exact=True).click()
+    page.get_by_role("button", name="Resume", exact=True).wait_for()
+    page.get_by_role("button", name="Box").click()
+    page.wait_for_timeout(500)
+    drawings: dict[str, int] = page.evaluate(
+        """async () => {
+          const count = { plan: 0, others: 0 };
+          const { prototype } = CanvasRenderingContext2D;
+          for (const name of ["fill", "drawImage"]) {
+            const draw = prototype[name];
+            prototype[name] = function (...given) {
+              count[this.canvas.id === "plan" ? "plan" : "others"] += 1;
+              return draw.apply(this, given);
+            };
+          }
+          const plan = document.getElementById("plan");
+          for (let picture = 0; picture < 20; picture += 1) {
+            const at = { clientX: 300 + picture, clientY: 400 };
+            plan.dispatchEvent(new PointerEvent("pointermove", at));
+            await new Promise((resolve) => requestAnimationFrame(resolve));
+          }
+          return count;
+        }"""
+    )
+    assert drawings["plan"] >= 15
+    assert drawings["others"] == 0
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Resume", exact=True).click()
+
+
+def test_buttons_that_cannot_act_are_off(live: Opened) -> None:
+    page = live.page
+    x, y, _ = live.pose()
+    cancel, pause, resume = (
+        page.get_by_role("button", name=name) for name in ("Cancel", "Pause task", "Resume task")
+    )
+    for button in (cancel, pause, resume):
+        assert button.is_disabled()
+    assert page.get_by_role("button", name="Drive there").is_enabled()
+    page.get_by_role("button", name="Goal").click()
+    page.mouse.click(*live.pixel(x - 0.9, y + 0.6))
+    live.wait(cancel.is_enabled)
+    assert resume.is_disabled()
+    pause.click()
+    live.wait(lambda: resume.is_enabled() and pause.is_disabled())
+    cancel.click()
+    live.wait(lambda: all(button.is_disabled() for button in (cancel, pause, resume)))
+
+
+def test_a_page_that_is_loaded_again_shows_what_it_showed(live: Opened) -> None:
+    page = live.page
+    page.get_by_role("button", name="Spin").click()
+    live.wait(lambda: page.locator("#results li").count())
+    live.wait(lambda: page.locator("#log li").count())
+    results = page.locator("#results li").all_inner_texts()
+    log = page.locator("#log li").all_inner_texts()
+    page.reload()
+    page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    live.wait(lambda: page.locator("#log li").count() >= len(log))
+    assert page.locator("#results li").all_inner_texts()[: len(results)] == results
+    assert page.locator("#log li").all_inner_texts()[: len(log)] == log
+
+
+def test_a_phone_shows_the_tools_in_two_rows_and_the_map_with_the_joystick(
+    live: Opened, browser: Browser, url: str
+) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    phone = opened_in(context, url)
+    page = phone.page
+    page.wait_for_selector("#task-state.good", timeout=1000 * DEADLINE_S)
+    boxes = [one.bounding_box() for one in page.locator(".tools :is(button, .button)").all()]
+    assert len({round(box["y"]) for box in boxes if box}) == 2
+    for name in ("plan", "joystick"):
+        box = page.locator(f"#{name}").bounding_box()
+        assert box is not None
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 844
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()
+    assert phone.wrong == []
+
+
+def test_the_camera_is_seen_without_scrolling_with_the_outlines_of_markers(
+    browser: Browser, tmp_path: Path
+) -> None:
+    robot = ReconnectingRobot(lambda: ZenohRobot("tcp/127.0.0.1:1"))
+    config = ConsoleConfig(port=0, recordings_dir=tmp_path)
+    server = ConsoleServer(build_app(config, live_routes(robot)), config)
+    server.start()
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    _, jpeg = cv2.imencode(".jpg", np.full((360, 480, 3), 200, np.uint8))
+    corners = [[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.25, 0.5]]
+    found = {"time_s": 1.0, "ids": ["60"], "outlines": [{"id": "60", "corners": corners}]}
+
+    def stand_in(socket: WebSocketRoute) -> None:
+        for kind, content in (
+            ("stack", {"services": ["perception"], "how_to_start": ""}), ("detections", found)
+        ):  # fmt: skip
+            socket.send(json.dumps({"kind": kind, "content": content}))
+        picture = binary_frame("camera", {"time_s": 1.0}, jpeg.tobytes()).content
+        socket.send(picture)
+
+    try:
+        page = context.new_page()
+        page.route_web_socket("**/live/feed", stand_in)
+        page.goto(f"{server.url}live")
+        outline = page.locator("#camera-panel polygon")
+        outline.wait_for(state="attached")
+        picture, marker = page.locator("#camera").bounding_box(), outline.bounding_box()
+        assert picture is not None
+        assert marker is not None
+        assert picture["y"] + picture["height"] <= 900
+        middle = marker["x"] + marker["width"] / 2, marker["y"] + marker["height"] / 2
+        wanted = (
+            picture["x"] + 0.375 * picture["width"],
+            picture["y"] + 0.375 * picture["height"],
+        )
+        assert math.dist(middle, wanted) < 3
+        # With its line.
+        assert marker["width"] == pytest.approx(picture["width"] / 4, abs=10)
+        assert page.locator("#camera-panel text").text_content() == "60"
+    finally:
+        context.close()
+        server.stop()
+        robot.close()

@@ -15,6 +15,7 @@ from mazebot.bench.parts.loopback_router import free_port
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.node import RecorderNode
 from tests.browser.viewer import ARGUMENTS, CHROMIUM, Picture
+from tests.console.runs import make_run, summary
 from tests.console.served import Served, console
 from tests.recorder.synthetic import Bench, WallClock, driving, opening, room
 
@@ -240,6 +241,46 @@ def test_a_report_opens_and_runs_are_compared(served: Served, page: Page) -> Non
     page.get_by_text("Full output of mazebot diff").click()
     expect(page.locator(".verdict")).to_contain_text("continues for another")
     expect(page.get_by_role("row", name="simulated time")).to_be_visible()
+
+
+def test_a_comparison_needs_two_runs(served: Served, page: Page) -> None:
+    from playwright.sync_api import expect
+
+    page.goto(f"{served.url}/runs")
+    button = page.locator("#compare button")
+    for count, text in enumerate(
+        ("Choose runs to compare", "Choose one more run to compare", "Compare 2 runs")
+    ):
+        if count:
+            page.locator(f'[data-run="{RUNS[count - 1]}"] input[name=run]').check()
+        expect(button).to_have_text(text)
+        assert button.is_enabled() == (count == 2)
+
+
+@pytest.mark.parametrize("width", [390, 700, 1024, 1440])
+def test_cards_and_tables_show_all_their_text(tmp_path: Path, page: Page, width: int) -> None:
+    name = "2026-01-01_10-00-00_a_world_with_a_rather_long_name"
+    said = summary(1, sim_time_s=754.0, distance_m=133.9, world="a_world_with_a_rather_long_name")
+    make_run(tmp_path, name, said)
+    page.set_viewport_size({"width": width, "height": 900})
+    cut = """(boxes) => boxes.filter((box) => box.scrollWidth > box.clientWidth)
+      .map((box) => box.textContent)"""
+    with console(tmp_path) as one:
+        page.goto(f"{one.url}/runs")
+        card = page.locator(".card .about")
+        assert name in card.inner_text()
+        assert "133.9 m" in card.inner_text()
+        assert page.locator(".card, .card .about").evaluate_all(cut) == []
+        page.goto(f"{one.url}/runs/{name}")
+        goals = page.locator(".panel:has(#goals-title) .scroll")
+        assert "location1" in goals.inner_text()
+        assert goals.evaluate_all(cut) == []
+        lines = """(cells) => cells.map((cell) => {
+          const text = document.createRange();
+          text.selectNodeContents(cell);
+          return text.getClientRects().length;
+        })"""
+        assert set(page.locator(".goals td.number").evaluate_all(lines)) == {1}
 
 
 def test_a_phone_needs_no_scrolling_sideways(served: Served, browser: Browser) -> None:

@@ -228,6 +228,51 @@ def test_a_tag_or_note_that_cannot_be_changes_nothing(
     assert json.loads((served.folder / FIRST / "labels.json").read_text())["tags"] == ["good"]
 
 
+@pytest.mark.parametrize(
+    ("path", "fields", "allowed"),
+    [
+        ("labels", {"tags": ["a"], "note": "", "color": "red"}, "`tags` and `note`"),
+        ("labels", {"Tags": ["a"]}, "`tags` and `note`"),
+        ("delete", {"confirm": FIRST, "force": True}, "`confirm`"),
+    ],
+)
+def test_an_unknown_field_is_named_and_changes_nothing(
+    served: Served, path: str, fields: dict[str, object], allowed: str
+) -> None:
+    answer = served.post(f"/runs/{FIRST}/{path}", fields)
+    assert answer.status == 400
+    unknown = next(name for name in fields if name not in ("tags", "note", "confirm"))
+    assert answer.json == {"error": f"unknown field {unknown!r}: allowed: {allowed}"}
+    assert not (served.folder / FIRST / "labels.json").exists()
+
+
+def test_json_is_answered_with_json_and_a_form_with_a_page(served: Served) -> None:
+    def post(path: str, body: str, origin: str = "") -> Answer:
+        headers = {"Content-Type": "application/json", **({"Origin": origin} if origin else {})}
+        return served.ask(path, "POST", headers, body)
+
+    labels = f"/runs/{FIRST}/labels"
+    answer = post(labels, '{"tags": ["a"]}')
+    assert (answer.status, answer.json) == (200, {"tags": ["a"], "note": ""})
+    wrong = {
+        labels: ('{"tags": "a/b"}', 422),
+        "/runs/none/labels": ("{}", 404),
+        f"/runs/{FIRST}/delete": ('{"confirm": "no"}', 422),
+        "/runs": ("{}", 405),
+    }
+    for path, (body, status) in wrong.items():
+        refused = post(path, body)
+        assert (refused.status, list(refused.json)) == (status, ["error"]), path
+    for refused, status in (
+        (post(labels, "{"), 400),
+        (post(labels, "[]"), 422),
+        (post(labels, '{"note": "%s"}' % ("x" * 70_000)), 413),
+        (post(labels, "{}", "http://evil.example"), 403),
+    ):
+        assert (refused.status, list(refused.json)) == (status, ["error"])
+    assert post(f"/runs/{FIRST}/delete", json.dumps({"confirm": FIRST})).json == {"deleted": FIRST}
+
+
 def test_a_run_is_deleted_only_by_its_name(served: Served) -> None:
     path = f"/runs/{FIRST}/delete"
     assert "cannot be undone" in served.ask(path).text
@@ -249,6 +294,8 @@ def test_what_a_killed_console_left_of_a_deleted_run_is_removed(tmp_path: Path) 
 
 def test_runs_are_compared_with_the_first(served: Served) -> None:
     assert "Choose two or more" in served.ask("/compare").text
+    for query, title in (("", "Compare runs"), (f"run={FIRST}", "Compare 1 run")):
+        assert f"<title>{title} - Mazebot</title>" in served.ask(f"/compare?{query}").text
     assert served.ask("/compare?run=none&run=" + FIRST).status == 404
     assert served.ask("/compare?" + "&".join(f"run=r{i}" for i in range(11))).status == 400
     address = f"/compare?run={FIRST}&run={SECOND}"

@@ -7,6 +7,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import threading
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from mazebot.common.messages import topics as table
 from mazebot.common.messages import wire
 from mazebot.common.node.node import Envelope
 from mazebot.common.recordings.comparing.digests import DigestWriter, read_digests
+from mazebot.common.recordings.report.report import write_report
+from mazebot.common.recordings.run_folder import is_recording
 from mazebot.recorder import node as node_module
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.keeping.run import run as run_module
@@ -192,6 +195,34 @@ def test_a_simulation_that_begins_anew_gets_a_folder_of_its_own(tmp_path: Path) 
     drawn = entities_of(second / "run.rrd")
     for entity in ("world/walls/bricks", "map", "entities/marker_60", "tf_static/base_scan"):
         assert f"/{entity}: " in drawn, entity
+
+
+def test_the_next_run_is_recorded_while_the_last_one_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_end = threading.Event()
+
+    def leave_report(folder: Path) -> None:
+        assert may_end.wait(60.0)
+        write_report(folder)
+
+    monkeypatch.setattr(run_module, "leave_report", leave_report)
+    world = room()
+    bench = Bench(recorder(tmp_path))
+    for _ in range(3):
+        bench.say(opening(world))
+        bench.say(driving(world, 2.0))
+    first, second, third = sorted(tmp_path.iterdir())
+    assert summary_of(first)["sim_time_s"] == pytest.approx(2.0, abs=1e-3)
+    assert not (first / "report.html").exists()
+    assert is_recording(second)
+    assert is_recording(third)
+    may_end.set()
+    bench.node.close()
+    for run in (first, second, third):
+        assert not is_recording(run)
+        assert (run / "report.html").is_file()
+        verify(run / "run.rrd")
 
 
 def test_a_new_world_gets_a_folder_and_the_same_one_again_does_not(tmp_path: Path) -> None:

@@ -174,9 +174,10 @@ class BringupNode(Node):
         self.exit_code = 0 if status.state == "complete" else EXIT_NOT_REACHED
 
     def _restart(self) -> None:
-        """Restart the tour: the goals so far belong to another run."""
-        if self._world is not None:
+        """Restart the tour, also one that has ended: the goals so far belong to another run."""
+        if self._world is not None and not self._config.only_ask:
             _LOG.info("simulation restarted; restarting the tour")
+            self.exit_code = None
         self._exploration = None
         self._clock_seen_ns = None
         self._goal_index = 0

@@ -12,6 +12,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
+from mazebot.console.security import is_of_script
+
 HERE = Path(__file__).parent
 STATIC = HERE / "static"
 
@@ -86,7 +88,7 @@ def page(
 
 def wants_json(request: Request) -> bool:
     """Whether a script asks, not a browser's user."""
-    return "application/json" in request.headers.get("accept", "")
+    return is_of_script(request.headers)
 
 
 async def error_page(request: Request, error: Exception) -> Response:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import json
 import logging
 from collections.abc import Collection
 from urllib.parse import urlsplit
@@ -112,6 +113,12 @@ def is_own_origin(headers: Headers, needs_origin: bool) -> bool:
     scheme, _, authority = origin.partition("://")
     same = authority.lower() == headers.get("host", "").lower()
     return scheme in ("http", "https") and same
+
+
+def is_of_script(headers: Headers) -> bool:
+    """Whether a request is of a script: it sends JSON, or accepts it."""
+    kinds = (headers.get("accept", ""), headers.get("content-type", ""))
+    return any("application/json" in kind.lower() for kind in kinds)
 
 
 class Guard:
@@ -229,10 +236,14 @@ class Guard:
 
 
 async def _answer(send: Send, scope: Scope, status: int, text: str) -> None:
-    """A short text; the connection ends, as the rest of the body is not read."""
-    body = f"{text}\n".encode()
+    """A short text, for a script as JSON; the connection ends, as the rest of the body is not
+    read.
+    """
+    kind, body = b"text/plain; charset=utf-8", f"{text}\n".encode()
+    if is_of_script(Headers(scope=scope)):
+        kind, body = b"application/json", json.dumps({"error": text}).encode()
     headers = [
-        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-type", kind),
         (b"content-length", str(len(body)).encode()),
         (b"connection", b"close"),
     ]

@@ -44,7 +44,7 @@ from mazebot.common.recordings.run_folder import RunFolder, check_free, check_wr
 from mazebot.common.world.assets import assets_of
 from mazebot.recorder.config import RecorderConfig
 from mazebot.recorder.keeping.beginnings import Beginnings
-from mazebot.recorder.keeping.closing import delete_old_runs
+from mazebot.recorder.keeping.closing import Closings, delete_old_runs
 from mazebot.recorder.keeping.progress import Progress
 from mazebot.recorder.keeping.repair import Repair, interrupted
 from mazebot.recorder.keeping.run.judge import JUDGED
@@ -158,6 +158,7 @@ class RecorderNode(Node):
         """A world that may belong to that run, and the wall time of its arrival."""
         self._simulation: tuple[doc.SimulationStats, Envelope] | None = None
         self._run: Run | None = None
+        self._closings = Closings()
         self._repair: Repair | None = None
         if config.record and config.repair and config.out_dir is None:
             is_idle = (lambda: self._run is None) if config.video else None
@@ -226,16 +227,27 @@ class RecorderNode(Node):
             outbox.put(EVALUATION, evaluation)
 
     def close(self) -> None:
-        """End the run: its summary is written and its recording closed."""
+        """End the run: its summary is written, and all recordings are closed."""
         if self._repair is not None:
             self._repair.stop()
-        if self._run is not None:
-            self._run.close()
-            self._run = None
-            self._delete_old_runs()
+        self._end_run()
+        self._closings.wait()
         if self._live is not None:
             self._live.close()
             self._live = None
+
+    def _end_run(self) -> None:
+        """End the current run, if there is one; its files are finished beside what comes next."""
+        run, self._run = self._run, None
+        if run is None:
+            return
+        run.end()
+
+        def finish() -> None:
+            run.finish()
+            self._delete_old_runs()
+
+        self._closings.start(finish)
 
     def _delete_old_runs(self) -> None:
         delete_old_runs(self._config, self._local_time())
@@ -353,9 +365,7 @@ class RecorderNode(Node):
     ) -> None:
         """Start a new run in a new folder, with what is known already; or resume one."""
         if self._run is not None:
-            self._run.close()
-            self._run = None
-            self._delete_old_runs()
+            self._end_run()
             if world.slam:
                 for topic in _OF_A_RUN:
                     self._setting.fixed.pop(topic, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,18 @@ from mazebot.common.messages import wire
 from mazebot.common.messages.documents import Entities, MarkerEntity, SimulationStats
 from mazebot.console.live.feed import MAX_EVENTS, Outgoing
 from mazebot.console.live.frame import Frame, binary_frame, text_frame
+from mazebot.console.live.history import (
+    MOST_LINES,
+    MOST_POINTS,
+    MOST_ROWS,
+    ROW_S,
+    STEP_M,
+    History,
+    Plots,
+    Trail,
+)
 from mazebot.console.live.view import WATCHED, View
+from tests.common.samples import CAMERA_INFO
 
 
 def taken(outgoing: Outgoing) -> list[Frame]:
@@ -135,3 +147,87 @@ def test_a_marker_faces_where_its_panel_does() -> None:
     (drawn,) = content(View().frames([(tp.ENTITIES, entities)]), "entities")["markers"]
     assert (drawn["id"], drawn["x_m"], drawn["y_m"]) == (5, 1.0, 2.0)
     assert drawn["heading_rad"] == pytest.approx(0.0)
+
+
+def stats(epoch: int, time_s: float) -> SimulationStats:
+    return SimulationStats(
+        world_hash="0" * 16, sim_time_s=time_s, iterations=240, step_size_s=1 / 240,
+        renderer="none", state_hash="", epoch=epoch,
+    )  # fmt: skip
+
+
+def test_a_trail_is_whole_however_long_it_is() -> None:
+    trail = Trail()
+    for number in range(20 * MOST_POINTS):
+        trail.add(number * STEP_M, 0.0)
+        trail.add(number * STEP_M + 1e-3, 0.0)
+        assert len(trail.points) < MOST_POINTS
+    assert trail.points[0] == (0.0, 0.0)
+    assert trail.points[-1][0] > (20 * MOST_POINTS - 100) * STEP_M
+
+
+def test_plots_are_whole_however_long_they_are() -> None:
+    plots = Plots()
+    for number in range(20 * MOST_ROWS):
+        plots.add(number * ROW_S, 0.1, None)
+        assert len(plots.rows) < MOST_ROWS
+    assert plots.rows[0] == (0.0, 0.1, None)
+    assert plots.rows[-1][0] > (20 * MOST_ROWS - 100) * ROW_S  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(("epoch", "time_s"), [(1, 0.0), (0, 5.0)])
+def test_what_is_kept_is_bounded_and_belongs_to_one_run(epoch: int, time_s: float) -> None:
+    history = History()
+    view = View(history)
+    view.frames(
+        [(tp.SIMULATION_STATS, stats(0, 10.0)), (tp.GROUND_TRUTH_ODOM, odom(1, SE2(1, 2, 0)))]
+    )
+    for number in range(1000):
+        history.add_event(text_frame("log", {"number": number}, is_event=True))
+        history.add_event(text_frame("contact", {"number": number}, is_event=True))
+    kept = history.frames()
+    assert content(kept, "trails")["truth"] == [[1, 2]]
+    assert content(kept, "plots")["rows"] == [[0.0, 0.0, 0.0, None, None]]
+    assert len(kept) == 2 + 2 * MOST_LINES
+    assert content(kept, "contact") == {"number": 999}
+    view.frames([(tp.SIMULATION_STATS, stats(0, 11.0))])
+    assert not view.restarted
+    view.frames([(tp.SIMULATION_STATS, stats(epoch, time_s))])
+    assert view.restarted
+    assert [frame.kind for frame in history.frames()] == ["trails", "plots"]
+    assert content(history.frames(), "plots") == {"rows": []}
+    assert content(history.frames(), "trails") == {"truth": [], "estimate": []}
+
+
+def test_the_outline_of_a_marker_lies_where_the_camera_sees_it() -> None:
+    half_m, ahead_m = 0.1, 2.0
+    pose = msg.pose_from_matrix(
+        np.array(
+            [[1.0, 0, 0, 0.5], [0, -1.0, 0, 0], [0, 0, -1.0, ahead_m], [0, 0, 0, 1.0]], np.float64
+        )
+    )
+    covariance = msg.PoseWithCovariance(pose=pose, covariance=np.zeros(36))
+    hypothesis = msg.ObjectHypothesis(class_id="60", score=1.0)
+    detection = msg.Detection3D(
+        header=msg.header(10**9, "camera_rgb_optical_frame"),
+        results=[msg.ObjectHypothesisWithPose(hypothesis=hypothesis, pose=covariance)],
+        bbox=msg.BoundingBox3D(center=pose, size=msg.Vector3(2 * half_m, 2 * half_m, 0.0)),
+        id="4x4:60",
+    )
+    array = msg.Detection3DArray(detection.header, [detection])
+    view = View()
+    (without,) = view.frames([(tp.DETECTIONS, array)])
+    assert content([without], "detections") == {"time_s": 1.0, "ids": ["60"], "outlines": []}
+    info = replace(
+        CAMERA_INFO, width=400, height=200, k=np.array([100.0, 0, 200, 0, 100, 100, 0, 0, 1])
+    )
+    (seen,) = view.frames([(tp.CAMERA_INFO, info), (tp.DETECTIONS, array)])
+    (outline,) = content([seen], "detections")["outlines"]
+    left, right = (0.5 + (0.5 + side * half_m) / ahead_m * 100 / 400 for side in (-1, 1))
+    upper, lower = (0.5 + side * half_m / ahead_m * 100 / 200 for side in (-1, 1))
+    wanted = [[left, upper], [right, upper], [right, lower], [left, lower]]
+    assert np.array(outline["corners"]) == pytest.approx(np.array(wanted), abs=1e-4)
+    # What would be behind the camera has no outline.
+    pose.position.z = -ahead_m
+    (behind,) = view.frames([(tp.DETECTIONS, array)])
+    assert content([behind], "detections")["outlines"] == []

@@ -19,6 +19,7 @@ from mazebot.common.client.robot import RobotError
 from mazebot.common.messages.documents import GetEntities, SetEntityState
 from mazebot.common.messages.slam_documents import ExplorationStatus
 from mazebot.common.messages.topics import EXPLORATION_STATUS, GET_ENTITIES, SET_ENTITY_STATE
+from mazebot.console.live import feed
 from mazebot.embedded.demo import DemoOptions
 from tests.console.live.running import Page, Run, running, wait_until
 
@@ -88,6 +89,36 @@ def test_a_goal_is_driven_to_and_its_result_is_told(page: Page) -> None:
     )
     assert results[-1]["status"] == "succeeded"
     page.wait_for(lambda: math.dist(truth(page)[:2], (x + 0.4, y - 0.1)) < 0.25)
+
+
+def test_a_page_that_comes_late_gets_what_it_has_missed_at_once(page: Page, run: Run) -> None:
+    x, y, _ = truth(page)
+    page.done(do="simulation", speed=0.0)
+    page.done(do="goal", pose={"x_m": x - 0.5, "y_m": y, "yaw_rad": 0.0})
+    page.wait_for(lambda: [kind for kind, _ in page.events if kind == "action_result"])
+    page.done(do="simulation", speed=1.0)
+    page.done(do="goal", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})
+    page.newest.pop("plan", None)
+    plan = page.wait_kind("plan")["points_m"]
+    results = [content for kind, content in page.events if kind == "action_result"]
+    with run.page() as late:
+        late.wait_kind("trails")
+        late.wait_for(
+            lambda: [one for kind, one in late.events if kind == "action_result"][-1:] == results
+        )
+        trail = late.newest["trails"]["truth"]
+        assert max(math.dist(point, (x - 0.5, y)) for point in trail) > 0.2
+        assert late.newest["plan"]["points_m"][-1] == pytest.approx(plan[-1], abs=0.01)
+    page.done(do="cancel")
+
+
+def test_a_page_that_is_loaded_again_misses_nothing(run: Run) -> None:
+    with run.page() as first:
+        before = first.wait_kind("trails")["truth"]
+        first.wait_for(lambda: first.events)
+    with run.page() as again:
+        assert again.wait_kind("trails")["truth"][: len(before)] == before
+        again.wait_for(lambda: again.events[: len(first.events)] == first.events)
 
 
 def test_waypoints_are_taken_up_and_canceled(page: Page) -> None:
@@ -286,7 +317,12 @@ def test_a_page_that_takes_nothing_costs_the_others_nothing(page: Page, run: Run
         assert page.done(do="simulation", pause=False)
 
 
-def test_nothing_is_watched_while_no_page_is_open(run: Run) -> None:
+def test_nothing_is_watched_while_no_page_is_open(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feed, "LINGER_S", 0.5)
+    with run.page() as page:
+        page.wait_kind("pose")
     wait_until(lambda: not run.beside.transport.is_watched)
     with run.page() as page:
         page.wait_kind("pose")
@@ -304,9 +340,13 @@ def test_a_page_of_another_site_is_refused(run: Run) -> None:
             socket.recv(5.0)
 
 
-def test_a_reset_tells_the_page_to_begin_anew(page: Page) -> None:
+def test_a_reset_tells_the_page_to_begin_anew(page: Page, run: Run) -> None:
     page.wait_kind("stats")
     epoch = page.newest["stats"]["epoch"]
     page.done(do="simulation", reset="all")
     page.wait_for(lambda: page.newest["stats"]["epoch"] > epoch and "restarted" in page.newest)
     page.wait_for(lambda: page.newest["navigation"]["navigation_active"])
+    # What a page gets that comes now belongs to the run that is now.
+    with run.page() as late:
+        trail = late.wait_kind("trails")["truth"]
+        assert all(math.hypot(*point) < 0.1 for point in trail)

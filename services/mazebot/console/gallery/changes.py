@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -32,7 +32,7 @@ def change_routes() -> list[BaseRoute]:
 
 async def _set_labels(request: Request) -> Response:
     run = await run_of(request)
-    fields = await _fields(request)
+    fields = await _fields(request, ("tags", "note"))
     tags = fields.get("tags", "").replace(",", " ").split()
     folder = run.path
     try:
@@ -65,7 +65,7 @@ async def _confirm(request: Request) -> Response:
 
 async def _delete(request: Request) -> Response:
     run = await run_of(request)
-    fields = await _fields(request)
+    fields = await _fields(request, ("confirm",))
     if fields.get("confirm") != run.name:
         raise HTTPException(422, "to delete a run, `confirm` must be its name")
     if run.state == "running":
@@ -80,8 +80,11 @@ async def _delete(request: Request) -> Response:
     return RedirectResponse("/runs", 303)
 
 
-async def _fields(request: Request) -> Mapping[str, str]:
-    """The fields of a form, or of a JSON object. Raises HTTPException."""
+async def _fields(request: Request, known: Sequence[str]) -> Mapping[str, str]:
+    """The fields of a form, or of a JSON object, which may have only the `known` ones.
+
+    Raises HTTPException.
+    """
     body = await request.body()
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     try:
@@ -89,13 +92,21 @@ async def _fields(request: Request) -> Mapping[str, str]:
             content = json.loads(body)
             if not isinstance(content, dict):
                 raise HTTPException(422, "the body must be a JSON object")
-            return {str(name): _text(value) for name, value in content.items()}
+            _check_known(content, known)
+            return {name: _text(value) for name, value in content.items()}
         if kind == "application/x-www-form-urlencoded":
             found = parse_qs(body.decode(), keep_blank_values=True, max_num_fields=20)
             return {name: values[-1] for name, values in found.items()}
     except (ValueError, RecursionError):
         raise HTTPException(400, "the body does not match its content type") from None
     raise HTTPException(415, "the body must be a form or JSON")
+
+
+def _check_known(names: Iterable[str], known: Sequence[str]) -> None:
+    unknown = ", ".join(f"{name!r:.80}" for name in names if name not in known)
+    if unknown:
+        allowed = " and ".join(f"`{name}`" for name in known)
+        raise HTTPException(400, f"unknown field {unknown:.300}: allowed: {allowed}")
 
 
 def _text(value: object) -> str:

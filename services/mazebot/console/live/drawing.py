@@ -173,6 +173,31 @@ def camera_frame(image: msg.Image) -> Frame:
     return binary_frame("camera", {"time_s": stamp_s(image.header)}, data.tobytes())
 
 
+def detections_frame(array: msg.Detection3DArray, info: msg.CameraInfo | None) -> Frame:
+    """The markers in a picture of the camera: their ids, and with its intrinsics their corners, as
+    shares of its width and height from its upper left.
+    """
+    ids, outlines = [], []
+    for detection in array.detections:
+        if not detection.results:
+            continue
+        marker_id = detection.results[0].hypothesis.class_id
+        ids.append(marker_id)
+        if info is None or not info.width or not info.height:
+            continue
+        half_m = detection.bbox.size.x / 2.0
+        corners_m = half_m * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+        camera_from_marker = msg.matrix_from_pose(detection.results[0].pose.pose)
+        in_camera_m = corners_m @ camera_from_marker[:3, :3].T + camera_from_marker[:3, 3]
+        if (in_camera_m[:, 2] <= 0.0).any():
+            continue
+        pixels = in_camera_m @ np.asarray(info.k, np.float64).reshape(3, 3).T
+        shares = pixels[:, :2] / pixels[:, 2:] / (info.width, info.height)
+        outlines.append({"id": marker_id, "corners": shares.tolist()})
+    content = {"time_s": stamp_s(array.header), "ids": ids, "outlines": outlines}
+    return text_frame("detections", content)
+
+
 def services_frame(array: msg.DiagnosticArray) -> list[Frame]:
     """The state of each service."""
     return [

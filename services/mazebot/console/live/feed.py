@@ -1,7 +1,8 @@
 """The feed: what arrives from the stack is drawn once, and offered to each page that is open.
 
 A page that does not keep up gets the newest of each kind; it costs the others, and the robot,
-nothing. Without a page nothing is received or drawn.
+nothing. Without a page nothing is received or drawn, but for a moment: a page that is loaded again
+misses nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from mazebot.common.client.robot import Robot
 from mazebot.common.messages.topics import CAMERA_IMAGE, Delivery, Topic
 from mazebot.common.node.node import Envelope
 from mazebot.console.live.frame import Frame, text_frame
+from mazebot.console.live.history import MOST_LINES, History
 from mazebot.console.live.view import CAMERA, WATCHED, View
 
 _LOG = logging.getLogger("console")
@@ -27,12 +29,14 @@ PERIOD_S = 0.07
 CAMERA_EVERY = 3
 """Pictures of the feed for one of the camera."""
 MAX_PAGES = 32
-MAX_EVENTS = 200
-"""Events kept for a page: beyond it the oldest are dropped."""
+LINGER_S = 60.0
+"""For so long it goes on without a page."""
+MAX_EVENTS = 2 * MOST_LINES
+"""Events that wait for a page: beyond it the oldest are dropped."""
 _MAX_WAITING = 500
 """Events that wait to be drawn; and messages of all other kinds and sources."""
-_LASTING = {"world", "map", "entities", "stack", "stats"}
-"""Kinds that stay valid when the simulation restarts."""
+_LASTING = {"world", "map", "entities", "stack", "stats", "global_costmap"}
+"""Kinds that stay valid when the simulation restarts, or may have come again already."""
 
 
 class Outgoing:
@@ -74,13 +78,16 @@ class Feed:
         self._robot = robot
         self._how_to_start = how_to_start
         self._pages: set[Outgoing] = set()
+        self._begun: set[Outgoing] = set()
+        """Those that have got nothing yet: they begin with all that is known."""
         self._lock = threading.Lock()
         self._states: dict[tuple[str, str], tuple[Topic[Any], Any]] = {}
         self._events: deque[tuple[Topic[Any], Any]] = deque(maxlen=_MAX_WAITING)
-        self._view = View()
+        self._history = History()
+        self._view = View(self._history)
         self._newest: dict[str, Frame] = {}
-        self._log: deque[Frame] = deque(maxlen=MAX_EVENTS)
         self._beat: asyncio.Task[None] | None = None
+        self._rest: asyncio.TimerHandle | None = None
         self._ends: list[Callable[[], None]] = []
         self._camera_ends: Callable[[], None] | None = None
         self._pictures = 0
@@ -95,18 +102,26 @@ class Feed:
     async def page(self) -> AsyncIterator[Outgoing]:
         """The queue of one page while the context lasts."""
         outgoing = Outgoing()
-        for frame in (*self._newest.values(), *self._log):
-            outgoing.offer(frame)
         self._pages.add(outgoing)
+        self._begun.add(outgoing)
+        if self._rest is not None:
+            self._rest.cancel()
+            self._rest = None
         if self._beat is None:
             self._beat = asyncio.create_task(self._run())
         try:
             yield outgoing
         finally:
             self._pages.discard(outgoing)
-            if not self._pages and self._beat is not None:
-                self._beat.cancel()
-                self._beat = None
+            self._begun.discard(outgoing)
+            if not self._pages:
+                self._rest = asyncio.get_running_loop().call_later(LINGER_S, self._end)
+
+    def _end(self) -> None:
+        """No page has come back."""
+        if self._beat is not None and not self._pages:
+            self._beat.cancel()
+            self._beat = None
 
     async def _run(self) -> None:
         """Draw and offer, as long as a page is open."""
@@ -121,10 +136,14 @@ class Feed:
                     # What cannot be drawn must not end the feed of all pages.
                     _LOG.error("live page: %s: %s", type(error).__name__, error)
                     continue
+                for page in self._begun:
+                    for frame in (*self._newest.values(), *self._history.frames()):
+                        page.offer(frame)
                 for frame in frames:
-                    for page in self._pages:
+                    for page in self._pages - self._begun:
                         if frame.kind != "camera" or page.wants_camera:
                             page.offer(frame)
+                self._begun.clear()
         finally:
             end()
             if self._camera_ends is not None:
@@ -133,8 +152,8 @@ class Feed:
             with self._lock:
                 self._states.clear()
                 self._events.clear()
-            self._view, self._newest = View(), {}
-            self._log.clear()
+            # The history stays: it belongs to the run that a later page may find.
+            self._view, self._newest = View(self._history), {}
 
     async def _watch_camera(self) -> None:
         wanted = any(page.wants_camera for page in self._pages)
@@ -175,16 +194,17 @@ class Feed:
         has_gone, self._was_there = self._was_there and not services, bool(services)
         if has_gone:
             # Another stack may come, of another world.
-            self._view, self._newest = View(), {}
+            self._history = History()
+            self._view, self._newest = View(self._history), {}
         if has_gone or self._view.restarted:
             # What was latched has come again, or comes soon.
             self._newest = {kind: one for kind, one in self._newest.items() if kind in _LASTING}
             frames.insert(0, text_frame("restarted", {}, is_event=True))
         changed = []
         for frame in frames:
-            if frame.kind == "log":
-                self._log.append(frame)
-            elif not frame.is_event and frame.kind != "camera":
+            if frame.is_event:
+                self._history.add_event(frame)
+            elif frame.kind != "camera":
                 if self._newest.get(frame.kind) == frame:
                     continue
                 if frame.kind in self._newest or len(self._newest) < _MAX_WAITING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from mazebot.common.messages.documents import Document, SimulationStats
 from mazebot.common.messages.topics import Delivery, Topic
 from mazebot.console.live import drawing
 from mazebot.console.live.frame import Frame, text_frame
+from mazebot.console.live.history import History
 
 WATCHED: tuple[Topic[Any], ...] = (
     tp.WORLD, tp.WORLD_STATUS, tp.MAP, tp.ENTITIES, tp.TF, tp.TF_STATIC, tp.SCAN,
@@ -29,7 +31,7 @@ WATCHED: tuple[Topic[Any], ...] = (
     tp.ACTION_RESULT, tp.BEHAVIOR_TREE, tp.TRAJECTORIES, tp.NAVIGATION_STATUS,
     tp.NAVIGATION_RESULT, tp.EVALUATION, tp.DIAGNOSTICS, tp.ROSOUT, tp.CONTACTS, tp.GOAL_POSE,
 )  # fmt: skip
-CAMERA: tuple[Topic[Any], ...] = (tp.CAMERA_IMAGE,)
+CAMERA: tuple[Topic[Any], ...] = (tp.CAMERA_IMAGE, tp.CAMERA_INFO)
 """Watched only while a page shows it."""
 
 _AS_THEY_ARE = {
@@ -55,14 +57,16 @@ _MOST_CONTACTS = 20
 class View:
     """Turns messages into frames. Not for several threads at once."""
 
-    def __init__(self) -> None:
+    def __init__(self, history: History | None = None) -> None:
+        """`history`: what is kept for pages that come late."""
+        self._history = history or History()
         self._transforms: dict[str, msg.TransformStamped] = {}
         self._truth: msg.Odometry | None = None
         self._estimate: msg.PoseWithCovarianceStamped | None = None
         self._command: msg.TwistStamped | None = None
         self._scan: msg.LaserScan | None = None
+        self._info: msg.CameraInfo | None = None
         self._has_moved = False
-        self._epoch: tuple[str, int] | None = None
         self.restarted = False
         """Whether the simulation restarted in the last `frames`: what was drawn before is no
         longer valid.
@@ -88,6 +92,7 @@ class View:
             tp.DIAGNOSTICS.name: drawing.services_frame,
             tp.ROSOUT.name: lambda log: [drawing.log_frame(log)],
             tp.CAMERA_IMAGE.name: lambda image: [drawing.camera_frame(image)],
+            tp.CAMERA_INFO.name: self._take_info,
             tp.GOAL_POSE.name: self._take_goal,
         }
 
@@ -120,7 +125,7 @@ class View:
             assert isinstance(message, Document)
             kind, is_event = _AS_THEY_ARE[topic.name], topic.delivery is Delivery.EVERY
             if isinstance(message, SimulationStats):
-                self._notice_restart(message.world_hash, message.epoch)
+                self._notice_restart(message)
             content = message.model_dump(mode="json")
             if topic.name == tp.EVALUATION.name:
                 content["contacts"] = content["contacts"][-_MOST_CONTACTS:]
@@ -128,12 +133,11 @@ class View:
             return [text_frame(kind, content, is_event)]
         return self._drawn[topic.name](message)
 
-    def _notice_restart(self, world_hash: str, epoch: int) -> None:
-        now = world_hash, epoch
-        if self._epoch is not None and self._epoch != now:
+    def _notice_restart(self, stats: SimulationStats) -> None:
+        if self._history.is_restart(stats):
             self.restarted = True
             self._truth = self._estimate = self._command = self._scan = None
-        self._epoch = now
+            self._history.clear()
 
     def _costmap(self, kind: str) -> Callable[[Any], list[Frame]]:
         def draw(grid: msg.OccupancyGrid) -> list[Frame]:
@@ -173,8 +177,11 @@ class View:
         return [text_frame("goal", {"pose": tuple(msg.se2_from_pose(goal.pose))}, is_event=True)]
 
     def _take_detections(self, array: msg.Detection3DArray) -> list[Frame]:
-        ids = [one.results[0].hypothesis.class_id for one in array.detections if one.results]
-        return [text_frame("detections", {"ids": ids})] if ids else []
+        return [drawing.detections_frame(array, self._info)] if array.detections else []
+
+    def _take_info(self, info: msg.CameraInfo) -> list[Frame]:
+        self._info = info
+        return []
 
     def _map_from(self, frame: str) -> Array | None:
         """(4, 4) map_from_frame; None where it is not known. Without an estimate the true pose is
@@ -197,6 +204,7 @@ class View:
         if self._truth is not None:
             content["time_s"] = drawing.stamp_s(self._truth.header)
             content["truth"] = tuple(msg.se2_from_pose(self._truth.pose.pose))
+            self._history.add_pose("truth", *content["truth"][:2])
             twist = self._truth.twist.twist
             content["velocity"] = (twist.linear.x, twist.angular.z)
         if self._command is not None:
@@ -209,8 +217,10 @@ class View:
             )
             if estimate is not None:
                 content["estimate"] = tuple(se2_from_matrix(estimate))
+                self._history.add_pose("estimate", *content["estimate"][:2])
             covariance = self._estimate.pose.covariance
             content["covariance"] = tuple(float(covariance[index]) for index in (0, 1, 7, 35))
+        self._keep_for_plots(content)
         moved = {
             child: tuple(se2_from_matrix(msg.matrix_from_transform(entry.transform)))
             for child, entry in self._transforms.items()
@@ -219,3 +229,13 @@ class View:
         if moved:
             content["moved"] = moved
         return text_frame("pose", content)
+
+    def _keep_for_plots(self, pose: dict[str, Any]) -> None:
+        if pose["truth"] is None:
+            return
+        error_m = error_rad = None
+        if pose["estimate"] is not None:
+            x_m, y_m, yaw_rad = pose["truth"]
+            error_m = math.dist((x_m, y_m), pose["estimate"][:2])
+            error_rad = abs(math.remainder(pose["estimate"][2] - yaw_rad, 2.0 * math.pi))
+        self._history.plots.add(pose["time_s"], *pose["velocity"], error_m, error_rad)

@@ -154,7 +154,10 @@ function quantities(runs) {
 export function timePlots(box, runs, onTime = null) {
   const end_s = Math.max(1e-3, ...runs.map((run) => run.series.sim_time_s));
   const plots = [];
-  const point = (time_s) => { for (const one of plots) one.point(time_s); };
+  const point = (time_s) => {
+    box.dataset.pointed = time_s ?? "";
+    for (const one of plots) one.point(time_s);
+  };
   for (const [title, unit, columns] of quantities(runs)) {
     const lines = runs.map((run) => {
       const [times, values, factor] = columns(run.series);
@@ -165,6 +168,8 @@ export function timePlots(box, runs, onTime = null) {
     }
   }
   box.replaceChildren(...plots.map((plot) => plot.figure));
+  // Plots of a run that goes on are drawn again under the pointer.
+  if (box.dataset.pointed) point(Number(box.dataset.pointed));
   return plots;
 }
 

@@ -2,6 +2,7 @@
 
 const PERIOD_MS = 2000;
 const TYPING_MS = 150;
+const MOST_COMPARED = 10;
 
 const filter = document.getElementById("filter");
 const cards = document.getElementById("cards");
@@ -122,8 +123,15 @@ function updateChoice() {
   const chosen = chosenRuns();
   sessionStorage.setItem(CHOICE, JSON.stringify(chosen));
   const button = compare.querySelector("button");
-  button.disabled = chosen.length < 2;
-  button.textContent = chosen.length < 2 ? "Choose runs to compare" : `Compare ${chosen.length} runs`;
+  button.disabled = chosen.length < 2 || chosen.length > MOST_COMPARED;
+  button.textContent = compareText(chosen.length);
+}
+
+function compareText(count) {
+  if (count === 0) return "Choose runs to compare";
+  if (count === 1) return "Choose one more run to compare";
+  if (count > MOST_COMPARED) return `${count} runs chosen: at most ${MOST_COMPARED} can be compared`;
+  return `Compare ${count} runs`;
 }
 
 for (const box of cards.querySelectorAll("input[name=run]")) {

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
 
@@ -12,6 +14,24 @@ from mazebot.common.recordings.retention import Kept, delete_rest, delete_run, t
 from mazebot.recorder.config import RecorderConfig
 
 _LOG = logging.getLogger("recorder")
+
+
+class Closings:
+    """Finishes ended runs in a thread, one after the other, while the next one is recorded."""
+
+    def __init__(self) -> None:
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="closing")
+        self._started: list[Future[None]] = []
+
+    def start(self, finish: Callable[[], None]) -> None:
+        """Finish a run as soon as the runs before it are finished."""
+        self._started.append(self._worker.submit(finish))
+
+    def wait(self) -> None:
+        """Return when all runs are finished. Raises what one of them has raised."""
+        self._worker.shutdown()
+        for one in self._started:
+            one.result()
 
 
 def leave_report(folder: Path) -> None:

@@ -33,10 +33,18 @@ const PALETTES = {
   local_costmap: costmapPalette(),
 };
 
-/** A grid as `{canvas, origin: [x, y, yaw], width_m, height_m}`; its top row has the largest y. */
-export function gridPicture(kind, head, data) {
+/** A wall's cells reach so far beyond it, in cells. */
+const FRINGE_CELLS = 1.5;
+const OCCUPIED = 65;
+
+/**
+ * A grid as `{canvas, head, cells, origin: [x, y, yaw], width_m, height_m}`; the picture's top row has
+ * the largest y. `walls`: polygons in m that are drawn by themselves; their cells look as those beside.
+ */
+export function gridPicture(kind, head, data, walls = []) {
   const { columns, rows } = head;
-  const cells = new Uint8Array(data);
+  const all = new Uint8Array(data);
+  const cells = walls.length ? withoutWalls(head, all, walls) : all;
   const canvas = document.createElement("canvas");
   canvas.width = columns;
   canvas.height = rows;
@@ -53,8 +61,81 @@ export function gridPicture(kind, head, data) {
   context.putImageData(picture, 0, 0);
   return {
     canvas,
+    head,
+    cells: all,
     origin: head.origin,
     width_m: columns * head.resolution_m,
     height_m: rows * head.resolution_m,
   };
+}
+
+/** The value of a grid at a place in the map, -1 to 100; null outside. */
+export function valueAt(grid, x, y) {
+  const [left, bottom, yaw] = grid.origin;
+  const [dx, dy] = [x - left, y - bottom];
+  const column = Math.floor((Math.cos(yaw) * dx + Math.sin(yaw) * dy) / grid.head.resolution_m);
+  const row = Math.floor((Math.cos(yaw) * dy - Math.sin(yaw) * dx) / grid.head.resolution_m);
+  if (column < 0 || row < 0 || column >= grid.head.columns || row >= grid.head.rows) {
+    return null;
+  }
+  return (grid.cells[row * grid.head.columns + column] << 24) >> 24;
+}
+
+/** The cells with those of walls replaced by the nearest others. */
+function withoutWalls(head, all, walls) {
+  const { columns, rows, resolution_m: cellM, origin } = head;
+  const canvas = document.createElement("canvas");
+  canvas.width = columns;
+  canvas.height = rows;
+  const context = canvas.getContext("2d");
+  context.setTransform(1 / cellM, 0, 0, 1 / cellM, 0, 0);
+  context.rotate(-origin[2]);
+  context.translate(-origin[0], -origin[1]);
+  context.lineWidth = 2 * FRINGE_CELLS * cellM;
+  for (const wall of walls) {
+    context.beginPath();
+    wall.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.closePath();
+    context.fill();
+    context.stroke();
+  }
+  const covered = context.getImageData(0, 0, columns, rows).data;
+  const cells = all.slice();
+  let open = [];
+  for (let index = 0; index < cells.length; index += 1) {
+    if (covered[4 * index + 3] && all[index] >= OCCUPIED && all[index] <= 100) {
+      open.push(index);
+    }
+  }
+  const isOpen = new Uint8Array(cells.length);
+  for (const index of open) {
+    isOpen[index] = 1;
+  }
+  while (open.length) {
+    const done = [];
+    const left = [];
+    for (const index of open) {
+      const column = index % columns;
+      const beside = [
+        column > 0 ? index - 1 : -1,
+        column < columns - 1 ? index + 1 : -1,
+        index - columns,
+        index + columns,
+      ].find((one) => one >= 0 && one < cells.length && !isOpen[one]);
+      if (beside === undefined) {
+        left.push(index);
+      } else {
+        cells[index] = cells[beside];
+        done.push(index);
+      }
+    }
+    for (const index of done) {
+      isOpen[index] = 0;
+    }
+    if (done.length === 0) {
+      break;
+    }
+    open = left;
+  }
+  return cells;
 }

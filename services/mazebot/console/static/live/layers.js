@@ -11,7 +11,9 @@ export const COLORS = {
   goal: "#0958c4",
   wall: "#5b4636",
   body: "#9b6b43",
-  room: "#6d7683",
+  room: "#4b5563",
+  measure: "#b3005e",
+  halo: "#ffffffd8",
   keepout: "#cf222e",
   speed: "#bf8700",
 };
@@ -25,23 +27,38 @@ const FOOTPRINT = [
 const ELLIPSE_95 = Math.sqrt(5.991);
 const VISIBLE_MS = 1500;
 
-/** Layers from the lowest to the highest: key, name, colour, whether shown at first, drawing. */
+/** A trail has a gap where its points are further apart: something was put elsewhere. */
+const TRAIL_GAP_M = 2.5;
+/** Points of a line that are nearer to each other add nothing to see. */
+const LEAST_PX = 3;
+/** Where a name may stand instead, if another one stands there: below or above, in px. */
+const ASIDE_PX = [0, 14, -14, 28, -28];
+
+/**
+ * Layers from the lowest to the highest: key, name, colour, whether shown at first, drawing. Names and
+ * scan lie above all that could hide them. The `FIXED` lowest change seldom, those up to `SLOW` with
+ * messages that come a few times a second.
+ */
+export const FIXED = 5;
+export const SLOW = 12;
 export const LAYERS = [
   ["map", "Map", "#ffffff", true, drawMap],
   ["global_costmap", "Global costmap", "#7f007f", false, (pen, scene) => drawGrid(pen, scene.grids.global_costmap)],
   ["local_costmap", "Local costmap", "#ff00ff", false, (pen, scene) => drawGrid(pen, scene.grids.local_costmap)],
-  ["zones", "Rooms, zones", COLORS.room, true, drawZones],
-  ["walls", "Walls, bodies", COLORS.wall, true, drawWalls],
+  ["zones", "Zones", COLORS.speed, true, drawZones],
+  ["walls", "Walls", COLORS.wall, true, drawWalls],
+  ["bodies", "Bodies", COLORS.body, true, drawBodies],
   ["frontiers", "Frontiers", "#2ecc71", true, (pen, scene) => drawShapes(pen, scene.shapes.frontiers)],
   ["graph", "Pose graph", COLORS.plan, true, drawGraph],
   ["trails", "Driven trails", COLORS.truth, true, drawTrails],
   ["trajectories", "Trajectories", "#9acd32", false, (pen, scene) => drawShapes(pen, scene.shapes.trajectories)],
   ["plan", "Path", COLORS.plan, true, (pen, scene) => drawLine(pen, scene.plan, COLORS.plan, 3)],
   ["particles", "Particles", COLORS.particle, false, drawParticles],
-  ["scan", "Scan", COLORS.scan, true, drawScan],
   ["markers", "Markers", COLORS.marker, true, drawMarkers],
   ["locations", "Locations", COLORS.goal, true, drawLocations],
   ["robot", "Robot", COLORS.truth, true, drawRobot],
+  ["scan", "Scan", COLORS.scan, true, drawScan],
+  ["names", "Names", COLORS.room, true, drawNames],
 ];
 
 function drawMap(pen, scene) {
@@ -92,23 +109,25 @@ function drawZones(pen, scene) {
       context.stroke();
     }
   }
-  context.fillStyle = COLORS.room;
-  context.textAlign = "center";
-  context.font = pen.font(12);
-  for (const room of world.rooms) {
-    const middle = room.polygon_m.reduce((sum, point) => [sum[0] + point[0], sum[1] + point[1]], [0, 0]);
-    const [x, y] = pen.at(middle[0] / room.polygon_m.length, middle[1] / room.polygon_m.length);
-    context.fillText(room.name, x, y);
+}
+
+/** Where the robot makes the map, only the outlines of the true walls: the others are on the map. */
+function drawWalls(pen, scene) {
+  const { context } = pen;
+  context.fillStyle = context.strokeStyle = COLORS.wall;
+  context.lineWidth = 1;
+  for (const wall of scene.world?.walls ?? []) {
+    polygon(pen, wall);
+    if (scene.world.slam) {
+      context.stroke();
+    } else {
+      context.fill();
+    }
   }
 }
 
-function drawWalls(pen, scene) {
+function drawBodies(pen, scene) {
   const { context } = pen;
-  context.fillStyle = COLORS.wall;
-  for (const wall of scene.world?.walls ?? []) {
-    polygon(pen, wall);
-    context.fill();
-  }
   context.strokeStyle = "#00000080";
   context.lineWidth = 1;
   for (const body of [...(scene.world?.bodies ?? []), ...scene.entities.bodies]) {
@@ -165,12 +184,28 @@ function drawGraph(pen, scene) {
   }
 }
 
+/** All but the ends, which are drawn with the robot: a long line takes long. */
 function drawTrails(pen, scene) {
-  drawLine(pen, scene.trails.estimate, `${COLORS.estimate}90`, 1.5);
-  drawLine(pen, scene.trails.truth, `${COLORS.truth}b0`, 2);
+  for (const name of ["estimate", "truth"]) {
+    scene.drawn[name] = scene.trails[name].length;
+    drawTrail(pen, name, scene.trails[name]);
+  }
 }
 
-function drawLine(pen, points, color, width) {
+/** The ends of the trails, from where they are drawn already to the robot. */
+export function drawTrailEnds(pen, scene) {
+  for (const name of ["estimate", "truth"]) {
+    const end = scene.trails[name].slice(Math.max(scene.drawn[name] - 1, 0));
+    drawTrail(pen, name, scene.shown[name] ? [...end, scene.shown[name]] : end);
+  }
+}
+
+function drawTrail(pen, name, points) {
+  const [color, width] = { estimate: [`${COLORS.estimate}90`, 1.5], truth: [`${COLORS.truth}b0`, 2] }[name];
+  drawLine(pen, points, color, width, TRAIL_GAP_M);
+}
+
+function drawLine(pen, points, color, width, gapM = Infinity) {
   if (points.length < 2) {
     return;
   }
@@ -180,8 +215,20 @@ function drawLine(pen, points, color, width) {
   context.lineJoin = "round";
   context.beginPath();
   context.moveTo(...pen.at(points[0][0], points[0][1]));
+  let [fromX, fromY] = points[0];
+  const leastM = LEAST_PX / pen.scale;
   for (let index = 1; index < points.length; index += 1) {
-    context.lineTo(...pen.at(points[index][0], points[index][1]));
+    const [x, y] = points[index];
+    const farM = Math.abs(x - fromX) + Math.abs(y - fromY);
+    if (farM < leastM && index < points.length - 1) {
+      continue;
+    }
+    if (farM > gapM) {
+      context.moveTo(...pen.at(x, y));
+    } else {
+      context.lineTo(...pen.at(x, y));
+    }
+    [fromX, fromY] = [x, y];
   }
   context.stroke();
 }
@@ -220,7 +267,6 @@ function drawScan(pen, scene) {
 function drawMarkers(pen, scene) {
   const { context } = pen;
   const now = performance.now();
-  context.textAlign = "center";
   for (const marker of scene.entities.markers) {
     const id = String(marker.id);
     const seen = scene.seen.has(id);
@@ -229,27 +275,91 @@ function drawMarkers(pen, scene) {
     const half = Math.max(5, (marker.size_m * pen.scale) / 2);
     const [cos, sin] = [Math.cos(marker.heading_rad), Math.sin(marker.heading_rad)];
     context.strokeStyle = seen ? COLORS.marker : COLORS.unseen;
-    context.fillStyle = context.strokeStyle;
     context.lineWidth = isVisible ? 7 : 4;
     context.beginPath();
     context.moveTo(x - sin * half, y - cos * half);
     context.lineTo(x + sin * half, y + cos * half);
     context.stroke();
-    context.font = pen.font(12, seen);
-    context.fillText(seen ? id : `${id}?`, x + 13 * cos, y - 13 * sin + 4);
   }
 }
 
 function drawLocations(pen, scene) {
-  const { context } = pen;
-  context.font = pen.font(11);
-  context.textAlign = "left";
-  context.fillStyle = COLORS.goal;
+  pen.context.fillStyle = COLORS.goal;
   for (const place of scene.world?.locations ?? []) {
     dot(pen, place.x_m, place.y_m, 3);
-    const [x, y] = pen.at(place.x_m, place.y_m);
-    context.fillText(place.name, x + 6, y - 4);
   }
+}
+
+/** The names of what is shown: of markers, locations and rooms. */
+function drawNames(pen, scene) {
+  const taken = [];
+  for (const marker of pen.shows("markers") ? scene.entities.markers : []) {
+    const seen = scene.seen.has(String(marker.id));
+    const [x, y] = pen.at(marker.x_m, marker.y_m);
+    const at = [x + 13 * Math.cos(marker.heading_rad), y - 13 * Math.sin(marker.heading_rad) + 4];
+    const text = seen ? String(marker.id) : `${marker.id}?`;
+    writeName(pen, text, at, "center", seen ? COLORS.marker : COLORS.room, pen.font(12, seen), taken);
+  }
+  for (const place of pen.shows("locations") ? (scene.world?.locations ?? []) : []) {
+    const [x, y] = pen.at(place.x_m, place.y_m);
+    writeName(pen, place.name, [x + 6, y - 4], "left", COLORS.goal, pen.font(11), taken);
+  }
+  for (const room of scene.world?.rooms ?? []) {
+    const middle = room.polygon_m.reduce((sum, point) => [sum[0] + point[0], sum[1] + point[1]], [0, 0]);
+    const at = pen.at(middle[0] / room.polygon_m.length, middle[1] / room.polygon_m.length);
+    writeName(pen, room.name, at, "center", COLORS.room, pen.font(12), taken);
+  }
+}
+
+/** Text with a light rim; it moves aside where there is one already. */
+function writeName(pen, text, [x, y], align, color, font, taken) {
+  const { context } = pen;
+  context.font = font;
+  context.textAlign = align;
+  const width = pen.widthOf(text, font);
+  const left = align === "center" ? x - width / 2 : x;
+  const isFree = (aside) =>
+    !taken.some(
+      (one) => left < one.right && left + width > one.left && Math.abs(y + aside - one.y) < ASIDE_PX[1],
+    );
+  const shift = ASIDE_PX.find(isFree) ?? 0;
+  taken.push({ left, right: left + width, y: y + shift });
+  context.lineJoin = "round";
+  context.lineWidth = 3;
+  context.strokeStyle = COLORS.halo;
+  context.strokeText(text, x, y + shift);
+  context.fillStyle = color;
+  context.fillText(text, x, y + shift);
+}
+
+/** The outline of a box that is to be placed. */
+export function boxOutline(pen, [x, y, yaw], [length, width], color) {
+  const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+  const corners = [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [(a * length) / 2, (b * width) / 2]);
+  polygon(pen, corners.map(([a, b]) => [x + cos * a - sin * b, y + sin * a + cos * b]));
+  const { context } = pen;
+  context.setLineDash([5, 3]);
+  context.strokeStyle = color;
+  context.lineWidth = 2;
+  context.stroke();
+  context.setLineDash([]);
+}
+
+/** A line between two places with its length. */
+export function measured(pen, from, to) {
+  const { context } = pen;
+  context.strokeStyle = context.fillStyle = COLORS.measure;
+  context.lineWidth = 2;
+  dot(pen, ...from, 4);
+  if (!to) {
+    return;
+  }
+  dot(pen, ...to, 4);
+  drawLine(pen, [from, to], COLORS.measure, 2);
+  const [ax, ay] = pen.at(...from);
+  const [bx, by] = pen.at(...to);
+  const text = `${Math.hypot(to[0] - from[0], to[1] - from[1]).toFixed(2)} m`;
+  writeName(pen, text, [(ax + bx) / 2, (ay + by) / 2 - 8], "center", COLORS.measure, pen.font(13, true), []);
 }
 
 function drawRobot(pen, scene) {

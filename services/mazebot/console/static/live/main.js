@@ -1,9 +1,13 @@
 // The live page: brings the link, the plan, the tools and the lists together.
 
+import { Camera } from "./camera.js";
+import { Controls } from "./controls.js";
+import { valueAt } from "./grids.js";
 import { LAYERS } from "./layers.js";
 import { Link } from "./link.js";
 import { Panels } from "./panels.js";
 import { Plan } from "./plan.js";
+import { PlotsView } from "./plots_view.js";
 import { RerunPane } from "./rerun_pane.js";
 import { Scene } from "./scene.js";
 import { Teleop } from "./teleop.js";
@@ -19,15 +23,22 @@ const HINTS = {
   waypoints: "Click several places, then go",
   drop_box: "Click where to drop a box",
   remove: "Click a box or marker to remove it",
+  measure: "Click two places",
 };
+/** What a cell of a map or costmap means, beside its number. */
+const CELLS = { "-1": "unknown", 99: "99 (inscribed)", 100: "100 (lethal)" };
+const NARROW = "(max-width: 62rem)";
 const $ = (id) => document.getElementById(id);
 
 const scene = new Scene();
 const panels = new Panels();
+const controls = new Controls();
+const camera = new Camera($("camera-panel"));
 const plan = new Plan($("plan"), scene, pick);
 const link = new Link(take, (isOpen) => {
   $("link").textContent = isOpen ? "connected" : "connection lost";
   $("link").className = `badge ${isOpen ? "good" : "bad"}`;
+  controls.connected(isOpen);
   if (isOpen) {
     link.send({ do: "show", camera: $("camera-panel").open });
   } else {
@@ -36,6 +47,8 @@ const link = new Link(take, (isOpen) => {
 });
 const teleop = new Teleop(link, $("joystick"));
 const rerun = new RerunPane($("rerun"), () => panels.run, () => scene.pose?.time_s ?? 0);
+const plots = new PlotsView($("plots-view"), (timeS) => seek(timeS));
+const parts = [controls, camera, plots];
 let tool = "move";
 
 function take(kind, content, data) {
@@ -58,7 +71,10 @@ function take(kind, content, data) {
   } else if (kind === "entities") {
     fillDocks(content.markers);
   }
-  panels.take(kind, content, data);
+  panels.take(kind, content);
+  for (const part of parts) {
+    part.take(kind, content, data);
+  }
 }
 
 function showStack({ services, how_to_start: hint }) {
@@ -68,13 +84,10 @@ function showStack({ services, how_to_start: hint }) {
   $("how-to-start").textContent = hint;
   $("link").textContent = runs ? "connected" : "no stack";
   $("link").className = `badge ${runs ? "good" : "warn"}`;
-  for (const control of document.querySelectorAll(".clock :is(button, select)")) {
-    control.disabled = !runs;
-  }
 }
 
 function showMessage(text, isBad = false) {
-  $("message").textContent = text;
+  $("message").textContent = $("message").title = text;
   $("message").className = `message ${isBad ? "bad" : ""}`;
 }
 
@@ -114,11 +127,17 @@ function pick(pose, dragged) {
       showWaypoints();
       break;
     case "drop_box":
-      ask({ do: "drop_box", pose: asPose(pose) });
-      choose("move");
+      if (takeBox()) {
+        ask({ do: "drop_box", pose: asPose(pose), size_m: box.size, mass_kg: box.mass });
+        choose("move");
+      }
       break;
     case "remove":
       removeAt(pose);
+      break;
+    case "measure":
+      plan.measured = [...(plan.measured.length === 1 ? plan.measured : []), [pose[0], pose[1]]];
+      showMeasured();
       break;
     default:
   }
@@ -141,20 +160,84 @@ function removeAt([x, y]) {
   ask({ do: "remove", name: things[0].name });
 }
 
+const box = { size: [0.3, 0.3, 0.3], mass: 0 };
+
+/** The size as the fields say it; false where one of them cannot be. */
+function takeBox() {
+  const fields = ["box-length", "box-width", "box-height", "box-mass"].map($);
+  const wrong = fields.find((field) => !field.checkValidity());
+  if (wrong) {
+    showMessage(`${wrong.labels[0].textContent.trim()}: ${wrong.validationMessage}`, true);
+    return false;
+  }
+  const [length, width, height, mass] = fields.map((field) => Number(field.value));
+  Object.assign(box, { size: [length, width, height], mass });
+  return true;
+}
+
+function showBox() {
+  $("box-bar").hidden = tool !== "drop_box";
+  plan.outline = tool === "drop_box" && takeBox() ? box.size.slice(0, 2) : null;
+  plan.redraw();
+}
+
+function showMeasured() {
+  const [from, to] = plan.measured;
+  if (to) {
+    const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+    showMessage(`${Math.hypot(dx, dy).toFixed(3)} m (x ${dx.toFixed(3)}, y ${dy.toFixed(3)}, ${degreesOf(Math.atan2(dy, dx))})`);
+  }
+  plan.redraw();
+}
+
+function degreesOf(angle) {
+  return `${Math.round((angle * 180) / Math.PI)}°`;
+}
+
+/** The place under the pointer, and what map and costmaps say of it. */
+function showPlace(place) {
+  $("readout").hidden = !place;
+  if (!place) {
+    return;
+  }
+  const [x, y] = place;
+  const { map, global_costmap: global, local_costmap: local } = scene.grids;
+  const inMap = map ? valueAt(map, x, y) : null;
+  const texts = [`${x.toFixed(2)}, ${y.toFixed(2)} m`];
+  if (inMap !== null) {
+    texts.push(inMap < 0 ? "unknown" : inMap >= 65 ? "occupied" : "free");
+  }
+  for (const [name, grid] of [["cost", global], ["local cost", local]]) {
+    const value = grid ? valueAt(grid, x, y) : null;
+    if (value !== null) {
+      texts.push(`${name} ${CELLS[value] ?? value}`);
+    }
+  }
+  $("readout").textContent = texts.join(" · ");
+}
+
 function choose(name) {
+  if (document.querySelector(`[data-tool=${name}]`).disabled) {
+    return;
+  }
+  if (name !== "move") {
+    showView("plan");
+  }
   tool = name;
   for (const button of document.querySelectorAll("[data-tool]")) {
     button.setAttribute("aria-pressed", String(button.dataset.tool === name));
   }
   plan.isAiming = name !== "move";
-  plan.hasHeading = name !== "remove";
+  plan.hasHeading = name !== "remove" && name !== "measure";
   plan.canvas.classList.toggle("aims", plan.isAiming);
   $("hint").textContent = HINTS[name];
   $("hint").hidden = HINTS[name] === "";
   if (name !== "waypoints") {
     plan.waypoints = [];
   }
+  plan.measured = [];
   showWaypoints();
+  showBox();
   plan.giveUp();
   if (plan.isAiming) {
     plan.canvas.focus({ preventScroll: true });
@@ -163,7 +246,8 @@ function choose(name) {
 
 /** Where the keys have moved the aim. */
 function showAim([x, y, yaw], hasHeading) {
-  const degrees = hasHeading ? `, ${Math.round((yaw * 180) / Math.PI)}°` : "";
+  const degrees = hasHeading ? `, ${degreesOf(yaw)}` : "";
+  showPlace([x, y]);
   $("hint").textContent = `(${x.toFixed(2)}, ${y.toFixed(2)}) m${degrees}: Enter sets it`;
 }
 
@@ -215,7 +299,18 @@ function fillLayers() {
     swatch.className = "swatch";
     swatch.style.background = color;
     label.append(box, swatch, name);
-    $("layers").append(label);
+    const opacity = document.createElement("input");
+    opacity.type = "range";
+    opacity.min = 5;
+    opacity.max = 100;
+    opacity.value = 100;
+    opacity.title = "opacity";
+    opacity.setAttribute("aria-label", `Opacity of ${name}`);
+    opacity.addEventListener("input", () => {
+      plan.opacity[key] = Number(opacity.value) / 100;
+      plan.redraw();
+    });
+    $("layers").append(label, opacity);
   }
 }
 
@@ -264,23 +359,47 @@ for (const [id, act] of Object.entries(CLICKS)) {
 for (const button of document.querySelectorAll("[data-tool]")) {
   button.addEventListener("click", () => choose(button.dataset.tool === tool ? "move" : button.dataset.tool));
 }
-function showsRerun() {
-  $("view-3d").setAttribute("aria-pressed", String(rerun.isShown));
+/** Show the plan, the 3D view or the plots. */
+function showView(name) {
+  for (const part of document.querySelectorAll("[data-view]")) {
+    part.hidden = part.dataset.view !== name;
+  }
+  for (const view of ["plan", "3d", "plots"]) {
+    $(`view-${view}`)?.setAttribute("aria-pressed", String(view === name));
+  }
+  if (name === "3d") {
+    rerun.shown();
+  }
+  plots.draw();
 }
-$("view-3d")?.addEventListener("click", () => {
-  rerun.toggle();
-  showsRerun();
-});
+
+/** Show a moment in the 3D view. */
+function seek(timeS) {
+  if ($("view-3d")) {
+    showView("3d");
+    rerun.seek(timeS);
+  }
+}
+
+for (const view of ["plan", "3d", "plots"]) {
+  const button = $(`view-${view}`);
+  button?.addEventListener("click", () => {
+    showView(button.getAttribute("aria-pressed") === "true" ? "plan" : view);
+  });
+}
 for (const list of ["results", "log"]) {
   $(list).addEventListener("click", (event) => {
     const time = event.target.closest("[data-time]");
-    if (time && $("view-3d")) {
-      rerun.seek(Number(time.dataset.time));
-      showsRerun();
+    if (time) {
+      seek(Number(time.dataset.time));
     }
   });
 }
+for (const field of $("box-bar").querySelectorAll("input")) {
+  field.addEventListener("input", showBox);
+}
 plan.onAim = showAim;
+plan.onHover = showPlace;
 plan.onFollow = () => follow(plan.follows);
 $("speed").addEventListener("change", () => ask({ do: "simulation", speed: Number($("speed").value) }));
 $("camera-panel").addEventListener("toggle", () => link.send({ do: "show", camera: $("camera-panel").open }));
@@ -297,7 +416,7 @@ $("pose-form").addEventListener("submit", (event) => {
   const [x, y, degrees] = ["pose-x", "pose-y", "pose-yaw"].map((id) => Number($(id).value));
   ask({ do: "goal", pose: { x_m: x, y_m: y, yaw_rad: (degrees * Math.PI) / 180 } });
 });
-const SHORTCUTS = { g: () => choose("goal"), p: () => choose("initial_pose"), f: CLICKS.follow, 0: CLICKS.fit,
+const SHORTCUTS = { g: () => choose("goal"), p: () => choose("initial_pose"), m: () => choose("measure"), f: CLICKS.follow, 0: CLICKS.fit,
   "+": CLICKS["zoom-in"], "-": CLICKS["zoom-out"], escape: () => choose("move") };
 addEventListener("keydown", (event) => {
   const isField = event.target instanceof Element && event.target.closest("input, select, textarea, [id=rerun]");
@@ -307,3 +426,5 @@ addEventListener("keydown", (event) => {
   }
 });
 fillLayers();
+// A phone has no room for it at first.
+$("camera-panel").open = !matchMedia(NARROW).matches;

@@ -1,6 +1,7 @@
 // The lists beside the plan: task, figures, services, tree, results, log.
 
 const MOST_LINES = 200;
+const RECENT_S = 2;
 const FAULTS = ["rejected", "lost"];
 const LEVELS = { 30: "warn", 40: "bad", 50: "bad" };
 const $ = (id) => document.getElementById(id);
@@ -37,12 +38,12 @@ export class Panels {
   #services = new Map();
   #running = new Set();
   #figures = new Map();
-  #camera = "";
+  #timeS = 0;
   /** Name of the newest run's folder; empty: nothing is recorded. */
   run = "";
 
   /** Take one frame in. */
-  take(kind, content, data) {
+  take(kind, content) {
     if (kind.startsWith("service ")) {
       this.#services.set(content.name, content);
       this.#showServices();
@@ -89,9 +90,6 @@ export class Panels {
       case "tree":
         showTree(content);
         break;
-      case "camera":
-        this.#showCamera(data);
-        break;
       case "log":
         line($("log"), content.time_s, `[${content.name}] ${content.text}`, LEVELS[content.level] ?? "");
         break;
@@ -131,7 +129,10 @@ export class Panels {
     for (const one of missed) {
       line($("results"), null, `waypoint ${one.index + 1} missed: ${one.error_msg} (${one.error_code})`, "bad");
     }
-    $("task").textContent = `${what}: ${how}`;
+    // Else it is one of those that this page has missed.
+    if (timeS > this.#timeS - RECENT_S) {
+      $("task").textContent = `${what}: ${how}`;
+    }
   }
 
   #figure(name, value, title = "") {
@@ -165,6 +166,7 @@ export class Panels {
 
   #showPose(pose) {
     if (pose.time_s !== undefined) {
+      this.#timeS = pose.time_s;
       $("time").textContent = `${pose.time_s.toFixed(2)} s`;
     }
     for (const [name, at] of [["true pose", pose.truth], ["estimate", pose.estimate]]) {
@@ -242,12 +244,6 @@ export class Panels {
       return item;
     });
     $("services").replaceChildren(...items);
-  }
-
-  #showCamera(data) {
-    URL.revokeObjectURL(this.#camera);
-    this.#camera = URL.createObjectURL(new Blob([data], { type: "image/jpeg" }));
-    $("camera").src = this.#camera;
   }
 }
 

@@ -1,6 +1,6 @@
 // The plan on its canvas: draws the scene when something has changed; zoom, pan and follow.
 
-import { COLORS, LAYERS, arrow } from "./layers.js";
+import { COLORS, FIXED, LAYERS, SLOW, arrow, boxOutline, drawTrailEnds, measured } from "./layers.js";
 
 const MIN_SCALE = 4;
 const MAX_SCALE = 600;
@@ -11,7 +11,15 @@ const AIM_KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], Arro
 const TURN_KEYS = { ",": 1, ".": -1 };
 const AIM_STEP_M = 0.1;
 const FINE_STEP_M = 0.02;
+/** What is kept of the lower layers reaches so far beyond the canvas, in px: it may be moved. */
+const MARGIN_PX = 120;
 const TURN_STEP_RAD = Math.PI / 12;
+
+/** A drawing of some layers: what it shows, and where. */
+function kept() {
+  const context = document.createElement("canvas").getContext("2d", { alpha: false });
+  return { context, of: "", scale: 0, center: [0, 0] };
+}
 
 /** The canvas and its pointer. `onPick(pose, dragged)` is called when a tool has aimed. */
 export class Plan {
@@ -23,11 +31,16 @@ export class Plan {
   #wanted = false;
   #drawnMs = 0;
   #looksElsewhere = false;
+  /** The layers that change seldom, and those with the ones that change with each message. */
+  #fixed = kept();
+  #slow = kept();
+  #look = { raised: "", font: "" };
+  #widths = new Map();
 
   constructor(canvas, scene, onPick) {
     this.canvas = canvas;
     this.#scene = scene;
-    this.#context = canvas.getContext("2d");
+    this.#context = canvas.getContext("2d", { alpha: false });
     this.onPick = onPick;
     this.isAiming = false;
     this.hasHeading = true;
@@ -40,11 +53,22 @@ export class Plan {
     this.center = [0, 0];
     this.scale = 60;
     this.layers = Object.fromEntries(LAYERS.map(([key, , , shown]) => [key, shown]));
+    /** Of each layer, from 0 to 1. */
+    this.opacity = Object.fromEntries(LAYERS.map(([key]) => [key, 1]));
+    /** Length and width, in m, of what is to be placed; null: it has no outline. */
+    this.outline = null;
+    /** One or two places between which is measured. */
+    this.measured = [];
+    /** The place under the pointer; null: it is elsewhere. */
+    this.hover = null;
+    this.onHover = () => {};
     new ResizeObserver(() => this.#resize()).observe(canvas);
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     canvas.addEventListener("pointerup", (event) => this.#up(event));
     canvas.addEventListener("pointercancel", (event) => this.#forget(event));
+    canvas.addEventListener("pointerleave", () => this.#hovers(null));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#takeLook());
     canvas.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     // A user's own script may ask where a place is on the screen.
@@ -53,6 +77,7 @@ export class Plan {
       const [px, py] = this.at(x, y);
       return [box.left + px, box.top + py];
     };
+    this.#takeLook();
     this.#resize();
   }
 
@@ -73,12 +98,31 @@ export class Plan {
     return [this.center[0] + (px - width / 2) / this.scale, this.center[1] - (py - height / 2) / this.scale];
   }
 
+  #takeLook() {
+    const style = getComputedStyle(this.canvas);
+    this.#look = { raised: style.getPropertyValue("--raised"), font: style.fontFamily };
+    this.#widths.clear();
+    this.#fixed.of = this.#slow.of = "";
+    this.redraw();
+  }
+
   #resize() {
     const ratio = devicePixelRatio || 1;
     const [width, height] = this.size;
-    this.canvas.width = Math.max(1, Math.round(width * ratio));
-    this.canvas.height = Math.max(1, Math.round(height * ratio));
-    this.#context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (width === 0 || height === 0) {
+      // Another view is shown.
+      return;
+    }
+    for (const [context, margin] of [
+      [this.#context, 0],
+      [this.#fixed.context, MARGIN_PX],
+      [this.#slow.context, MARGIN_PX],
+    ]) {
+      context.canvas.width = Math.max(1, Math.round((width + 2 * margin) * ratio));
+      context.canvas.height = Math.max(1, Math.round((height + 2 * margin) * ratio));
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    }
+    this.#fixed.of = this.#slow.of = "";
     if (!this.#looksElsewhere) {
       this.fit();
     }
@@ -134,27 +178,106 @@ export class Plan {
     }
     const context = this.#context;
     const [width, height] = this.size;
-    context.clearRect(0, 0, width, height);
-    const style = getComputedStyle(this.canvas);
-    context.fillStyle = style.getPropertyValue("--raised");
-    context.fillRect(0, 0, width, height);
-    const pen = {
-      context,
-      scale: this.scale,
-      at: (x, y) => this.at(x, y),
-      font: (px, bold = false) => `${bold ? "bold " : ""}${px}px ${style.fontFamily}`,
-    };
-    for (const [key, , , , draw] of LAYERS) {
-      if (this.layers[key]) {
-        draw(pen, this.#scene);
-      }
+    if (width === 0 || height === 0) {
+      return;
     }
+    const ratio = context.canvas.width / width;
+    const [dx, dy] = this.#drawLower(width, height).map((shift) => Math.round(shift * ratio) / ratio);
+    context.drawImage(
+      this.#slow.context.canvas,
+      ...[dx - MARGIN_PX, dy - MARGIN_PX, width + 2 * MARGIN_PX, height + 2 * MARGIN_PX],
+    );
+    const pen = this.#pen(context, width, height, this.center);
+    if (this.layers.trails) {
+      context.globalAlpha = this.opacity.trails;
+      drawTrailEnds(pen, this.#scene);
+    }
+    this.#drawLayers(pen, LAYERS.slice(SLOW));
     this.route.forEach((pose, index) => arrow(pen, pose, COLORS.goal, String(index + 1)));
     this.waypoints.forEach((pose, index) => arrow(pen, pose, COLORS.marker, String(index + 1)));
+    if (this.outline && (this.#aim || this.hover)) {
+      boxOutline(pen, this.#aim?.pose ?? [...this.hover, 0], this.outline, COLORS.estimate);
+    }
     if (this.#aim) {
       arrow(pen, this.#aim.pose, COLORS.estimate);
     }
+    if (this.measured.length) {
+      measured(pen, this.measured[0], this.measured[1] ?? this.#aim?.pose.slice(0, 2) ?? this.hover);
+    }
     if (moves) {
+      this.redraw();
+    }
+  }
+
+  #pen(context, width, height, center) {
+    const [left, top] = [width / 2 - center[0] * this.scale, height / 2 + center[1] * this.scale];
+    const { scale } = this;
+    return {
+      context,
+      scale,
+      at: (x, y) => [left + x * scale, top - y * scale],
+      font: (px, bold = false) => `${bold ? "bold " : ""}${px}px ${this.#look.font}`,
+      shows: (key) => this.layers[key],
+      widthOf: (text, font) => this.#widthOf(context, text, font),
+    };
+  }
+
+  /** Measuring a text takes longer than writing it. */
+  #widthOf(context, text, font) {
+    const key = `${font} ${text}`;
+    if (!this.#widths.has(key)) {
+      if (this.#widths.size > 1000) {
+        this.#widths.clear();
+      }
+      context.font = font;
+      this.#widths.set(key, context.measureText(text).width);
+    }
+    return this.#widths.get(key);
+  }
+
+  #drawLayers(pen, layers) {
+    for (const [key, , , , draw] of layers) {
+      if (this.layers[key] && this.opacity[key] > 0) {
+        pen.context.globalAlpha = this.opacity[key];
+        draw(pen, this.#scene);
+      }
+    }
+    pen.context.globalAlpha = 1;
+  }
+
+  /** Draw the lower layers, unless they look as they did; returns where they lie now, in px. */
+  #drawLower(width, height) {
+    const { scale } = this;
+    const shift = () => [0, 1].map((axis) => (axis ? 1 : -1) * scale * (this.center[axis] - this.#fixed.center[axis]));
+    if (scale !== this.#fixed.scale || shift().some((far) => Math.abs(far) > MARGIN_PX)) {
+      Object.assign(this.#fixed, { of: "", scale, center: [...this.center] });
+    }
+    const looks = (layers) => layers.map(([key]) => (this.layers[key] ? this.opacity[key] : 0)).join(" ");
+    const size = [width + 2 * MARGIN_PX, height + 2 * MARGIN_PX];
+    const { context } = this.#fixed;
+    const fixed = LAYERS.slice(0, FIXED);
+    const fixedOf = `${this.#scene.version} ${looks(fixed)}`;
+    if (fixedOf !== this.#fixed.of) {
+      Object.assign(this.#fixed, { of: fixedOf });
+      this.#slow.of = "";
+      context.fillStyle = this.#look.raised;
+      context.fillRect(0, 0, ...size);
+      this.#drawLayers(this.#pen(context, ...size, this.#fixed.center), fixed);
+    }
+    const slow = LAYERS.slice(FIXED, SLOW);
+    const slowOf = `${this.#scene.slowVersion} ${looks(slow)}`;
+    if (slowOf !== this.#slow.of) {
+      this.#slow.of = slowOf;
+      this.#slow.context.drawImage(context.canvas, 0, 0, ...size);
+      this.#drawLayers(this.#pen(this.#slow.context, ...size, this.#fixed.center), slow);
+    }
+    return shift();
+  }
+
+  #hovers(place) {
+    this.hover = place;
+    this.onHover(place);
+    if (this.outline || this.measured.length === 1) {
       this.redraw();
     }
   }
@@ -181,6 +304,7 @@ export class Plan {
   }
 
   #move(event) {
+    this.#hovers(this.placeOf(...this.#pixel(event)));
     const before = this.#pointers.get(event.pointerId);
     if (!before) {
       return;

@@ -1,4 +1,4 @@
-// Rerun's view below the plan: the run as its recorder shows it live, else its file as it grows.
+// Rerun's view beside the plan: the run as its recorder shows it live, else its file as it grows.
 
 import { Viewer } from "/static/viewer.js";
 
@@ -47,9 +47,8 @@ export class RerunPane {
     return !this.#box.hidden;
   }
 
-  /** Show or hide the pane. */
-  toggle() {
-    this.#box.hidden = !this.#box.hidden;
+  /** The pane is shown now. */
+  shown() {
     return this.#look();
   }
 
@@ -115,13 +114,11 @@ export class RerunPane {
     }
   }
 
-  /** Show a moment, in s of simulation time; the pane is shown for it. */
+  /** Show a moment, in s of simulation time. */
   async seek(timeS) {
     this.#wantedS = timeS;
     this.#follow(false);
-    if (!this.isShown) {
-      await this.toggle();
-    }
+    await this.#look();
     if (this.#box.dataset.recording) {
       this.#sendTime(timeS);
       this.#wantedS = null;

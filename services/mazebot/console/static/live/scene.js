@@ -5,21 +5,33 @@ import { gridPicture } from "./grids.js";
 const MOST_TRAIL = 6000;
 const TRAIL_STEP_M = 0.02;
 const SMOOTH_MS = 90;
+const SLOW_KINDS = ["trails", "entities", "plan", "particles", "frontiers", "trajectories", "graph", "navigation"];
+/** So much of a trail is drawn with the robot, in points, before it is drawn below it. */
+const TRAIL_END = 50;
 
 /** Everything that the plan draws; `take` gives it each frame of the feed. */
 export class Scene {
+  #map = null;
+  #moved = undefined;
+
   constructor() {
+    /** Counts the changes of what changes seldom: world, map and costmaps; */
+    this.version = 0;
+    /** and of what else is drawn below the robot. */
+    this.slowVersion = 0;
     this.world = null;
     this.entities = { bodies: [], markers: [], refused: [] };
     this.grids = {};
     this.beginAnew();
   }
 
-  /** The simulation restarted: only the world stays. */
+  /** The simulation restarted: only the world stays, and the costmap made of its map. */
   beginAnew() {
     this.pose = null;
     this.shown = { truth: null, estimate: null };
     this.trails = { truth: [], estimate: [] };
+    /** How many points of the trails are drawn below the robot already. */
+    this.drawn = { truth: 0, estimate: 0 };
     this.scan = null;
     this.plan = [];
     this.particles = null;
@@ -28,27 +40,49 @@ export class Scene {
     this.goal = null;
     this.seen = new Set();
     this.visible = new Map();
-    delete this.grids.global_costmap;
     delete this.grids.local_costmap;
     this.poseTime = performance.now();
+    this.version += 1;
+    this.slowVersion += 1;
+  }
+
+  /** The map without the walls that the plan draws by itself: all but those that the robot maps. */
+  #drawMap() {
+    this.version += 1;
+    if (this.#map) {
+      const walls = this.world && !this.world.slam ? this.world.walls : [];
+      this.grids.map = gridPicture("map", this.#map.head, this.#map.data, walls);
+    }
   }
 
   /** Take one frame in; returns whether the plan has to be drawn again. */
   take(kind, content, data) {
+    if (SLOW_KINDS.includes(kind)) {
+      this.slowVersion += 1;
+    }
     switch (kind) {
       case "world":
         if (this.world && this.world.hash !== content.hash) {
           this.beginAnew();
+          delete this.grids.global_costmap;
         }
         this.world = content;
+        this.#drawMap();
         return true;
       case "restarted":
         this.beginAnew();
         return true;
       case "map":
+        this.#map = { head: content, data };
+        this.#drawMap();
+        return true;
       case "global_costmap":
       case "local_costmap":
         this.grids[kind] = gridPicture(kind, content, data);
+        this.version += 1;
+        return true;
+      case "trails":
+        this.trails = content;
         return true;
       case "entities":
         this.entities = content;
@@ -99,6 +133,11 @@ export class Scene {
   }
 
   #takePose(content) {
+    const places = JSON.stringify(content.moved);
+    if (places !== this.#moved) {
+      this.#moved = places;
+      this.slowVersion += 1;
+    }
     this.pose = content;
     this.poseTime = performance.now();
     for (const name of ["truth", "estimate"]) {
@@ -111,7 +150,12 @@ export class Scene {
       if (!last || Math.hypot(at[0] - last[0], at[1] - last[1]) > TRAIL_STEP_M) {
         trail.push([at[0], at[1]]);
         if (trail.length > MOST_TRAIL) {
-          trail.splice(0, trail.length - MOST_TRAIL);
+          trail.splice(0, MOST_TRAIL / 10);
+          this.drawn[name] = 0;
+        }
+        if (trail.length > this.drawn[name] + TRAIL_END) {
+          this.drawn[name] = trail.length;
+          this.slowVersion += 1;
         }
       }
     }

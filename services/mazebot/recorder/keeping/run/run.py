@@ -193,13 +193,23 @@ class Run:
 
     def close(self) -> None:
         """Write the summary, end the recording, and mark the run as complete."""
-        config = self._setting.config
+        self.end()
+        self.finish()
+
+    def end(self) -> None:
+        """Take no more messages: write the summary, and end what another run needs as well."""
         self._judge.write_map(self.folder, self._end[1], all_of_it=True)
         self.messages.wait()
         self._write_summary()
         self.show(self.evaluation(), final=True)
         self._write_digests(close=True)
         self._drawing.close()
+
+    def finish(self) -> None:
+        """End the files of an ended run and mark it as complete. It takes long, and may be done in
+        a thread beside the next run.
+        """
+        config = self._setting.config
         is_whole = self.messages.end()
         self._pictures.close()
         is_gone = self.folder.is_gone
