@@ -28,6 +28,13 @@ def _length(costs: Costs, tour: Costs) -> int:
     return total
 
 
+@kernel("void(int64[::1], int64[::1])")
+def _copy(tour: Costs, to: Costs) -> None:
+    """Numba takes a second to compile `to[:] = tour`."""
+    for k in range(tour.size):
+        to[k] = tour[k]
+
+
 @kernel("int64(int64[:, ::1], int64[::1], int64)")
 def _improve(costs: Costs, tour: Costs, fixed: int) -> int:
     """Shorten an open tour by 2-opt and Or-opt moves until none helps, and return its length.
@@ -45,13 +52,12 @@ def _improve(costs: Costs, tour: Costs, fixed: int) -> int:
         better = False
         for i in range(fixed, count - 2):
             for j in range(i + 1, count - 1):
-                trial[:] = tour
-                for k in range(i, j + 1):
-                    trial[k] = tour[j + i - k]
+                for k in range(count):
+                    trial[k] = tour[j + i - k] if i <= k <= j else tour[k]
                 length = _length(costs, trial)
                 if length < best:
                     best, better = length, True
-                    tour[:] = trial
+                    _copy(trial, tour)
         for size in range(1, 4):
             for i in range(fixed, count - size):
                 for to in range(fixed, count - size):
@@ -72,7 +78,7 @@ def _improve(costs: Costs, tour: Costs, fixed: int) -> int:
                     length = _length(costs, trial)
                     if length < best:
                         best, better = length, True
-                        tour[:] = trial
+                        _copy(trial, tour)
     return best
 
 

@@ -152,6 +152,8 @@ def explore(world: str, seed: int, policy: str, options: argparse.Namespace) -> 
                 slam=True, settings=settings_file,
             )
         )  # fmt: skip
+        for node in nodes:
+            node.prepare()
         taken_ms = _timed(nodes)
         executive = Executive(nodes, MemoryTransport())
         begun = time.perf_counter()

@@ -123,6 +123,7 @@ def episode(options: dict[str, Any], episode_s: float | None) -> Measured:
         out_dir = Path(folder) / "run"
         nodes = build_nodes(DemoOptions(out_dir=out_dir, **options))
         for node in nodes:
+            node.prepare()
             _time_method(node, "step", services_ms[node.name])
         executive = Executive(nodes, MemoryTransport())
         try:

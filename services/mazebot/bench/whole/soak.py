@@ -221,6 +221,9 @@ def drive(options: DemoOptions, hours: float, console: Console) -> Drive:
         executive = Executive(
             [*robot_nodes(options), goals, RecorderNode(config)], MemoryTransport()
         )
+        for node in executive.nodes:
+            # What is loaded later would count as growth.
+            node.prepare()
         try:
             _run(executive, goals, done, hours, console)
         finally:

@@ -202,10 +202,10 @@ def _factorize(
     for k in range(count):
         top = count
         flag[k] = k
-        pivot[:] = diagonal[k]
+        _copy(diagonal[k], pivot)
         for p in range(first[k], first[k + 1]):
             i = row[p]
-            partial[i] = above[p]
+            _copy(above[p], partial[i])
             length = 0
             while flag[i] != k:
                 path[length] = i
@@ -218,7 +218,7 @@ def _factorize(
                 pattern[top] = path[length]
         for t in range(top, count):
             i = pattern[t]
-            here[:] = partial[i]
+            _copy(partial[i], here)
             partial[i] = 0.0
             for p in range(factor_first[i], filled[i]):
                 into = partial[rows[p]]
@@ -262,6 +262,14 @@ def _factorize(
             for j in range(3):
                 inverse[i, j] /= determinant
     return True
+
+
+@kernel("void(float64[:, ::1], float64[:, ::1])")
+def _copy(block: Array, to: Array) -> None:
+    """A block of 3 x 3: Numba takes a second to compile `to[:] = block`."""
+    for a in range(3):
+        for b in range(3):
+            to[a, b] = block[a, b]
 
 
 @kernel("void(int64[::1], int64[::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])")

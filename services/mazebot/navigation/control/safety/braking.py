@@ -70,7 +70,15 @@ def time_to_contact_s(
     )
     if found < min_points:
         return np.inf
-    last_s = np.sort(contacts_s)[min_points - 1]
+    # Numba takes a second to compile np.sort.
+    left_s, last_s = contacts_s.copy(), np.inf
+    for _ in range(min_points):
+        next_one = 0
+        for i in range(1, len(left_s)):
+            if left_s[i] < left_s[next_one]:
+                next_one = i
+        last_s = left_s[next_one]
+        left_s[next_one] = np.inf
     for i in range(len(obstacles_m)):
         met[i] = contacts_s[i] <= last_s
     return float(last_s)
