@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -25,6 +24,7 @@ from mazebot.cli.recordings import group as recordings_group
 from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
 from mazebot.common.config import ConfigError
+from mazebot.common.files.version import mazebot_version
 
 app = App(
     name="mazebot",
@@ -46,7 +46,7 @@ TopicName = Annotated[
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        sys.stdout.write(f"mazebot {version('mazebot')}\n")
+        sys.stdout.write(f"mazebot {mazebot_version()}\n")
         raise typer.Exit
 
 
