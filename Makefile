@@ -30,7 +30,7 @@ PYTHON := .venv/bin/python
 comma := ,
 space := $(subst ,, )
 STAMP := .venv/.installed
-SOURCES := services tests
+SOURCES := services tests examples
 
 .PHONY: help env demo slam demo-original up down goal recordings console view test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
 
@@ -158,4 +158,4 @@ image: ## build the container image
 
 clean: ## remove the environment and caches; recordings stay
 	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	@find services tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	@find services tests examples -name __pycache__ -type d -prune -exec rm -rf {} +
