@@ -30,9 +30,9 @@ PYTHON := .venv/bin/python
 comma := ,
 space := $(subst ,, )
 STAMP := .venv/.installed
-SOURCES := services tests
+SOURCES := services tests examples
 
-.PHONY: help env demo slam demo-original up down goal recordings console view test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
+.PHONY: help env demo slam demo-original up down goal recordings console view docs test test-slow test-compose check fix generate lock bench bench-nav bench-slam soak seeds image clean
 
 help: ## print the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -83,6 +83,19 @@ console: $(STAMP) ## serve the page with all runs and the live view at http://lo
 view: $(STAMP) ## serve the newest recording, and open it in a browser if there is one
 	@.venv/bin/mazebot recordings view --open
 
+# Each file keeps its place, so that the links between pages are the same in the repository and in the site.
+docs: .venv-docs/.installed ## build the site of all pages into site/ (no network), and fail for a broken link
+	@rm -rf build/pages && mkdir -p build/pages
+	@cp *.md CITATION.cff LICENSE build/pages
+	@cp -r docs examples build/pages
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --quiet --strict
+	@echo "site/index.html: python3 -m http.server --directory site serves it"
+
+.venv-docs/.installed: requirements-docs.lock | $(filter .tools/bin/uv,$(UV))
+	@$(UV) venv --quiet --allow-existing --python 3.11 .venv-docs
+	@$(UV) pip sync --quiet --python .venv-docs/bin/python --require-hashes requirements-docs.lock
+	@touch $@
+
 test: $(STAMP) ## run the tests: no Docker, no network, no GPU
 	@.venv/bin/pytest -n 2 --dist worksteal -m "not compose and not browser and not slow"
 
@@ -126,6 +139,8 @@ generate: $(STAMP) ## regenerate the generated files
 lock: $(STAMP) ## resolve the dependencies again
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url pyproject.toml -o requirements.lock
 	@$(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	@$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"], sep="\n")' \
+		| $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-docs.lock
 	@echo 'uv' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-tools.lock
 	@echo 'ir-sim==2.12.0' | $(UV) pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-header --no-annotate --no-emit-index-url - -o requirements-bench.lock
 
@@ -159,5 +174,5 @@ image: ## build the container image
 	@docker compose build demo-world-enhanced
 
 clean: ## remove the environment and caches; recordings stay
-	@rm -rf .venv .venv-bench .tools .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
-	@find services tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	@rm -rf .venv .venv-bench .venv-docs .tools build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@find services tests examples -name __pycache__ -type d -prune -exec rm -rf {} +

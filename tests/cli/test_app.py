@@ -20,6 +20,7 @@ from mazebot.cli.app import main
 from mazebot.cli.demo import parse_bool
 from mazebot.cli.topics.topic import in_json, plain
 from mazebot.common.config import ConfigError
+from mazebot.common.files.version import mazebot_version
 from mazebot.common.messages.messages import matrix_from_pose
 from mazebot.common.messages.topics import GOAL_POSE, SCAN, WORLD
 from tests.common.samples import SAMPLES
@@ -169,7 +170,9 @@ def test_a_short_command_loads_neither_the_compiler_nor_the_bus(
 
 
 def test_the_version_is_told() -> None:
-    assert re.fullmatch(r"mazebot \d+\.\d+\.\d+\n", mazebot("--version").stdout)
+    told = mazebot("--version").stdout
+    assert re.fullmatch(r"mazebot \d+\.\d+\.\d+\n", told)
+    assert told == f"mazebot {mazebot_version()}\n"
 
 
 def test_a_recording_is_opened_in_a_browser_where_there_is_one(

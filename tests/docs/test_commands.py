@@ -84,6 +84,9 @@ def some(wanted: str) -> list[Example]:
     return [example for example in COMMANDS if kind(example) == wanted]
 
 
+PROGRAM_FILES = [one for one in some("python") if program(one)[1].endswith(".py")]
+
+
 def test_there_is_a_test_for_each_kind_of_command() -> None:
     assert {kind(example) for example in COMMANDS} <= {
         "alone", "stack", "router", "services", "docker", "make", "python", "source"
@@ -113,6 +116,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with all that the commands name: worlds, a dictionary, a photo, two runs, ..."""
     folder = tmp_path_factory.mktemp("person")
     shutil.copytree(ROOT / "worlds", folder / "worlds")
+    shutil.copytree(ROOT / "examples", folder / "examples")
+    for block in blocks("python", "yaml"):
+        named = re.match(r"# (\w+\.(?:py|yaml))\n", block.text)
+        if named is not None:
+            (folder / named[1]).write_text(block.text)
     run("mazebot world export original --out house", folder)
     (model,) = (folder / "house").glob("*.sdf")
     shutil.copy(model, folder / "house.sdf.xacro")
@@ -237,6 +245,13 @@ def test_a_command_that_needs_nothing_else_works(
         if one not in worked:
             run(one, folder)
             worked.add(one)
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("commands")
+@pytest.mark.parametrize("example", PROGRAM_FILES, ids=str)
+def test_a_program_is_started_as_the_page_says(example: Example, folder: Path) -> None:
+    run(filled(example), folder)
 
 
 @pytest.fixture(scope="module")

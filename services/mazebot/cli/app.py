@@ -6,7 +6,6 @@ import functools
 import json
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -29,6 +28,7 @@ from mazebot.cli.recordings.group import RecordingsDir, RunName
 from mazebot.cli.replay import command as replay
 from mazebot.cli.stack import commands as stack_commands
 from mazebot.common.config import ConfigError
+from mazebot.common.files.version import mazebot_version
 
 app = App(
     name="mazebot",
@@ -50,7 +50,7 @@ TopicName = Annotated[
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        sys.stdout.write(f"mazebot {version('mazebot')}\n")
+        sys.stdout.write(f"mazebot {mazebot_version()}\n")
         raise typer.Exit
 
 

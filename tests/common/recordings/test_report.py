@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from mazebot.common.config import ConfigError
+from mazebot.common.files.version import mazebot_version
 from mazebot.common.recordings.labels import Labels, write_labels
 from mazebot.common.recordings.report.plots import Line, plot, ticks
 from mazebot.common.recordings.report.report import write_report
@@ -93,6 +94,8 @@ def test_a_report_tells_what_there_was(run: Path) -> None:
         "python", "pybullet", "processor", "/ground_truth/odom", "navigation: not finite: 2",
     ):  # fmt: skip
         assert words in text, words
+    row = f'<th scope="row">mazebot</th><td><code>{mazebot_version()}</code></td>'
+    assert row in text
 
 
 def test_it_needs_nothing_but_itself(run: Path) -> None:

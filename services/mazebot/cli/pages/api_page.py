@@ -34,7 +34,8 @@ with Session("original", seed=7, camera=False) as session:
 
 Everything below is typed (`py.typed`), and each name is loaded when it is first used. What is not
 here may change from one version to the next. Longer texts: [a session of your
-own](own-controller.md), [`Navigator`](navigator.md), [controllers](controllers.md#your-own),
+own](own-controller.md), [`Navigator`](navigator.md),
+[controllers](controllers.md#a-controller-of-your-own),
 [planners](planning.md#a-planner-of-your-own), [behaviour tree
 nodes](behavior-trees.md#writing-a-node), [topics](topics.md).
 """

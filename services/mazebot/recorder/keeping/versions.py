@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import os
 import platform
-import tomllib
 from importlib import metadata
 from pathlib import Path
 
-from mazebot.common.files.root import ROOT
+from mazebot.common.files.version import mazebot_version
 from mazebot.common.recordings.summary import Hardware
 
 _PACKAGES = ("numpy", "pybullet", "eclipse-zenoh", "rerun-sdk", "opencv")
@@ -23,7 +22,7 @@ _OPENCV = (
 
 def versions() -> dict[str, str]:
     """Version of Mazebot, Python and the packages that a run's numbers depend on."""
-    found = {"mazebot": _mazebot(), "python": platform.python_version()}
+    found = {"mazebot": mazebot_version(), "python": platform.python_version()}
     for package in _PACKAGES:
         names = _OPENCV if package == "opencv" else (package,)
         found[package] = next((text for text in map(_version, names) if text), "not installed")
@@ -55,15 +54,6 @@ def _field(path: str, name: str) -> str:
         return ""
     fields = (line.partition(":") for line in lines)
     return next((value.strip() for key, _, value in fields if key.strip() == name), "")
-
-
-@functools.cache
-def _mazebot() -> str:
-    try:
-        with (ROOT / "pyproject.toml").open("rb") as file:
-            return str(tomllib.load(file)["project"]["version"])
-    except (OSError, KeyError, tomllib.TOMLDecodeError):
-        return _version("mazebot") or "unknown"
 
 
 @functools.cache
