@@ -9,9 +9,12 @@ from typing import Any
 
 from mazebot.common.client.robot import Receive
 from mazebot.common.messages import wire
-from mazebot.common.messages.topics import DIAGNOSTICS, Delivery, Topic
+from mazebot.common.messages.topics import DIAGNOSTICS, ROSOUT, Delivery, Topic
 from mazebot.common.node.executive import MemoryTransport
 from mazebot.common.node.node import Envelope, Inbox
+
+_KEPT: dict[Topic[Any], int] = {DIAGNOSTICS: 1, ROSOUT: 200}
+"""Messages that are kept of topics that are not latched on the bus."""
 
 
 class WatchedTransport(MemoryTransport):
@@ -76,12 +79,14 @@ class WatchedTransport(MemoryTransport):
     def _send(self, topic: Topic[object], message: object, envelope: Envelope) -> None:
         with self._lock:
             self.latest[topic.name] = message
-            # /diagnostics too: a page that opens while the simulation is paused shows the states.
-            if topic.delivery is Delivery.LATCHED or topic is DIAGNOSTICS:
-                key = topic.name, envelope.source
+            # /diagnostics too: a page that opens while the simulation is paused shows the states;
+            # and, as in ROS 2, /rosout: a page that opens shows what was said before.
+            kept = _KEPT.get(topic, topic.depth if topic.delivery is Delivery.LATCHED else 0)
+            if kept:
+                # The lines of all sources stay in their order.
+                key = topic.name, "" if topic is ROSOUT else envelope.source
                 if key not in self._latched:
-                    depth = topic.depth if topic.delivery is Delivery.LATCHED else 1
-                    self._latched[key] = deque(maxlen=depth)
+                    self._latched[key] = deque(maxlen=kept)
                 self._latched[key].append((topic, message, envelope))
             for names, receive in self._watches:
                 if topic.name in names:

@@ -87,7 +87,9 @@ class History:
     def add_event(self, frame: Frame) -> None:
         """Keep a line of the log, or a result."""
         if frame.kind == "log":
-            self._log.append(frame)
+            # What was said before a page came is sent anew when it comes.
+            if frame not in self._log:
+                self._log.append(frame)
         elif frame.kind in _RESULTS:
             self._results.append(frame)
 
