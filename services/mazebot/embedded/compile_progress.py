@@ -20,6 +20,7 @@ class CompileProgress:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._told_s = -math.inf
+        self._has_bar = False
 
     @contextmanager
     def waiting(self) -> Iterator[Callable[[int, int], None]]:
@@ -27,6 +28,19 @@ class CompileProgress:
         if not self._console.is_terminal:
             yield self._tell
             return
+        if self._has_bar:
+            # Another thread waits, too.
+            yield lambda done, total: None
+            return
+        self._has_bar = True
+        try:
+            with self._bar() as show:
+                yield show
+        finally:
+            self._has_bar = False
+
+    @contextmanager
+    def _bar(self) -> Iterator[Callable[[int, int], None]]:
         columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
         with Progress(*columns, console=self._console, transient=True) as progress:
             task = progress.add_task("")

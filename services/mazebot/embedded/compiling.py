@@ -150,6 +150,7 @@ class Compiling:
                 self._changed.notify_all()
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
+        process.stdout.close()
 
 
 class _Done:
