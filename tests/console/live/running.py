@@ -31,9 +31,9 @@ class Run:
         self.executive = executive
         self.robot = beside.robot
 
-    def page(self) -> Page:
+    def page(self, takes_all: bool = True) -> Page:
         """A page; it is open while its context lasts."""
-        return Page(self.beside.url)
+        return Page(self.beside.url, takes_all)
 
 
 @contextmanager
@@ -65,12 +65,15 @@ def wait_until(holds: Callable[[], Any], timeout_s: float = DEADLINE_S) -> None:
 class Page:
     """The other end of the websocket."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, takes_all: bool = True) -> None:
+        """`takes_all`: what comes is read from the network even while no test waits for it."""
         address = url.rstrip("/").replace("http:", "ws:") + "/live/feed"
         self._connecting = connect(
             address,
             origin=Origin(url.rstrip("/")),
             max_size=None,
+            # With a limit, a client of websockets 17 that has stopped reading may never go on.
+            max_queue=None if takes_all else 16,
             open_timeout=20.0,
             close_timeout=0.5,
         )

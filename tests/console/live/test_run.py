@@ -94,17 +94,28 @@ def test_a_goal_is_driven_to_and_its_result_is_told(page: Page) -> None:
 def test_a_page_that_comes_late_gets_what_it_has_missed_at_once(page: Page, run: Run) -> None:
     x, y, _ = truth(page)
     page.done(do="simulation", speed=0.0)
+    # The results of before come before the log.
+    page.wait_for(lambda: [kind for kind, _ in page.events if kind == "log"])
+    ended = [kind for kind, _ in page.events].count("action_result")
     page.done(do="goal", pose={"x_m": x - 0.5, "y_m": y, "yaw_rad": 0.0})
-    page.wait_for(lambda: [kind for kind, _ in page.events if kind == "action_result"])
+    page.wait_for(lambda: [kind for kind, _ in page.events].count("action_result") > ended)
     page.done(do="simulation", speed=1.0)
-    page.done(do="goal", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})
     page.newest.pop("plan", None)
-    plan = page.wait_kind("plan")["points_m"]
+    page.done(do="goal", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})
+    page.wait_for(
+        lambda: (
+            math.dist(page.newest.get("plan", {}).get("points_m", [(9.0, 9.0)])[-1], (x, y)) < 0.1
+        )
+    )
+    plan = page.newest["plan"]["points_m"]
     results = [content for kind, content in page.events if kind == "action_result"]
     with run.page() as late:
         late.wait_kind("trails")
         late.wait_for(
-            lambda: [one for kind, one in late.events if kind == "action_result"][-1:] == results
+            lambda: (
+                [one for kind, one in late.events if kind == "action_result"][: len(results)]
+                == results
+            )
         )
         trail = late.newest["trails"]["truth"]
         assert max(math.dist(point, (x - 0.5, y)) for point in trail) > 0.2
@@ -311,7 +322,7 @@ def test_a_page_that_takes_nothing_costs_the_others_nothing(page: Page, run: Run
     page.wait_kind("stats")
     with contextlib.ExitStack() as stack:
         for _ in range(3):
-            stack.enter_context(run.page())
+            stack.enter_context(run.page(takes_all=False))
         begin_s = page.wait_kind("pose")["time_s"]
         page.wait_for(lambda: page.newest["pose"]["time_s"] > begin_s + 1.0, 30.0)
         assert page.done(do="simulation", pause=False)
