@@ -94,11 +94,16 @@ def test_a_goal_is_driven_to_and_its_result_is_told(page: Page) -> None:
 def test_a_page_that_comes_late_gets_what_it_has_missed_at_once(page: Page, run: Run) -> None:
     x, y, _ = truth(page)
     page.done(do="simulation", speed=0.0)
-    # The results of before come before the log.
-    page.wait_for(lambda: [kind for kind, _ in page.events if kind == "log"])
-    ended = [kind for kind, _ in page.events].count("action_result")
+    begin_s = page.newest["pose"]["time_s"]
     page.done(do="goal", pose={"x_m": x - 0.5, "y_m": y, "yaw_rad": 0.0})
-    page.wait_for(lambda: [kind for kind, _ in page.events].count("action_result") > ended)
+    # Results of before come as well.
+    page.wait_for(
+        lambda: [
+            content
+            for kind, content in page.events
+            if kind == "action_result" and content["start_time_s"] >= begin_s
+        ]
+    )
     page.done(do="simulation", speed=1.0)
     page.newest.pop("plan", None)
     page.done(do="goal", pose={"x_m": x, "y_m": y, "yaw_rad": 0.0})
