@@ -128,6 +128,18 @@ def test_it_says_both_lines_once_and_drives_the_tour(
     assert "shortest m" in caplog.records[-1].getMessage()
 
 
+def drive_again(stage: Stage, goals_before: int) -> None:
+    """Navigation has restarted as well: the tour is driven from its first goal on."""
+    stage.say(table.NAVIGATION_STATUS, INACTIVE)
+    stage.step()
+    stage.say(table.NAVIGATION_STATUS, ACTIVE)
+    stage.step()
+    stage.answer()
+    stage.answer()
+    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
+    assert places[goals_before:] == [(1, 2), (0, 0)]
+
+
 def test_a_reset_begins_the_tour_anew(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
     stage.step(50)
     stage.bring_up()
@@ -150,14 +162,7 @@ def test_a_reset_begins_the_tour_anew(stage: Stage, caplog: pytest.LogCaptureFix
     stage.step(20)
     assert len(stage.goals()) == goals_before
     assert stage.node.waiting_for() is not None
-    stage.say(table.NAVIGATION_STATUS, INACTIVE)
-    stage.step()
-    stage.say(table.NAVIGATION_STATUS, ACTIVE)
-    stage.step()
-    stage.answer()
-    stage.answer()
-    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
-    assert places[goals_before:] == [(1, 2), (0, 0)]
+    drive_again(stage, goals_before)
     del stage.sent[: next(i for i, said in enumerate(stage.sent) if said[1] is aborted) + 1]
     stage.judge(True, True)
     assert stage.node.exit_code == 0
@@ -176,14 +181,7 @@ def test_a_reset_after_the_tour_begins_it_anew(
     stage.step()
     assert "restarting the tour" in caplog.records[-1].getMessage()
     assert stage.node.exit_code is None
-    stage.say(table.NAVIGATION_STATUS, INACTIVE)
-    stage.step()
-    stage.say(table.NAVIGATION_STATUS, ACTIVE)
-    stage.step()
-    stage.answer()
-    stage.answer()
-    places = [(goal.pose.position.x, goal.pose.position.y) for goal in stage.goals()]
-    assert places[goals_before:] == [(1, 2), (0, 0)]
+    drive_again(stage, goals_before)
 
 
 def test_a_reset_without_a_tour_begins_none(caplog: pytest.LogCaptureFixture) -> None:

@@ -288,17 +288,26 @@ def test_time_is_paused_and_stepped(live: Opened) -> None:
     page.get_by_role("button", name="Pause", exact=True).wait_for()
 
 
+@contextlib.contextmanager
+def lonely_console(folder: Path) -> Iterator[str]:
+    """The address of a console that finds no stack: nothing listens on port 1."""
+    robot = ReconnectingRobot(lambda: ZenohRobot("tcp/127.0.0.1:1"))
+    config = ConsoleConfig(port=0, recordings_dir=folder)
+    server = ConsoleServer(build_app(config, live_routes(robot)), config)
+    server.start()
+    try:
+        yield server.url
+    finally:
+        server.stop()
+        robot.close()
+
+
 def test_a_page_without_a_stack_says_so_and_how_to_start_one(
     browser: Browser, tmp_path: Path
 ) -> None:
-    # Nothing listens on port 1.
-    robot = ReconnectingRobot(lambda: ZenohRobot("tcp/127.0.0.1:1"))
-    config = ConsoleConfig(port=0, recordings_dir=tmp_path)
-    server = ConsoleServer(build_app(config, live_routes(robot)), config)
-    server.start()
-    context = browser.new_context()
-    try:
-        opened = opened_in(context, server.url.rstrip("/"))
+    with lonely_console(tmp_path) as url:
+        context = browser.new_context()
+        opened = opened_in(context, url.rstrip("/"))
         opened.page.get_by_role("heading", name="No stack is running").wait_for()
         assert "docker compose up" in opened.page.locator("#how-to-start").inner_text()
         assert opened.page.locator("#live").is_hidden()
@@ -328,10 +337,7 @@ def test_a_page_without_a_stack_says_so_and_how_to_start_one(
         opened.wait(lambda: told.inner_text().startswith("late: no recording"))
         make_run(tmp_path, "late")
         opened.wait(lambda: not told.inner_text().startswith("late"), 20.0)
-    finally:
         context.close()
-        server.stop()
-        robot.close()
 
 
 def test_the_3d_view_follows_the_run_goes_back_in_time_and_opens_the_next_run(
@@ -778,10 +784,6 @@ def test_a_phone_shows_the_tools_in_two_rows_and_the_map_with_the_joystick(
 def test_the_camera_is_seen_without_scrolling_with_the_outlines_of_markers(
     browser: Browser, tmp_path: Path
 ) -> None:
-    robot = ReconnectingRobot(lambda: ZenohRobot("tcp/127.0.0.1:1"))
-    config = ConsoleConfig(port=0, recordings_dir=tmp_path)
-    server = ConsoleServer(build_app(config, live_routes(robot)), config)
-    server.start()
     context = browser.new_context(viewport={"width": 1440, "height": 900})
     _, jpeg = cv2.imencode(".jpg", np.full((360, 480, 3), 200, np.uint8))
     corners = [[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.25, 0.5]]
@@ -795,10 +797,10 @@ def test_the_camera_is_seen_without_scrolling_with_the_outlines_of_markers(
         picture = binary_frame("camera", {"time_s": 1.0}, jpeg.tobytes()).content
         socket.send(picture)
 
-    try:
+    with lonely_console(tmp_path) as url:
         page = context.new_page()
         page.route_web_socket("**/live/feed", stand_in)
-        page.goto(f"{server.url}live")
+        page.goto(f"{url}live")
         outline = page.locator("#camera-panel polygon")
         outline.wait_for(state="attached")
         picture, marker = page.locator("#camera").bounding_box(), outline.bounding_box()
@@ -814,7 +816,4 @@ def test_the_camera_is_seen_without_scrolling_with_the_outlines_of_markers(
         # With its line.
         assert marker["width"] == pytest.approx(picture["width"] / 4, abs=10)
         assert page.locator("#camera-panel text").text_content() == "60"
-    finally:
         context.close()
-        server.stop()
-        robot.close()

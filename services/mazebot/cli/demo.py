@@ -13,7 +13,14 @@ from mazebot.cli import own_router, world
 from mazebot.cli.own_router import OwnRouter
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import world_names
-from mazebot.cli.parsing.options import Json, model_folders, xacro_arguments
+from mazebot.cli.parsing.options import (
+    Camera,
+    Json,
+    TextureBase,
+    UseAruco,
+    model_folders,
+    xacro_arguments,
+)
 from mazebot.cli.parsing.patience import say_first
 from mazebot.cli.parsing.poses import POSE, given_pose
 from mazebot.common.config import ConfigError
@@ -92,26 +99,13 @@ def demo(
             "markers.yaml beside it, the robot knows these markers",
         ),
     ] = None,
-    use_aruco: Annotated[
-        str | None,
-        typer.Option(
-            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
-        ),
-    ] = None,
-    texture_base: Annotated[
-        Path | None,
-        typer.Option(
-            "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
-            help="folder of the wall textures [default: worlds/textures]",
-        ),
-    ] = None,
+    use_aruco: UseAruco = None,
+    texture_base: TextureBase = None,
     renderer: Annotated[
         Literal["auto", "gl", "cpu", "tiny", "none"] | None,
         typer.Option(help="renderer of the camera images [default: auto]"),
     ] = None,
-    camera: Annotated[
-        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
-    ] = None,
+    camera: Camera = None,
     record: Annotated[
         bool | None, typer.Option("--record/--no-record", help="write run.rrd [default: record]")
     ] = None,

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.kernels import USE_LISTENERS, Kernel, cache_folder, environment
+from mazebot.common.processors import processors
 from mazebot.embedded.compile_progress import CompileProgress
 from mazebot.embedded.compiler import FAILED, WHOLE
 from mazebot.embedded.kernel_list import listed
@@ -113,7 +114,7 @@ class Compiling:
                 self._queue.append(module)
                 self._queued.add(module)
         running = sum(thread.is_alive() for thread in self._processes.values())
-        for _ in range(min(_processors() - running, len(self._queue))):
+        for _ in range(min(processors() - running, len(self._queue))):
             process = subprocess.Popen(
                 [sys.executable, "-m", "mazebot.embedded.compiler"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
@@ -194,10 +195,3 @@ def _digest(module: str) -> str:
     source = _SOURCES.joinpath(*module.split(".")).with_suffix(".py")
     lines = [" ".join(one) for one in listed() if one.module == module]
     return hashlib.sha256(source.read_bytes() + "\n".join(lines).encode()).hexdigest()
-
-
-def _processors() -> int:
-    """Number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

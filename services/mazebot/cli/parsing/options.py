@@ -20,6 +20,22 @@ Connect = Annotated[
     typer.Option(envvar="MAZEBOT_BUS_CONNECT", help="Zenoh endpoint of the stack's router"),
 ]
 Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+UseAruco = Annotated[
+    str | None,
+    typer.Option(
+        "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
+    ),
+]
+TextureBase = Annotated[
+    Path | None,
+    typer.Option(
+        "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
+        help="folder of the wall textures [default: worlds/textures]",
+    ),
+]  # fmt: skip
+Camera = Annotated[
+    bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
+]
 
 
 def print_json(value: object) -> None:

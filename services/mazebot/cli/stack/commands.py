@@ -13,7 +13,7 @@ import typer
 from mazebot.cli.own_router import is_default, router_port
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import stack_service_names, world_names
-from mazebot.cli.parsing.options import Json, print_json
+from mazebot.cli.parsing.options import Camera, Json, TextureBase, UseAruco, print_json
 from mazebot.common.config import ConfigError
 
 if TYPE_CHECKING:
@@ -64,22 +64,9 @@ def up(
     worlds_dir: Annotated[
         Path | None, typer.Option(envvar="WORLDS_DIR", help="folder of the worlds")
     ] = None,
-    texture_base: Annotated[
-        Path | None,
-        typer.Option(
-            "--texture_base", "--texture-base", envvar="TEXTURE_BASE",
-            help="folder of the wall textures",
-        ),
-    ] = None,
-    use_aruco: Annotated[
-        str | None,
-        typer.Option(
-            "--use_aruco", "--use-aruco", envvar="USE_ARUCO", help="True or False [default: True]"
-        ),
-    ] = None,
-    camera: Annotated[
-        bool | None, typer.Option("--camera/--no-camera", help="simulate one [default: camera]")
-    ] = None,
+    texture_base: TextureBase = None,
+    use_aruco: UseAruco = None,
+    camera: Camera = None,
     seed: Annotated[
         int | None, typer.Option(min=0, envvar="SEED", help="of all services [default: 7]")
     ] = None,

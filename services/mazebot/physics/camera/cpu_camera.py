@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import Array
 from mazebot.common.messages.documents import Planar, World
+from mazebot.common.processors import processors
 from mazebot.physics.camera.camera import (
     DepthRange,
     Intrinsics,
@@ -66,7 +66,7 @@ class CpuCamera:
         self._scene: Scene | None = None
         self._textures = textures_of((), {})
         strips = -(-intrinsics.height // _STRIP_PX)
-        helpers = min(threads or _processors(), strips) - 1
+        helpers = min(threads or processors(), strips) - 1
         self._scratches = [
             Scratch.of(intrinsics.width * min(_STRIP_PX, intrinsics.height))
             for _ in range(helpers + 1)
@@ -175,13 +175,6 @@ def compile_kernels() -> None:
     camera.set_scene(build_scene(empty, {}))
     camera.render(np.eye(4))
     camera.close()
-
-
-def _processors() -> int:
-    """Number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _plain(array: NDArray[Any], kind: type[Any]) -> NDArray[Any]:

@@ -38,29 +38,6 @@ from mazebot.recorder.judging.wall_time import WallTime
 from mazebot.recorder.keeping.run.map_folder import MapFolder
 from mazebot.recorder.keeping.run.setting import Setting
 
-JUDGED: tuple[Topic[Any], ...] = (
-    ACTION_FEEDBACK,
-    ACTION_RESULT,
-    AMCL_POSE,
-    CLOCK,
-    CONTACTS,
-    DETECTIONS,
-    DIAGNOSTICS,
-    ENTITIES,
-    EXPLORATION_STATUS,
-    GOAL_POSE,
-    GROUND_TRUTH_ODOM,
-    MAP,
-    NAVIGATION_RESULT,
-    ODOM,
-    POSE_GRAPH,
-    ROSOUT,
-    SCAN,
-    SIMULATION_STATS,
-    TF_STATIC,
-)
-"""The topics whose messages are judged."""
-
 
 class RunJudge:
     """Hands each message to what judges it, and holds the result."""
@@ -77,36 +54,13 @@ class RunJudge:
         self._clock_ns: int | None = None
         """Time of the newest clock message since the last tick."""
         self._maps = MapFolder() if world.slam else None
-        self._judge: dict[Topic[Any], Callable[[Any], None]] = {
-            CLOCK: self._take_clock,
-            ENTITIES: self._take_entities,
-            TF_STATIC: self.evaluation.add_static_transforms,
-            GROUND_TRUTH_ODOM: self.evaluation.add_ground_truth,
-            ODOM: self.evaluation.add_odometry,
-            AMCL_POSE: self.evaluation.add_estimate,
-            DETECTIONS: self.evaluation.add_detections,
-            CONTACTS: self.evaluation.add_contact,
-            GOAL_POSE: self.evaluation.add_goal,
-            NAVIGATION_RESULT: self.evaluation.add_result,
-            ACTION_FEEDBACK: self.evaluation.add_feedback,
-            ACTION_RESULT: self.evaluation.add_result,
-            SIMULATION_STATS: self._take_stats,
-            DIAGNOSTICS: self._take_diagnostics,
-            ROSOUT: self.evaluation.history.add_log,
-        }
-        if world.slam:
-            self._judge |= {
-                MAP: self._take_map,
-                POSE_GRAPH: self._take_pose_graph,
-                EXPLORATION_STATUS: self.evaluation.add_exploration,
-                SCAN: self.evaluation.add_scan,
-            }
+        self._judges = _JUDGES | (_SLAM_JUDGES if world.slam else {})
 
     def take(self, topic: Topic[Any], message: Any) -> None:
         """Judge a message, if anything judges its topic."""
-        judge = self._judge.get(topic)
+        judge = self._judges.get(topic)
         if judge is not None:
-            judge(message)
+            judge(self, message)
 
     def tick(self, now_s: float) -> None:
         """Relate simulation time to the wall clock. Called once for all messages of a step: only
@@ -164,3 +118,31 @@ class RunJudge:
                 if value.key.startswith(REJECTED_KEY) and value.value.isdecimal():
                     topic, _, reason = value.key.removeprefix(REJECTED_KEY).partition(": ")
                     self.rejected[status.name, topic, reason] = int(value.value)
+
+
+_JUDGES: dict[Topic[Any], Callable[[RunJudge, Any], None]] = {
+    CLOCK: RunJudge._take_clock,
+    ENTITIES: RunJudge._take_entities,
+    TF_STATIC: lambda judge, tree: judge.evaluation.add_static_transforms(tree),
+    GROUND_TRUTH_ODOM: lambda judge, odometry: judge.evaluation.add_ground_truth(odometry),
+    ODOM: lambda judge, odometry: judge.evaluation.add_odometry(odometry),
+    AMCL_POSE: lambda judge, pose: judge.evaluation.add_estimate(pose),
+    DETECTIONS: lambda judge, seen: judge.evaluation.add_detections(seen),
+    CONTACTS: lambda judge, contact: judge.evaluation.add_contact(contact),
+    GOAL_POSE: lambda judge, goal: judge.evaluation.add_goal(goal),
+    NAVIGATION_RESULT: lambda judge, result: judge.evaluation.add_result(result),
+    ACTION_FEEDBACK: lambda judge, feedback: judge.evaluation.add_feedback(feedback),
+    ACTION_RESULT: lambda judge, result: judge.evaluation.add_result(result),
+    SIMULATION_STATS: RunJudge._take_stats,
+    DIAGNOSTICS: RunJudge._take_diagnostics,
+    ROSOUT: lambda judge, log: judge.evaluation.history.add_log(log),
+}
+_SLAM_JUDGES: dict[Topic[Any], Callable[[RunJudge, Any], None]] = {
+    MAP: RunJudge._take_map,
+    POSE_GRAPH: RunJudge._take_pose_graph,
+    EXPLORATION_STATUS: lambda judge, status: judge.evaluation.add_exploration(status),
+    SCAN: lambda judge, scan: judge.evaluation.add_scan(scan),
+}
+"""Those of a robot that makes the map."""
+JUDGED: tuple[Topic[Any], ...] = (*_JUDGES, *_SLAM_JUDGES)
+"""The topics whose messages are judged."""
