@@ -4,7 +4,6 @@ order.
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -119,8 +118,6 @@ class LocalSeat:
         self.outbox = outbox
         self._rosout = rosout
         self._trigger = Trigger(node)
-        self._rests_from_ns, self._rests_until_ns = 0.0, 0.0
-        """When the node is not due, unless something arrives."""
         self._report = SelfReport(node, inbox, outbox)
         self._report_beat = Beat(DIAGNOSTICS_PERIOD_NS)
 
@@ -136,14 +133,7 @@ class LocalSeat:
 
     def due(self, now_ns: int) -> bool:
         """See Seat."""
-        # Asked at every step of physics: most answers are this one.
-        if self._rests_from_ns <= now_ns < self._rests_until_ns and not self.inbox.may_wake:
-            return False
-        due = self._trigger.due(now_ns, self.inbox)
-        next_ns = self._trigger.next_ns
-        self._rests_from_ns = now_ns
-        self._rests_until_ns = math.inf if next_ns is None else next_ns
-        return due
+        return self._trigger.due(now_ns, self.inbox)
 
     def step(self, now_ns: int) -> None:
         """See Seat."""

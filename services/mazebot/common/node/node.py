@@ -377,15 +377,12 @@ class Outbox:
         checks: bool = True,
         is_read: Callable[[Topic[Any]], bool] = lambda _: True,
     ) -> None:
-        """`checks`: whether messages are validated here; `is_read`: whether anybody reads a topic,
-        asked at its first message.
-        """
+        """`checks`: whether messages are validated here; `is_read`: whether anybody reads a topic."""
         self._node = node
         self._send = send
         self._source = source or node.name
         self._checks = checks
-        self._is_read = is_read
-        self._read: dict[str, bool] = {}
+        self.is_read = is_read
         self._sequence: Counter[str] = Counter()
         self.rejected: Counter[tuple[str, str]] = Counter()
         self.now_ns = 0
@@ -410,13 +407,6 @@ class Outbox:
         envelope = Envelope(self._source, sequence, self.now_ns, node.world_hash)
         self._send(cast("Topic[object]", topic), message, envelope)
 
-    def is_read(self, topic: Topic[Any]) -> bool:
-        """Whether anybody reads a topic, as far as it is known."""
-        is_read = self._read.get(topic.name)
-        if is_read is None:
-            is_read = self._read[topic.name] = self._is_read(topic)
-        return is_read
-
     def offer(self, topic: Topic[M], make: Callable[[], M]) -> None:
         """As `put`, of a message that is made and sent only if anybody reads the topic."""
         if self.is_read(topic):
@@ -433,11 +423,6 @@ class Beat:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._next_ns = 0
-
-    @property
-    def next_ns(self) -> int:
-        """The next multiple: before it nothing is due, unless the simulation is reset."""
-        return self._next_ns
 
     def is_due(self, now_ns: int) -> bool:
         """Whether the next multiple has been reached, or the simulation was reset."""
@@ -461,12 +446,10 @@ class Trigger:
     def due(self, now_ns: int, inbox: Inbox) -> bool:
         """Whether the node has to step at `now_ns`; the call advances a periodic node's timer."""
         beat = self._beat
+        # Asked at every step of physics: most answers are this one.
+        if not inbox.may_wake and (beat is None or not beat.is_due(now_ns)):
+            return False
         return (beat is not None and beat.due(now_ns)) or inbox.wakes()
-
-    @property
-    def next_ns(self) -> int | None:
-        """When the node's timer is due next; None: never."""
-        return self._beat.next_ns if self._beat is not None else None
 
     def is_time(self, now_ns: int) -> bool:
         """Whether the node's timer is due at `now_ns`."""
