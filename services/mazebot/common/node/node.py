@@ -377,7 +377,7 @@ class Outbox:
         checks: bool = True,
         is_read: Callable[[Topic[Any]], bool] = lambda _: True,
     ) -> None:
-        """`checks`: whether messages are validated here; `is_read`: whether anybody reads a topic."""
+        """`checks`: messages are validated here; `is_read`: whether anybody reads a topic."""
         self._node = node
         self._send = send
         self._source = source or node.name
