@@ -12,11 +12,11 @@ GOLDEN_TOURS = {
     "maze": "2cea1c52cd4000c0",
     "maze_rooms": "19fb8b8f2a2e9280",
     "sim_house": "5d399b7f95d015ab",
-    "sim_house_enhanced": "035e255e42ec956c",
-    "sim_house_floor": "035e255e42ec956c",
-    "sim_house_markers": "8c9efb2b300211b0",
-    "sim_house_rooms": "ffbb91562db22c36",
-    "sim_house_slam": "9da40d090172de5a",
+    "sim_house_enhanced": "2b38e8548e025976",
+    "sim_house_floor": "2b38e8548e025976",
+    "sim_house_markers": "cf6087a0c0b84a57",
+    "sim_house_rooms": "69b345e3bda578a7",
+    "sim_house_slam": "f6eb0acda7d21fb1",
 }
 """State hash of the whole tour."""
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import Array
 from mazebot.perception.corners import Corners
+from mazebot.perception.sampling import brightness_at
 
 Bits = NDArray[np.uint8]
 
@@ -97,10 +98,8 @@ def _module_levels(grey: NDArray[np.uint8], corners: Corners, modules: int) -> A
     places = _sample_places(corners, modules)
     if places is None:
         return None
-    x, y = places[..., 0].astype(np.float32), places[..., 1].astype(np.float32)
-    sampled = np.asarray(
-        cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64
-    )
+    x, y = places[..., 0], places[..., 1]
+    sampled = brightness_at(grey, x, y)
     height, width = grey.shape
     sampled[(x < -0.5) | (y < -0.5) | (x > width - 0.5) | (y > height - 0.5)] = np.nan
     side, samples = modules + 2, len(_SAMPLES)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mazebot.common.maths import portable
+from mazebot.perception.sampling import brightness_at
 
 Corners = NDArray[np.float64]
 
@@ -85,20 +85,9 @@ def _edge_lines(
     step_px = max(_STEP_PX, half_width_px / _STEPS)
     across = np.arange(-half_width_px, half_width_px + step_px / 2, step_px)
     base = starts[:, None] + _ALONG[None, :, None] * along[:, None]
-    places = (base[:, :, None] + across[None, None, :, None] * outward[:, None, None]).astype(
-        np.float32
-    )
+    places = base[:, :, None] + across[None, None, :, None] * outward[:, None, None]
     places = places.reshape(4 * _SAMPLES, len(across), 2)
-    profile = np.asarray(
-        cv2.remap(
-            grey,
-            places[..., 0],
-            places[..., 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        np.float64,
-    )
+    profile = brightness_at(grey, places[..., 0], places[..., 1])
     rise = np.diff(profile.reshape(4, _SAMPLES, len(across)), axis=2).clip(0.0)
     contrast = rise.sum(axis=2)
     if contrast.min() < 1.0:

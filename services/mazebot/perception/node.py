@@ -43,6 +43,7 @@ from mazebot.perception.detect import dictionary_exists, grey_from_rgb
 from mazebot.perception.find import Findings, Found, MarkerFinder, Name
 from mazebot.perception.picture import png_from_rgb
 from mazebot.perception.pose import Camera
+from mazebot.perception.sampling import brightness_at
 
 _INFOS_KEPT = 10
 _ODOMETRY_KEPT = 100
@@ -138,6 +139,11 @@ class PerceptionNode(Node):
         if self._published:
             return None
         return "an image" if self._image is None else "the camera's intrinsics"
+
+    def prepare(self) -> None:
+        """See Node."""
+        nowhere = np.zeros((1, 1))
+        brightness_at(np.zeros((1, 1), np.uint8), nowhere, nowhere)
 
     def close(self) -> None:
         """End the thread that looks for markers."""
