@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from mazebot.cli.own_router import OwnRouter, is_default, router_port, taken
+from mazebot.cli.own_router import OwnRouter, how_to_find, router_port, taken
 from mazebot.commander.navigator import Navigator, TaskResult
 from mazebot.common.bus.attachment import pack_attachment
 from mazebot.common.bus.config import BusConfig
@@ -279,8 +279,9 @@ def set_environment(monkeypatch: pytest.MonkeyPatch, environment: dict[str, str]
 
 def test_the_default_address_needs_no_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     set_environment(monkeypatch, {})
-    assert is_default("tcp/127.0.0.1:7447")
-    assert not is_default("tcp/127.0.0.1:7448")
+    assert how_to_find("tcp/127.0.0.1:7447") == ""
+    there = "tcp/127.0.0.1:7448"
+    assert how_to_find(there) == f": export MAZEBOT_BUS_CONNECT={there}"
     assert "tcp/127.0.0.1:7447" in str(taken("tcp/127.0.0.1:7447"))
 
 

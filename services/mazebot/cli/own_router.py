@@ -44,9 +44,12 @@ def router_address(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
 
 
-def is_default(endpoint: str) -> bool:
-    """Whether the user's tools, with the environment of this process, find a router there."""
-    return (os.environ.get(_CONNECT) or ROUTER).replace("localhost", "127.0.0.1") == endpoint
+def how_to_find(endpoint: str) -> str:
+    """What the user's tools need to find a router there, after the endpoint in a line; empty: with
+    the environment of this process they find it.
+    """
+    found = (os.environ.get(_CONNECT) or ROUTER).replace("localhost", "127.0.0.1")
+    return "" if found == endpoint else f": export {_CONNECT}={endpoint}"
 
 
 def taken(endpoint: str) -> ConfigError:
@@ -84,7 +87,7 @@ class OwnRouter:
         from mazebot.common.client.run_on_bus import RunOnBus  # noqa: PLC0415
 
         self._run = RunOnBus(self._router.session, nodes, transport, self._prefix)
-        hint = "" if is_default(self.endpoint) else f": export {_CONNECT}={self.endpoint}"
+        hint = how_to_find(self.endpoint)
         log = logging.getLogger("router")
         log.info("listening on %s, for `mazebot goal` and all others%s", self.endpoint, hint)
 

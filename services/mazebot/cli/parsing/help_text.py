@@ -14,7 +14,9 @@ _GROUPS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         ),
         "What the robot does": ("--goal", "--tour", "--slam", "--explore", "--controller"),
         "Settings": ("--seed", "--config", "--params", "--camera", "--renderer"),
-        "What is kept and shown": ("--out", "--record", "--console", "--console-port", "--json"),
+        "What is kept and shown": (
+            "--out", "--record", "--console", "--console-port", "--router-port", "--json",
+        ),
     },
     "plan": {
         "Path": (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazebot.cli.own_router import is_default, router_port
+from mazebot.cli.own_router import how_to_find, router_port
 from mazebot.cli.parsing import known
 from mazebot.cli.parsing.completion import stack_service_names, world_names
 from mazebot.cli.parsing.options import Camera, Json, TextureBase, UseAruco, print_json
@@ -119,7 +119,9 @@ def up(
         signal.signal(number, signal.default_int_handler)
     try:
         state = start(plan, folder)
-        _say(f"{len(state.services)} services run, on {state.endpoint}{_hint(state.endpoint)}")
+        _say(
+            f"{len(state.services)} services run, on {state.endpoint}{how_to_find(state.endpoint)}"
+        )
         code = _wait(folder) if detach else _follow(folder, state)
     except KeyboardInterrupt:
         # A second Ctrl-C must not leave half of them.
@@ -128,10 +130,6 @@ def up(
         _end(folder)
         code = _INTERRUPTED
     raise typer.Exit(code)
-
-
-def _hint(endpoint: str) -> str:
-    return "" if is_default(endpoint) else f": export MAZEBOT_BUS_CONNECT={endpoint}"
 
 
 def _wait(folder: StackFolder) -> int:
