@@ -182,6 +182,12 @@ def test_only_a_run_s_files_are_sent_as_they_grow(shared: Served, name: str) -> 
     assert shared.ask(f"/runs/{FIRST}/growing/{name}").status == 404
 
 
+@pytest.mark.parametrize("run", [FIRST, "2026-02-01_10-00-00_none"])
+def test_whether_a_run_has_a_file_yet_is_no_error(shared: Served, run: str) -> None:
+    answer = shared.ask(f"/runs/{run}/growing/none.rrd", method="HEAD")
+    assert (answer.status, answer.body) == (204, b"")
+
+
 def test_a_console_that_ends_waits_for_no_file_that_grows(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -218,8 +218,14 @@ async def _file(request: Request) -> Response:
 
 
 async def _growing(request: Request) -> Response:
-    run = await run_of(request)
-    file = await _open(request, [request.path_params["name"]])
+    """The file as it grows; HEAD, which asks whether there is one yet, gets 204 for none."""
+    try:
+        run = await run_of(request)
+        file = await _open(request, [request.path_params["name"]])
+    except HTTPException as error:
+        if request.method == "HEAD" and error.status_code == 404:
+            return Response(status_code=204)
+        raise
 
     def grows() -> bool:
         return is_recording(run.path) and not request.app.state.is_ending()

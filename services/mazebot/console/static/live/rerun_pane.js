@@ -159,5 +159,5 @@ export class RerunPane {
 async function fileOf(run) {
   const url = `/runs/${encodeURIComponent(run)}/growing/run.rrd`;
   const found = run ? await fetch(url, { method: "HEAD" }) : null;
-  return found?.ok ? url : "";
+  return found?.status === 200 ? url : "";
 }
