@@ -69,6 +69,17 @@ children = f"/proc/self/task/{os.getpid()}/children"
 print("children:", open(children).read() if os.path.exists(children) else "")
 """
 
+SESSION = """
+import os, sys
+from mazebot import Session
+
+sys.stderr = sys.stdout
+with Session("original", camera=False) as session:
+    print(session.step().iterations)
+children = f"/proc/self/task/{os.getpid()}/children"
+print("children:", open(children).read() if os.path.exists(children) else "")
+"""
+
 
 def run(code: str, kernels: Path | None = None, *arguments: str) -> list[str]:
     """The lines that a program prints that keeps its kernels in a folder of its own."""
@@ -129,6 +140,13 @@ def test_two_at_once_do_not_harm_each_other(tmp_path: Path) -> None:
         output, _ = one.communicate(timeout=100)
         assert "[1.]" in output.splitlines()
     assert run(EXPONENTIAL, tmp_path) == ["[1.]", "children: "]
+
+
+@pytest.mark.slow
+def test_a_session_compiles_side_by_side_too(tmp_path: Path) -> None:
+    first, *_, steps, children = run(SESSION, tmp_path)
+    assert first.startswith("compiling kernels, once: 0 of ")
+    assert (steps, children) == ("1", "children: ")
 
 
 @pytest.mark.slow

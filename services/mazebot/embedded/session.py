@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
 from pydantic import ValidationError
+from rich.console import Console
 
 from mazebot.bringup.config import BringupConfig
 from mazebot.bringup.node import BringupNode
@@ -58,6 +59,8 @@ from mazebot.common.node.edge_client import EdgeClient
 from mazebot.common.node.executive import Executive, StalledError
 from mazebot.common.node.node import Outbox
 from mazebot.common.settings.load import load
+from mazebot.embedded.compile_progress import CompileProgress
+from mazebot.embedded.compiling import compiled_side_by_side
 from mazebot.embedded.demo import DemoOptions, robot_nodes, with_full_name, worldgen_config
 from mazebot.embedded.watched_transport import WatchedTransport
 from mazebot.physics.config import STEPS_PER_SECOND
@@ -150,7 +153,10 @@ class Session(Robot):
         self._executive = Executive(nodes, self._transport)
         self._outbox = Outbox(EdgeClient(), self._transport.send)
         self._closed = False
+        self._compiling = ExitStack()
         try:
+            progress = CompileProgress(Console(stderr=True))
+            self._compiling.enter_context(compiled_side_by_side(progress))
             self.pause()
             self._turn_until(self._is_loaded, "the world")
         except BaseException:
@@ -162,6 +168,7 @@ class Session(Robot):
         if not self._closed:
             self._closed = True
             self._executive.close()
+            self._compiling.close()
 
     @property
     def stats(self) -> SimulationStats:

@@ -256,7 +256,8 @@ def _compressed() -> bytes:
         (_changed(triangles=np.full((1, 3), 24, "<i4")), "a nonexistent vertex"),
         (_changed(triangles=np.full((1, 3), -1, "<i4")), "a nonexistent vertex"),
         (_changed(triangles=np.zeros((2_000_001, 3), "<i4")), "has 2000001 triangles"),
-    ],
+    ],  # Of the bytes: they hold the time of day.
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_no_mesh_is_refused_in_a_phrase(data: bytes, words: str) -> None:
     with pytest.raises(ValueError, match=words) as caught:
