@@ -141,9 +141,10 @@ def test_a_pause_in_mid_drive_alarms_nobody_and_jumps_in_no_command(stack: Stack
     assert stack.processes["bringup"].wait(DEADLINE_S) == 0
     gap_s = ns_from_time(stack.commands[sent].header.stamp) * 1e-9 - at.sim_time_s
     assert abs(gap_s) < 0.2
-    # A machine that is too busy for real time lets the robot stop at times; it goes on.
-    busy = [line for line in stack.faults() if "no velocity command for" in line]
-    assert [line for line in stack.faults() if line not in busy] == [
+    # A machine that is too busy for real time lets the robot stop at times; it goes on. Periods are
+    # missed by simulation time, in which there was no pause.
+    busy = ("no velocity command for", "Control loop missed its desired rate")
+    assert [line for line in stack.faults() if not any(words in line for words in busy)] == [
         "[WARN] [bringup]: tour finished; no evaluation received from the recorder\n"
     ]
     for before, after in zip(stack.commands, stack.commands[1:], strict=False):
