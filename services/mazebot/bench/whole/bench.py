@@ -62,7 +62,7 @@ def _sections(quick: bool) -> dict[str, Callable[[], list[Figure]]]:
         ],
         "camera": lambda: bench_parts.cameras(loaded, many),
         "wire": lambda: wire(many),
-        "whole loop": lambda: bench_loop.loops(episode_s, episodes),
+        "whole loop": lambda: bench_loop.loops(enhanced.world, episode_s, episodes),
     }
     if not quick:
         sections["whole tour"] = bench_loop.whole_tour

@@ -11,19 +11,23 @@ import logging
 import math
 import os
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from mazebot.bench.bench_figures import Figure, figure
+from mazebot.bench.bench_figures import Figure, figure, timed_ms
 from mazebot.bench.memory import peak_mb
+from mazebot.bench.whole.bench_peers import PlainPyBullet
 from mazebot.common.files.root import ROOT
 from mazebot.common.garbage import collections_held_off, settled
+from mazebot.common.messages.documents import World
 from mazebot.common.node.executive import Executive, MemoryTransport
 from mazebot.embedded.demo import FIRST_STEP, DemoOptions, build_nodes
 from mazebot.navigation.control.mppi.mppi import MPPIController as Controller
@@ -38,6 +42,8 @@ LOOPS: dict[str, dict[str, Any]] = {
     "camera 640x480 RGB-D at 10 Hz": {"record": False},
     "camera and recording": {},
 }
+_LOOPS_GROUP = "whole loop, one process"
+_PLAIN_S, _PLAIN_RUNS = 2.0, 5
 WARM_UP_S = 1.0
 """Simulation time in which the world is loaded and missing kernels are compiled."""
 _DEADLINE_S = 600.0
@@ -45,20 +51,33 @@ _DRIVES = "Begin navigating"
 """Log message of navigation when it is localised and starts towards the first goal."""
 
 
-def loops(episode_s: float, repeats: int) -> list[Figure]:
-    """Figures of the start of the enhanced tour, for each way of running it."""
+def loops(world: World, episode_s: float, repeats: int) -> list[Figure]:
+    """Figures of the start of the enhanced tour, for each way of running it; also as ratios to
+    plain PyBullet in its maze just before and after: a machine's speed changes within minutes.
+    """
     figures = []
-    for name, options in LOOPS.items():
-        episodes = [episode_in_own_process(options, episode_s) for _ in range(repeats)]
-        factors = [episode["real_time_factor"] for episode in episodes]
-        hashes = {episode["state_hash"] for episode in episodes}
-        note = f"state {', '.join(sorted(hashes))}"
-        figures.append(figure("whole loop, one process", name, "x real time", factors, note))
-        peaks = [episode["peak_mb"] for episode in episodes]
-        figures.append(figure("memory of the whole process", name, "MB", peaks))
-        if name == list(LOOPS)[-1]:
-            figures += _parts(episodes[-1], episode_s)
-    return sorted(figures, key=lambda one: one.group != "whole loop, one process")
+    with closing(PlainPyBullet(world)) as plain:
+        drive = functools.partial(plain.drive, _PLAIN_S)
+        for name, options in LOOPS.items():
+            episodes, ratios = [], []
+            before_ms = timed_ms(drive, _PLAIN_RUNS)
+            for _ in range(repeats):
+                episodes.append(episode_in_own_process(options, episode_s))
+                after_ms = timed_ms(drive, _PLAIN_RUNS)
+                plain_factor = _PLAIN_S * 1e3 / statistics.median(before_ms + after_ms)
+                ratios.append(episodes[-1]["real_time_factor"] / plain_factor)
+                before_ms = after_ms
+            factors = [episode["real_time_factor"] for episode in episodes]
+            hashes = {episode["state_hash"] for episode in episodes}
+            note = f"state {', '.join(sorted(hashes))}"
+            figures.append(figure(_LOOPS_GROUP, name, "x real time", factors, note))
+            beside = f"{name}, ratio to plain PyBullet"
+            figures.append(figure(_LOOPS_GROUP, beside, "", ratios))
+            peaks = [episode["peak_mb"] for episode in episodes]
+            figures.append(figure("memory of the whole process", name, "MB", peaks))
+            if name == list(LOOPS)[-1]:
+                figures += _parts(episodes[-1], episode_s)
+    return sorted(figures, key=lambda one: one.group != _LOOPS_GROUP)
 
 
 def whole_tour() -> list[Figure]:
@@ -67,7 +86,7 @@ def whole_tour() -> list[Figure]:
     name = "the whole tour, camera and recording"
     factor, note = measured["real_time_factor"], f"state {measured['state_hash']}"
     return [
-        figure("whole loop, one process", name, "x real time", [factor], note),
+        figure(_LOOPS_GROUP, name, "x real time", [factor], note),
         figure("memory of the whole process", name, "MB", [measured["peak_mb"]]),
     ]
 

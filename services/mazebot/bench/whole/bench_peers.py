@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
@@ -28,32 +28,47 @@ _WHEELS_RAD_S = 9.0
 _DEADLINE_S = 120.0
 
 
-def plain_pybullet(world: World, seconds: float, repeats: int, frames: int) -> list[Figure]:
+class PlainPyBullet:
     """PyBullet as in its quick start guide: boxes, the robot's URDF, motors, `rayTestBatch`, and
     TinyRenderer by `getCameraImage`; no textures.
     """
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        robot = _build(world, client)
-        scan = functools.partial(_scan, robot, client)
 
-        def run() -> None:
-            for number in range(round(seconds * _STEPS_PER_SECOND)):
-                if number % _STEPS_A_SCAN == 0:
-                    _drive(robot, client)
-                    scan()
-                pybullet.stepSimulation(physicsClientId=client)
+    def __init__(self, world: World) -> None:
+        self._client = pybullet.connect(pybullet.DIRECT)
+        self._robot = _build(world, self._client)
 
-        factors = [seconds * 1e3 / each for each in timed_ms(run, repeats)]
-        picture = functools.partial(_picture, robot, client)
+    def drive(self, seconds: float) -> None:
+        """Drive for this long in simulation time, with steps of 1/240 s and 10 scans a second."""
+        for number in range(round(seconds * _STEPS_PER_SECOND)):
+            if number % _STEPS_A_SCAN == 0:
+                _drive(self._robot, self._client)
+                self.scan()
+            pybullet.stepSimulation(physicsClientId=self._client)
+
+    def scan(self) -> None:
+        """Take one scan."""
+        _scan(self._robot, self._client)
+
+    def picture(self) -> None:
+        """Take one picture."""
+        _picture(self._robot, self._client)
+
+    def close(self) -> None:
+        """Free PyBullet's world."""
+        pybullet.disconnect(physicsClientId=self._client)
+
+
+def plain_pybullet(world: World, seconds: float, repeats: int, frames: int) -> list[Figure]:
+    """Figures of `PlainPyBullet`."""
+    with closing(PlainPyBullet(world)) as plain:
+        runs_ms = timed_ms(functools.partial(plain.drive, seconds), repeats)
+        factors = [seconds * 1e3 / each for each in runs_ms]
         return [
             figure(_GROUP, "plain PyBullet: 240 Hz and lidar", "x real time", factors),
-            figure(_GROUP, "plain PyBullet: one scan", "ms", timed_ms(scan, 10 * repeats)),
-            figure(_GROUP, "plain PyBullet: one picture 640x480", "ms", timed_ms(picture, frames),
-                   "TinyRenderer, no textures"),
+            figure(_GROUP, "plain PyBullet: one scan", "ms", timed_ms(plain.scan, 10 * repeats)),
+            figure(_GROUP, "plain PyBullet: one picture 640x480", "ms",
+                   timed_ms(plain.picture, frames), "TinyRenderer, no textures"),
         ]  # fmt: skip
-    finally:
-        pybullet.disconnect(physicsClientId=client)
 
 
 def ir_sim(world: World, seconds: float, repeats: int) -> list[Figure]:
