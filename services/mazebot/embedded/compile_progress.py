@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 _TEXT = "compiling kernels, once: {} of {}"
-_LINE_PERIOD_S = 5.0
+_LINE_PERIOD_S = 1.5
 
 
 class CompileProgress:
