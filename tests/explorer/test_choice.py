@@ -28,7 +28,7 @@ HALL = plan(
 
 
 def surveyed(cells: Cells, robot: SE2, params: ExplorerParams = PARAMS) -> Survey:
-    return survey(params, cells, RESOLUTION_M, ORIGIN, robot)
+    return survey(params, cells, RESOLUTION_M, ORIGIN, robot, robot)
 
 
 def brute_force(prices: np.ndarray, source: int) -> np.ndarray:
@@ -148,7 +148,7 @@ def test_a_rotated_map_gives_the_same_goals() -> None:
     robot, home = SE2(5.0, 2.0, 0.0), SE2(1.5, 2.0, 0.0)
     turn = SE2(0.3, -0.2, math.pi / 2)
     seen = surveyed(HALL, robot)
-    turned = survey(PARAMS, HALL, RESOLUTION_M, turn @ ORIGIN, turn @ robot)
+    turned = survey(PARAMS, HALL, RESOLUTION_M, turn @ ORIGIN, turn @ robot, turn @ robot)
     assert turned.floor.reachable_m2 == pytest.approx(seen.floor.reachable_m2, rel=0.01)
     one, two = aim(PARAMS, seen, home, None), aim(PARAMS, turned, turn @ home, None)
     assert one is not None

@@ -191,7 +191,7 @@ def test_a_choice_is_quick() -> None:
     taken_s = []
     for _ in range(5):
         begun_s = time.process_time()
-        seen = survey(CONFIG, cells, RESOLUTION_M, SE2(0.0, 0.0, 0.0), robot)
+        seen = survey(CONFIG, cells, RESOLUTION_M, SE2(0.0, 0.0, 0.0), robot, robot)
         assert aim(CONFIG, seen, robot, None) is not None
         taken_s.append(time.process_time() - begun_s)
     assert min(taken_s) < 0.06

@@ -35,10 +35,12 @@ def exploration_table(status: ExplorationStatus, evaluation: Evaluation | None) 
             "explored",
             f"{status.seen_share:.1%} of the reachable floor, as estimated by the explorer",
         ),
+        ("ended", status.reason),
         ("driven", f"{status.driven_m:.1f} m to {status.goals} view points"),
         (
             "frontiers",
-            f"{status.frontiers} left: {status.reachable} reachable, {status.set_aside} set aside",
+            f"{status.frontiers} left: {status.reachable} reachable, {status.set_aside} set aside, "
+            f"{status.left_out} beyond its limits",
         ),
     ]
     mapping = None if evaluation is None else evaluation.mapping

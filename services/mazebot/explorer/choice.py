@@ -168,12 +168,6 @@ class Chooser:
         self._costs: Costs | None = None
         self._robot, self._home = robot, home
 
-    def best(self) -> int:
-        """Index of the next view point."""
-        if len(self._points) == 1:
-            return 0
-        return min(range(len(self._points)), key=self.price)
-
     def price(self, first: int) -> float:
         """What it costs to begin with a view point, in metres: the smallest is best."""
         point = self._points[first]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -13,9 +15,10 @@ from mazebot.common.world.costmap import Cells
 from mazebot.explorer.choice import Chooser
 from mazebot.explorer.floor import Floor, floor_from
 from mazebot.explorer.frontiers import Frontier, find_frontiers
+from mazebot.explorer.open_floor import Limits, is_outdoors
 from mazebot.explorer.params import ExplorerParams
 from mazebot.explorer.paths import FAR, Distances, search, way
-from mazebot.explorer.view_points import Vain, ViewPoint, view_points
+from mazebot.explorer.view_points import Part, Vain, ViewPoint, view_points
 
 _SEEN_BEFORE_M: Final = 0.3
 """A frontier is looked at from this much nearer than the lidar's range."""
@@ -60,6 +63,10 @@ class Survey:
     """Indices of the frontiers that cannot be seen from any reachable place."""
     aside: list[int]
     """Indices of the frontiers set aside."""
+    open: list[int]
+    """Indices of those that are open floor, see `Limits`."""
+    far: list[int]
+    """Indices of those that are too far from the start."""
     vain: list[Vain]
     """What was looked at in vain so far, and is still to be seen."""
     robot: int | None
@@ -70,7 +77,7 @@ class Survey:
 
 
 def survey(
-    params: ExplorerParams, cells: Cells, resolution_m: float, origin: SE2, robot: SE2,
+    params: ExplorerParams, cells: Cells, resolution_m: float, origin: SE2, robot: SE2, home: SE2,
     before: Survey | None = None, set_aside_m: list[tuple[float, float]] | None = None,
 ) -> Survey:  # fmt: skip
     """What is to be seen from where the robot is.
@@ -81,6 +88,7 @@ def survey(
         resolution_m: side of a cell.
         origin: pose of the corner of cell (0, 0).
         robot: map_from_base.
+        home: the start.
         before: the survey before this one.
         set_aside_m: (x, y) of targets that are not to be driven to.
     """
@@ -89,7 +97,7 @@ def survey(
     )
     index = floor.coarse_index(robot.x_m, robot.y_m)
     if index is None:
-        return Survey(floor, [], [], [], [], [], None, floor.prices, np.empty(0, np.int32))
+        return Survey(floor, [], [], [], [], [], [], [], None, floor.prices, np.empty(0, np.int32))
     distances, parents = search(floor.prices, index)
     frontiers = find_frontiers(floor, params.min_frontier_size)
     range_m = params.max_range - _SEEN_BEFORE_M
@@ -99,29 +107,51 @@ def survey(
     points, unseen, vain = view_points(
         floor, (row, column), distances, frontiers, params.view_clearance, range_m, vain
     )
-    aside: list[int] = []
-    if set_aside_m:
-        points, aside = _without(floor, points, set_aside_m)
-    return Survey(floor, frontiers, points, unseen, aside, vain, index, distances, parents)
+    limits, set_aside_m = Limits(params, floor, home), set_aside_m or []
+
+    def is_aside(part: Part) -> bool:
+        here = floor.center(*part.middle())
+        return any(_distance_m(here, one) < _SAME_M for one in set_aside_m)
+
+    points, open_ = _without(points, limits.is_open)
+    points, far = _without(points, limits.is_far)
+    points, aside = _without(points, is_aside)
+    return Survey(
+        floor, frontiers, points, unseen, aside, open_, far, vain, index, distances, parents
+    )
 
 
 def _without(
-    floor: Floor, points: list[ViewPoint], set_aside_m: list[tuple[float, float]]
+    points: list[ViewPoint], is_left_out: Callable[[Part], bool]
 ) -> tuple[list[ViewPoint], list[int]]:
-    """The view points for what is not set aside, and the frontiers that are."""
-    kept, aside, wanted = [], set(), set()
+    """The view points for the other parts, and the frontiers of which no part is left."""
+    kept, left_out, wanted = [], set(), set()
     for point in points:
         parts = []
         for part in point.parts:
-            here = floor.center(*part.middle())
-            if any(_distance_m(here, one) < _SAME_M for one in set_aside_m):
-                aside.add(part.frontier)
+            if is_left_out(part):
+                left_out.add(part.frontier)
             else:
                 parts.append(part)
                 wanted.add(part.frontier)
         if parts:
             kept.append(ViewPoint(point.index, point.cost, parts))
-    return kept, sorted(aside - wanted)
+    return kept, sorted(left_out - wanted)
+
+
+def _enclosed_first(params: ExplorerParams, seen: Survey) -> Survey:
+    """With the view points for what has walls around it alone, if there is any."""
+    points, _ = _without(seen.points, lambda part: is_outdoors(seen.floor, part, params.max_range))
+    return replace(seen, points=points) if points else seen
+
+
+def _outdoor_price_m(seen: Survey, number: int) -> float:
+    """What it costs to begin with a view point outdoors, where no tour can be planned, as each look
+    moves the frontiers on: what is near the robot and near what was seen comes first.
+    """
+    point, floor = seen.points[number], seen.floor
+    apart_m = min(float(floor.clearance_m[part.middle()]) for part in point.parts)
+    return floor.metres(point.cost) + apart_m
 
 
 def aim(params: ExplorerParams, seen: Survey, home: SE2, current: Aim | None) -> Aim | None:
@@ -137,17 +167,21 @@ def aim(params: ExplorerParams, seen: Survey, home: SE2, current: Aim | None) ->
         return None
     if params.choice == "nearest":
         return _nearest_frontier(seen)
+    robot, seen = seen.robot, _enclosed_first(params, seen)
     floor = seen.floor
-    end = floor.coarse_index(home.x_m, home.y_m) if params.return_to_init else None
-    chooser = Chooser(
-        floor, seen.robot, end, seen.points, params.choice, params.gain_scale,
-        params.potential_scale,
-    )  # fmt: skip
-    best = chooser.best()
+    if all(is_outdoors(floor, part, params.max_range) for one in seen.points for part in one.parts):
+        price: Callable[[int], float] = partial(_outdoor_price_m, seen)
+    else:
+        end = floor.coarse_index(home.x_m, home.y_m) if params.return_to_init else None
+        price = Chooser(
+            floor, robot, end, seen.points, params.choice, params.gain_scale,
+            params.potential_scale,
+        ).price  # fmt: skip
+    best = min(range(len(seen.points)), key=price) if len(seen.points) > 1 else 0
     kept = None if current is None else _same(seen, current)
     if kept is not None and kept != best:
         margin = params.hysteresis * floor.metres(seen.points[kept].cost)
-        if chooser.price(kept) - chooser.price(best) <= margin:
+        if price(kept) - price(best) <= margin:
             best = kept
     chosen = _aim_at(seen, seen.points[best])
     if kept is None or current is None:

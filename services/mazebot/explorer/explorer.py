@@ -30,6 +30,8 @@ _SEE_NS = 3_000_000_000
 """At a goal, the robot waits so long for the map to show what is seen from there."""
 _RESEND_NS = 2_000_000_000
 """A goal that navigation does not know is sent again after this time."""
+_TELL_NS = 30_000_000_000
+"""Progress is logged so often."""
 _HOME_TRIES = 3
 _REFUSALS = 3
 """A place is set aside when so many goals for it were refused because something stands there."""
@@ -85,6 +87,11 @@ class Explorer:
         """When the goal was reached from which nothing was seen yet."""
         self._least_m = float("inf")
         self._progress_ns = 0
+        self._begun_ns: int | None = None
+        self._told_ns = 0
+        """When progress was logged last."""
+        self._furthest_m = 0.0
+        """From the start, where the robot has been."""
         self._home_failures = 0
         self._refusals = 0
         """Goals for the current aim at which something stands."""
@@ -103,6 +110,7 @@ class Explorer:
         if moved_m >= _STANDS_M:
             if self.state in ("exploring", "returning"):
                 self.driven_m += moved_m
+                self._furthest_m = max(self._furthest_m, map_from_base.distance_m(self._home))
             self._robot = map_from_base
 
     def drives_to_goal(self, now_ns: int) -> None:
@@ -124,6 +132,7 @@ class Explorer:
     def _begin(self) -> None:
         self.state, self.reason = "exploring", ""
         self._sent = self.aim = self._nothing_ns = self._reached_ns = self._looked_ns = None
+        self._begun_ns = None
         self._home_failures = 0
 
     @property
@@ -138,6 +147,11 @@ class Explorer:
         """Frontiers that could not be reached."""
         return len(self.seen.aside) if self.seen is not None else 0
 
+    @property
+    def left_out(self) -> int:
+        """Frontiers beyond the limits of the exploration."""
+        return len({*self.seen.open, *self.seen.far}) if self.seen is not None else 0
+
     def free_m2(self) -> float:
         """Floor seen that the robot can reach."""
         return self.seen.floor.reachable_m2 if self.seen is not None else 0.0
@@ -146,8 +160,8 @@ class Explorer:
         """Of the floor that it can reach, seen or guessed behind frontiers."""
         if self.seen is None:
             return 0.0
-        unseen = set(self.seen.unseen)
-        left = [one for i, one in enumerate(self.seen.frontiers) if i not in unseen]
+        no_goals = {*self.seen.unseen, *self.seen.open, *self.seen.far}
+        left = [one for i, one in enumerate(self.seen.frontiers) if i not in no_goals]
         free_m2 = self.free_m2()
         whole_m2 = free_m2 + guessed_m2(self.seen.floor, left)
         return free_m2 / whole_m2 if whole_m2 > 0.0 else 0.0
@@ -165,6 +179,8 @@ class Explorer:
             return self._stand(now_ns)
         if self.state not in ("exploring", "returning"):
             return None
+        if self._begun_ns is None:
+            self._begun_ns = self._told_ns = now_ns
         if self._due(now_ns):
             self._look(now_ns)
         if self.state == "returning":
@@ -187,13 +203,15 @@ class Explorer:
         assert robot is not None
         self._looked_ns, self._fresh = now_ns, False
         aside = self._aside
-        args = (params, grid.cells, grid.resolution_m, grid.origin, robot, self.seen)
+        args = (params, grid.cells, grid.resolution_m, grid.origin, robot, self._home, self.seen)
         seen = survey(*args, aside.targets_m())
         if aside.look(seen.floor):
             seen = survey(*args, aside.targets_m())
         self.seen = seen
         if seen.robot is None:
             self._wait_for_floor(now_ns)
+            return
+        if self._is_enough(now_ns):
             return
         current = self.aim
         if params.choice == "nearest" and current is not None and self._reached_ns is None:
@@ -205,6 +223,7 @@ class Explorer:
             self._end_if_sure(now_ns)
             return
         self._nothing_ns = None
+        self._tell(now_ns)
         if self.state == "returning":
             _LOG.info("found another frontier; continuing the exploration")
             self.state = "exploring"
@@ -219,6 +238,30 @@ class Explorer:
             self._set_aside(now_ns, "not visible from its view point")
         elif now_ns - self._progress_ns > params.progress_timeout * 1e9:
             self._set_aside(now_ns, f"no progress for {params.progress_timeout:.0f} s")
+
+    def _tell(self, now_ns: int) -> None:
+        if now_ns - self._told_ns >= _TELL_NS:
+            self._told_ns = now_ns
+            _LOG.info(
+                "%.0f %% seen, %.0f m2; %.1f m driven; %s to see", 100.0 * self.seen_share(),
+                self.free_m2(), self.driven_m, _counted(self.reachable),
+            )  # fmt: skip
+
+    def _is_enough(self, now_ns: int) -> bool:
+        """End the exploration at a limit that the user has set; whether it has ended."""
+        params = self._params
+        assert self._begun_ns is not None
+        explored_s = (now_ns - self._begun_ns) * 1e-9
+        if 0.0 < params.time_allowance <= explored_s:
+            limit = f"time_allowance: {params.time_allowance:g} s"
+        elif 0.0 < params.max_area <= self.free_m2():
+            limit = f"max_area: {params.max_area:g} m2"
+        else:
+            return False
+        if self.state == "exploring":
+            self.aim = None
+            self._end(f"stopped at {limit}, {_counted(self.reachable)} left")
+        return True
 
     def _wait_for_floor(self, now_ns: int) -> None:
         self.aim = None
@@ -239,18 +282,29 @@ class Explorer:
             _LOG.info("retrying the frontiers that were set aside")
             self._nothing_ns = self._looked_ns = None
             return
-        _LOG.info("no frontiers left after %.1f m", self.driven_m)
+        self._end(self._verdict())
+
+    def _end(self, verdict: str) -> None:
+        _LOG.info("%s, after %.1f m", verdict, self.driven_m)
         if self._params.return_to_init:
-            self.state, self._sent = "returning", None
-            self.reason = self._verdict()
+            self.state, self._sent, self.reason = "returning", None, verdict
         else:
-            self._finish("complete", self._verdict())
+            self._finish("complete", verdict)
 
     def _verdict(self) -> str:
-        count = self.set_aside
-        if not count:
-            return "no reachable frontiers left"
-        return f"{count} frontier{'s' if count > 1 else ''} could not be reached"
+        found = []
+        if self.set_aside:
+            found.append(f"{_counted(self.set_aside)} could not be reached")
+        if self.seen is not None and self.seen.far:
+            limit = f"max_distance: {self._params.max_distance:g} m"
+            found.append(f"{_counted(len(self.seen.far))} beyond {limit}")
+        if self.seen is not None and self.seen.open:
+            limit = f"open_distance: {self._params.open_distance:g} m"
+            found.append(
+                f"the open floor goes on beyond {limit}, {self.free_m2():.0f} m2 of it seen, "
+                f"up to {self._furthest_m:.1f} m from the start"
+            )
+        return "; ".join(found) or "no reachable frontiers left"
 
     def _set_aside(self, now_ns: int, why: str) -> None:
         target, self.aim = self.aim, None
@@ -320,3 +374,7 @@ class Explorer:
         self.aim = self._sent = None
         share = 100.0 * self.seen_share()
         _LOG.info("%s: %s; %.1f %% seen, %.1f m driven", state, reason, share, self.driven_m)
+
+
+def _counted(frontiers: int) -> str:
+    return f"{frontiers} frontier{'' if frontiers == 1 else 's'}"

@@ -17,6 +17,6 @@ def compile_kernels(params: ExplorerParams) -> None:
     cells[22:58, 22:58] = 0
     cells[34:46, 20:22] = cells[34:46, 58:60] = cells[20:22, 34:46] = 0
     home = SE2(2.0, 2.0, 0.0)
-    seen = survey(params, cells, 0.05, SE2(0.0, 0.0, 0.0), home)
+    seen = survey(params, cells, 0.05, SE2(0.0, 0.0, 0.0), home, home)
     aim(params.model_copy(update={"choice": "tour"}), seen, home, None)
     guessed_m2(seen.floor, seen.frontiers)

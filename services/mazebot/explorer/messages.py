@@ -22,7 +22,7 @@ def frontiers_message(now_ns: int, seen: Survey, aim: Aim | None) -> msg.MarkerA
     """Cells to be seen: green those that the robot will go to, red the others; and in blue the
     goal. At most 1000 points of each colour.
     """
-    red = {*seen.unseen, *seen.aside}
+    red = {*seen.unseen, *seen.aside, *seen.open, *seen.far}
     green = [one for i, one in enumerate(seen.frontiers) if i not in red]
     others = [seen.frontiers[i] for i in sorted(red)]
     chosen = np.empty((0, 2)) if aim is None else np.array([aim.pose[:2]])

@@ -194,6 +194,7 @@ class ExplorerNode(Node):
                 frontiers=len(seen.frontiers) if seen is not None else 0,
                 reachable=explorer.reachable,
                 set_aside=explorer.set_aside,
+                left_out=explorer.left_out,
                 free_m2=explorer.free_m2(),
                 seen_share=min(explorer.seen_share(), 1.0),
                 driven_m=explorer.driven_m,

@@ -45,6 +45,21 @@ class ExplorerParams(BaseModel):
         description="another view point is chosen only if it saves this share of the path to the "
         "current one",
     )
+    open_distance: float = Field(
+        5.0,
+        ge=0,
+        description="m; open floor farther than this from all that the lidar has seen is not "
+        "explored; before it has seen anything, twice as far from the start; 0: no limit",
+    )
+    max_distance: float = Field(
+        0.0, ge=0, description="m from the start; what is farther is not explored; 0: no limit"
+    )
+    max_area: float = Field(
+        0.0, ge=0, description="m2 of floor seen after which the exploration ends; 0: no limit"
+    )
+    time_allowance: float = Field(
+        0.0, ge=0, description="s of exploring after which it ends; 0: no limit"
+    )
     return_to_init: bool = Field(True, description="drive back to the start pose at the end")
     visualize: bool = Field(True, description="publish the frontiers as markers")
     robot_radius: float = Field(

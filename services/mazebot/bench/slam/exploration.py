@@ -138,7 +138,9 @@ class _Run:
         seen: Survey | None = None
         while self.driven_m < most_m:
             begun = time.perf_counter()
-            seen = survey(params, self.known, place.resolution_m, place.origin, self.robot, seen)
+            seen = survey(
+                params, self.known, place.resolution_m, place.origin, self.robot, place.start, seen
+            )
             following = aim(params, seen, place.start, current)
             self.taken_ms.append((time.perf_counter() - begun) * 1e3)
             if following is None:

@@ -14,7 +14,10 @@ def mapping_rows(mapping: MapEvaluation) -> list[tuple[str, str]]:
     turned_deg = None if relative_rad is None else math.degrees(relative_rad)
     time_s = "" if mapping.explored_s is None else f" in {mapping.explored_s:.0f} s"
     driven_m = "" if mapping.driven_m is None else f", {mapping.driven_m:.1f} m driven"
-    rows = [("floor mapped", f"{share(mapping.coverage_share)}{time_s}{driven_m}")]
+    covered = share(mapping.coverage_share)
+    if mapping.coverage_share is None and mapping.free_m2 is not None:
+        covered = f"{mapping.free_m2:.0f} m2 of a floor without an edge"
+    rows = [("floor mapped", f"{covered}{time_s}{driven_m}")]
     if mapping.milestones:
         when = (
             f"{step.coverage_share:.0%} at {step.time_s:.0f} s and {step.driven_m:.1f} m"

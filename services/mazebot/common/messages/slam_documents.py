@@ -85,6 +85,9 @@ class ExplorationStatus(Document):
     frontiers: int = Field(0, ge=0, description="groups of frontier cells in the map")
     reachable: int = Field(0, ge=0, description="those that the robot can reach")
     set_aside: int = Field(0, ge=0, description="those that are unreachable in the current map")
+    left_out: int = Field(
+        0, ge=0, description="those beyond `open_distance` or `max_distance`, which it leaves"
+    )
     free_m2: NonNegative = Field(0.0, description="floor seen that the robot can reach")
     seen_share: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
         0.0, description="of the reachable floor, seen or estimated beyond frontiers"

@@ -58,6 +58,9 @@ class MapEvaluation(Document):
         description="share of the reachable floor (where the robot's centre can be, with 0.24 m "
         "around it) that is free on the map; null: there is no map, or the floor has no end",
     )
+    free_m2: Finite | None = Field(
+        None, description="area of the free cells of the map; null: there is no map"
+    )
     coverage: tuple[CoverageStep, ...] = Field(
         (), description="the coverage over time, a step for each 0.5 % more, oldest first"
     )

@@ -19,7 +19,7 @@ from mazebot.common.messages.documents import (
     World,
 )
 from mazebot.common.messages.slam_documents import ExplorationStatus, PoseGraph
-from mazebot.common.world.costmap import straightened
+from mazebot.common.world.costmap import FREE, straightened
 from mazebot.recorder.judging.map.graph_errors import false_loops, marker_errors
 from mazebot.recorder.judging.map.true_map import (
     SCAN_HEIGHT_M,
@@ -150,6 +150,7 @@ class MappingEvaluation:
             walls_true_share=shares.walls_true,
             free_wrong_share=shares.free_wrong,
             coverage_share=shares.coverage,
+            free_m2=self._free_m2(),
             coverage=tuple(self._coverage),
             milestones=tuple(self._milestones),
             trajectory_error_m=summed_up(absolute_error_m(estimates, truths)),
@@ -166,6 +167,12 @@ class MappingEvaluation:
             exploration_reason=exploration.reason if exploration is not None else "",
             explored_s=self._explored_s,
         )
+
+    def _free_m2(self) -> float | None:
+        if self._grid is None:
+            return None
+        resolution_m, _, cells = self._grid
+        return int(np.count_nonzero(cells == FREE)) * resolution_m * resolution_m
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """What latched messages do not bring again, as JSON values and as arrays."""
