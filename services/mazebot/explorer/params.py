@@ -46,7 +46,7 @@ class ExplorerParams(BaseModel):
         "current one",
     )
     open_distance: float = Field(
-        5.0,
+        3.5,
         ge=0,
         description="m; open floor farther than this from all that the lidar has seen is not "
         "explored; before it has seen anything, twice as far from the start; 0: no limit",
