@@ -10,8 +10,10 @@ import pytest
 from rich.console import Console
 
 from mazebot.bench.slam import slam_bench
+from mazebot.bench.slam.open_worlds import GENERATED, written
 from mazebot.bench.slam.slam_bench import SlamRun, savings, table_of
 from mazebot.common.messages import documents as doc
+from mazebot.worldgen.files import load_any
 
 WELL = SlamRun(
     world="original", seed=1, policy="tour", exploration="complete", reason="", coverage=0.999,
@@ -104,3 +106,18 @@ def test_the_house_is_explored_as_it_must_be(
     assert run.ratio is not None
     assert run.ratio < 1.3
     assert (tmp_path / "original_1_tour" / "map" / "map.yaml").is_file()
+
+
+@pytest.mark.parametrize("world", list(GENERATED))
+def test_generated_worlds_are_valid_and_made_of_their_seed(world: str, tmp_path: Path) -> None:
+    file = written(world, 3, tmp_path)
+    loaded = load_any(str(file))
+    assert loaded.world.bodies or loaded.world.walls
+    first = file.read_text()
+    assert written(world, 3, tmp_path).read_text() == first
+    assert written(world, 4, tmp_path).read_text() != first
+
+
+def test_a_floor_without_an_edge_needs_no_coverage() -> None:
+    assert replace(WELL, coverage=None, tour_m=None, world="yard").failures() == []
+    assert replace(WELL, coverage=None, world="furnished").failures() == ["coverage -"]
