@@ -32,8 +32,8 @@ def with_box(side_m: float = 0.5, x_m: float = 9.5, y_m: float = 8.5) -> Cells:
     return cells
 
 
-def explored(truth: Cells, home: SE2 = MIDDLE, **config: object) -> Stage:
-    stage = Stage(truth, home, ExplorerConfig(**config))  # type: ignore[arg-type]
+def explored(truth: Cells, home: SE2 = MIDDLE, **config: float) -> Stage:
+    stage = Stage(truth, home, ExplorerConfig.model_validate(config))
     stage.run(300, "complete", "failed")
     return stage
 
@@ -99,7 +99,7 @@ def test_rooms_come_before_the_yard_around_them(caplog: pytest.LogCaptureFixture
     ],
 )
 def test_it_ends_at_the_limits_that_are_set(limit: dict[str, float], reason: str) -> None:
-    stage = explored(with_box(), **limit)
+    stage = explored(with_box(), MIDDLE, **limit)
     assert stage.status.state == "complete"
     assert stage.status.reason == reason
     assert stage.robot.distance_m(MIDDLE) < 0.1
