@@ -16,8 +16,8 @@ from mazebot.common.world.assets import asset_message
 from mazebot.common.world.map_files import MapFile, read_map
 from mazebot.common.world.marker_file import marker_file_of, read_markers
 from mazebot.worldgen.config import WorldgenConfig
-from mazebot.worldgen.map.occupancy import floor_map
 from mazebot.worldgen.map.map_exchange import MapDataError, map_of_document
+from mazebot.worldgen.map.occupancy import floor_map
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_world
 

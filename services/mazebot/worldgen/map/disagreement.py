@@ -21,7 +21,7 @@ from mazebot.common.messages.documents import Document, Finite
 from mazebot.common.world.map_files import MapFile
 
 MAX_MAP_ERROR_M = 0.1
-"""A map whose walls are further off in the mean does not fit its world. SLAM's are 2 to 5 cm off."""
+"""A map whose walls are further off does not fit its world: SLAM's are 2 to 5 cm off."""
 _CLOSE_M = 0.05
 _FAR_M = 0.5
 """Distances are capped here: a wall that only one map has does not affect the offset."""
@@ -109,8 +109,8 @@ def disagreement(ready: MapFile, own: MapFile) -> MapDisagreement:
         p95_m=round(float(np.percentile(far, 95.0)), 6),
         max_m=round(float(far.max()), 6),
         share_within_5_cm=round(float((far <= _CLOSE_M).mean()), 6),
-        offset_x_m=round(float(offset[0]), 6),
-        offset_y_m=round(float(offset[1]), 6),
+        offset_x_m=round(float(offset[0]), 6) + 0.0,
+        offset_y_m=round(float(offset[1]), 6) + 0.0,
         mean_after_offset_m=round(float(after.mean()), 6),
         share_contradicted=round(_contradicted(ready, own), 6),
     )
@@ -200,17 +200,18 @@ def _best_offset(points: Array, own: MapFile, field: _Field) -> Array:
     # As many points as are needed.
     few = at[:: max(1, len(at) // 500)]
     found, step_m = _coarse_offsets(at, field)
-    refined = []
-    for best in found:
+
+    def refined(offset: Array) -> Array:
         step = step_m
         while step > 0.1 * own.resolution_m:
             step /= 2.0
-            around = [best + step * np.array((i, j)) for i in (0, -1, 1) for j in (0, -1, 1)]
-            best = min(around, key=lambda offset: field.cost(few + offset))
-        refined.append(best)
+            around = [offset + step * np.array((i, j)) for i in (0, -1, 1) for j in (0, -1, 1)]
+            offset = min(around, key=lambda one: field.cost(few + one))
+        return offset
+
     # Of equally good ones the shortest.
     best = min(
-        refined,
+        map(refined, found),
         key=lambda offset: (
             round(field.cost(at + offset), 4),
             round(float(portable.hypot_each(*offset)), 6),
