@@ -166,9 +166,10 @@ class TreeTask:
             return Ending(0, "")
         cause = run.cause()
         if cause is None:
-            return Ending(
-                int(self._unknown), f"the tree {self.tree.name!r} ended with {status.value}"
-            )
+            words = f"the tree {self.tree.name!r} ended with {status.value}"
+            if status is NodeStatus.FAILURE:
+                words += f": {self.tree.failed_node()} failed"
+            return Ending(int(self._unknown), words)
         return Ending(cause.code, cause.message)
 
     def halt(self) -> None:
