@@ -20,7 +20,8 @@ from mazebot.worldgen.sdf.reading import values
 from mazebot.worldgen.sdf.reading.findings import Findings, Place
 from mazebot.worldgen.sdf.reading.frame_graph import FrameGraph, Item
 from mazebot.worldgen.sdf.reading.joints import joined
-from mazebot.worldgen.sdf.reading.scope_tree import ScopeTree, allowed_name, light_name, pose_of
+from mazebot.worldgen.sdf.reading.poses import pose_of
+from mazebot.worldgen.sdf.reading.scope_tree import ScopeTree, allowed_name, light_name
 from mazebot.worldgen.sdf.reading.shapes import ShapeReader, volume_m3
 from mazebot.worldgen.sdf.reading.sources import SourceError, Sources
 from mazebot.worldgen.sdf.reading.vocabulary import list_unread, own_attributes, own_texts
