@@ -203,7 +203,8 @@ class ScopeTree:
         try:
             source = self._sources.included(uri, place.source.file.parent)
         except SourceError as error:
-            self._findings.error(error.kind, place, str(error))
+            line = f" (line {error.line})" if error.line else ""
+            self._findings.error(error.kind, place, f"{error}{line}")
             return
         if source in self._stack:
             self._findings.error("URI_INVALID", place, f"`{uri}` includes itself")
