@@ -499,7 +499,7 @@ def test_materials_of_scripts_give_colour_and_picture(tmp_path: Path) -> None:
         tmp_path / "w.sdf", f'<model name="m"><link name="l">{visuals}</link></model>'
     )
     world = read_sdf(file)
-    assert kinds(world) == ["URI_LOOKUP"]
+    assert [one.kind for one in clean(world).report.missing] == ["URI_LOOKUP"]
     assert [one.what for one in world.report.ignored] == ["material script Marker/None"]
     material = world.links[0].shapes[0].material
     assert material is not None
@@ -508,15 +508,54 @@ def test_materials_of_scripts_give_colour_and_picture(tmp_path: Path) -> None:
     assert world.report.materials[0] == "albedo marker7.png"
 
 
-def test_a_picture_that_is_not_there_is_an_error(tmp_path: Path) -> None:
-    file = world_file(
-        tmp_path / "w.sdf",
-        f'<model name="m"><link name="l"><visual name="v">{BOX}<material><pbr><metal><albedo_map>'
-        "no.png</albedo_map></metal></pbr></material></visual></link></model>",
+def test_what_is_only_seen_may_be_missing(tmp_path: Path) -> None:
+    def visual(name: str, geometry: str, look: str = "") -> str:
+        return f'<visual name="{name}">{geometry}{look}</visual>'
+
+    picture = "<material><diffuse>1 0 0 1</diffuse><pbr><metal><albedo_map>no.png</albedo_map>"
+    picture += "</metal></pbr></material>"
+    gone, blend = (
+        f"<geometry><mesh><uri>{uri}</uri></mesh></geometry>"
+        for uri in ("model://gone/a.dae", "a.blend")
     )
-    world = read_sdf(file)
+    (tmp_path / "a.blend").touch()
+    solid = f'<collision name="c"><pose>0 0 1 0 0 0</pose>{BOX}</collision>'
+    links = {
+        "picture": visual("v", BOX, picture),
+        "mesh": solid + visual("v", gone, picture) + visual("w", blend),
+        "half": solid + visual("v", gone) + visual("w", BOX),
+        "nothing": visual("v", gone),
+    }
+    inside = "".join(f'<link name="{name}">{text}</link>' for name, text in links.items())
+    world = clean(read_sdf(world_file(tmp_path / "w.sdf", f'<model name="m">{inside}</model>')))
+    found = {link.name: [(one.role, one.name) for one in link.shapes] for link in world.links}
+    assert found == {
+        "m::picture": [("visual", "v")],
+        "m::mesh": [("collision", "c"), ("visual", "c_visual")],
+        "m::half": [("collision", "c"), ("visual", "w")],
+        "m::nothing": [],
+    }
+    shape = world.links[1].shapes[1]
+    assert shape.material is not None
+    assert shape.material.diffuse == (1.0, 0.0, 0.0, 1.0)
+    np.testing.assert_allclose(shape.link_from_shape[:3, 3], (0.0, 0.0, 1.0))
+    kinds = [one.kind for one in world.report.missing]
+    assert sorted(kinds) == ["GEOMETRY_UNSUPPORTED", *["URI_LOOKUP"] * 4]
+    first, second = world.report.warnings()
+    assert first.startswith(
+        "5 pictures and meshes of visuals are missing, and drawn without: w.sdf"
+    )
+    assert first.endswith(" (and 4 more)")
+    assert second.startswith("m::picture, m::nothing have a <visual> and no <collision>: ")
+
+
+def test_a_mesh_that_collides_must_be_there(tmp_path: Path) -> None:
+    mesh = "<geometry><mesh><uri>gone.dae</uri></mesh></geometry>"
+    link = f'<collision name="c">{mesh}</collision><visual name="v">{mesh}</visual>'
+    world = read_sdf(
+        world_file(tmp_path / "w.sdf", f'<model name="m"><link name="l">{link}</link></model>')
+    )
     assert kinds(world) == ["URI_LOOKUP"]
-    assert len(world.links[0].shapes) == 1
 
 
 def test_nothing_outside_of_folder_and_roots_is_read(tmp_path: Path) -> None:

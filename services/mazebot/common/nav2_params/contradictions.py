@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from mazebot.common.nav2_params.entry import Entry, short_class
 from mazebot.common.nav2_params.parameter import Value
@@ -67,10 +68,12 @@ def _ranges(prefix: str, space: Mapping[str, Value]) -> Iterator[tuple[str, Valu
             yield f"{prefix}{name}", value, f"{prefix}{other}", most
 
 
-def _exceeds(least: Value, most: Value) -> bool:
+def _exceeds(least: Any, most: Any) -> bool:
     if isinstance(least, list) and isinstance(most, list) and len(least) == len(most):
         return any(_exceeds(one, other) for one, other in zip(least, most, strict=True))
-    return _is_number(least) and _is_number(most) and least > most
+    if not _is_number(least) or not _is_number(most):
+        return False
+    return float(least) > float(most)
 
 
 def _is_number(value: Value) -> bool:

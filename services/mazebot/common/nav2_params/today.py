@@ -34,7 +34,7 @@ def class_of_today(leaf: Leaf) -> Value:
 def rename_entries(node_name: str, node: NodeEntries) -> None:
     """Give the entries of a node today's names and values."""
     values = node.values
-    classes = {
+    classes: dict[str, tuple[str, ...]] = {
         entry.name.removesuffix(".plugin"): (short_class(entry.value),)
         for entry in node.entries
         if entry.name.endswith(".plugin")

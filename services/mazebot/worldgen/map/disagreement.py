@@ -130,7 +130,12 @@ class _Field:
     def size_m(self) -> Array:
         """Width and height of the map itself."""
         columns, rows = self._far_m.shape[::-1]
-        return (np.array([columns, rows]) - 2 * self._margin) * self.resolution_m
+        return np.array([columns, rows], np.float64) * self.resolution_m - 2 * self.margin_m
+
+    @property
+    def margin_m(self) -> float:
+        """How far it extends around the map."""
+        return float(self._margin * self.resolution_m)
 
     def distances(self, points_m: Array) -> Array:
         """Of (n, 2) points from the map's corner; beyond the field, the value of its nearest cell
@@ -220,7 +225,7 @@ def _best_offset(points: Array, own: MapFile, field: _Field) -> Array:
     # Without an improvement there is no offset.
     if field.cost(at + best) >= field.cost(at):
         return np.zeros(2)
-    return _turned(best[None], own.origin.yaw_rad)[0]
+    return np.asarray(_turned(best[None], own.origin.yaw_rad)[0])
 
 
 def _coarse_offsets(at: Array, field: _Field) -> tuple[list[Array], float]:

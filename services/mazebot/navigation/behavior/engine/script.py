@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 
@@ -230,7 +231,7 @@ def _divide(left: Value, right: Value) -> Value:
     return _number(left) / _number(right)
 
 
-def _compared(compare: Callable[[object, object], bool]) -> Callable[[Value, Value], Value]:
+def _compared(compare: Callable[[Any, Any], Any]) -> Callable[[Value, Value], Value]:
     def work(left: Value, right: Value) -> Value:
         if isinstance(left, str) and isinstance(right, str):
             return float(compare(left, right))

@@ -141,7 +141,7 @@ def _of_today(element: Element, format_3: bool) -> None:
             if name not in _RESERVED and not name.startswith("_") and text and text[0] != "{":
                 element.attributes[name] = f"{{{text}}}"
     element.tag = RENAMED_KINDS.get(element.tag, element.tag)
-    kind = element.attributes.get("ID")
+    kind = element.attributes.get("ID", "")
     if element.tag in _EXPLICIT and kind in RENAMED_KINDS:
         element.attributes["ID"] = RENAMED_KINDS[kind]
     for name in [name for name, text in element.attributes.items() if not text]:

@@ -103,7 +103,8 @@ class _Builder(expatbuilder.ExpatBuilderNS):
 
     def start_element_handler(self, name: str, attributes: list[str]) -> None:
         super().start_element_handler(name, attributes)
-        self.curNode.mazebot_place = self.file, self._parser.CurrentLineNumber
+        node: Any = self.curNode
+        node.mazebot_place = self.file, self.getParser().CurrentLineNumber
 
 
 def _parse(text: io.BytesIO | None, name: str | None = None) -> Any:
