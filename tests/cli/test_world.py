@@ -43,7 +43,7 @@ GAZEBO = """<?xml version="1.0"?>
         <visual name="v"><geometry><box><size>3 0.2 1</size></box></geometry></visual>
       </link>
     </model>
-    <state world_name="yard"><model name="shed"><pose>9 9 0 0 0 0</pose></model></state>
+    <state world_name="yard"><model name="shed"><pose>2 1 0 0 0 0.5</pose></model></state>
   </world>
 </sdf>
 """

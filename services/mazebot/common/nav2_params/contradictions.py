@@ -63,8 +63,9 @@ def _ranges(prefix: str, space: Mapping[str, Value]) -> Iterator[tuple[str, Valu
             continue
         other = "_".join("max" if word == "min" else word for word in words)
         most = space.get(other)
-        if _exceeds(value, most) and not (_is_number(most) and most < 0 <= value):
-            # A negative maximum of what is positive means that there is none.
+        # A negative maximum of what is positive means that there is none.
+        none = _is_number(most) and _exceeds(0, most) and not _exceeds(0, value)
+        if _exceeds(value, most) and not none:
             yield f"{prefix}{name}", value, f"{prefix}{other}", most
 
 
