@@ -145,7 +145,7 @@ def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
     if recipe.maze is None or recipe.maze.cell_m - recipe.wall_thickness_m >= CORRIDOR_M - 1e-9:
         return
     must = f"must be at least {recipe.wall_thickness_m + CORRIDOR_M:g}: in corridors narrower than "
-    must += f"{CORRIDOR_M:g} m the robot gets stuck"
+    must += f"{CORRIDOR_M:g} m the robot cannot turn round"
     yield Mistake(("maze", "cell_m"), recipe.maze.cell_m, must, fatal=False)
 
 
