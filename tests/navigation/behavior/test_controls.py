@@ -72,8 +72,7 @@ def test_parallel_ends_with_as_many_children_as_its_ports_say() -> None:
 
 
 def test_a_switch_ticks_the_child_of_its_case() -> None:
-    ports = {"variable": "{mode}", "case_1": "fast", "case_2": "2"}
-    tree = Ticked("Switch2", "R", "S", "RF", **ports)
+    tree = Ticked("Switch2", "R", "S", "RF", variable="{mode}", case_1="fast", case_2="2")
     assert tree.tick() == "R"
     tree.blackboard.set("mode", "fast")
     assert tree.tick() == "R"

@@ -82,7 +82,8 @@ def read_map(path: Path) -> MapFile:
     try:
         grey, alpha = _read_image(file)
     except FileNotFoundError as error:
-        raise values.wrong("image", f"no such file: {file}{_nearby(path.parent, name)}") from error
+        where = "" if Path(name).is_absolute() else f" {file}"
+        raise values.wrong("image", f"no such file{where}{_nearby(path.parent, name)}") from error
     except ValueError as error:
         raise values.wrong("image", str(error)) from error
     cells = _cells(grey, alpha, mode, negate, occupied, free)

@@ -7,6 +7,7 @@ something solid is in no map that a lidar has made.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,10 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinat
 
 from mazebot.common.maths import portable
 from mazebot.common.maths.frames import SE2, Array
-from mazebot.common.messages.documents import Document, Finite
+from mazebot.common.messages.documents import Document, Finite, World
+from mazebot.common.world.geometry import TriangleMesh
 from mazebot.common.world.map_files import MapFile
+from mazebot.worldgen.map.occupancy import floor_map
 
 MAX_MAP_ERROR_M = 0.1
 """A map whose walls are further off does not fit its world: SLAM's are 2 to 5 cm off."""
@@ -69,6 +72,12 @@ class MapDisagreement(Document):
                 f"be {100 * self.mean_after_offset_m:.1f} cm off"
             )
         return line
+
+
+def misfit_in(ready: MapFile, world: World, meshes: Mapping[str, TriangleMesh]) -> str:
+    """The same as `misfit` with the map that is made of a world; `meshes` are by sha256."""
+    grid, cells = floor_map(world, meshes)
+    return misfit(ready, MapFile(cells, grid.resolution_m, grid.origin))
 
 
 def misfit(ready: MapFile, own: MapFile) -> str:
