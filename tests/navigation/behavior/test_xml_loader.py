@@ -249,7 +249,8 @@ def test_a_node_stops_when_its_while_no_longer_holds() -> None:
 def test_a_tree_that_fails_names_the_node(text: str, node: str) -> None:
     tree = read_tree(document(text), "t.xml").build(run_over())
     assert tree.tick(0) is NodeStatus.FAILURE
-    assert str(tree.failed_node()).endswith(node)
+    failed = tree.failed_node()
+    assert f"{failed}, line {failed.place.line}".endswith(node)
 
 
 def test_explicit_tags_and_node_models_are_read() -> None:

@@ -168,7 +168,8 @@ class TreeTask:
         if cause is None:
             words = f"the tree {self.tree.name!r} ended with {status.value}"
             if status is NodeStatus.FAILURE:
-                words += f": {self.tree.failed_node()} failed"
+                node = self.tree.failed_node()
+                words += f": {node} in line {node.place.line} failed"
             return Ending(int(self._unknown), words)
         return Ending(cause.code, cause.message)
 

@@ -172,8 +172,7 @@ class Node(ABC):
         self._scripts: dict[str, Script] = {}
 
     def __str__(self) -> str:
-        line = f", line {self.place.line}" if self.place.line else ""
-        return f"{self.place.kind} '{self.place.name}'{line}"
+        return f"{self.place.kind} '{self.place.name}'"
 
     @property
     def context(self) -> NavigationContext:
