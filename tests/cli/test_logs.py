@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import gzip
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from mazebot.cli.logs.log import Entry, Log, ScanForm, Topics
 from mazebot.cli.logs.read import read_log
@@ -240,7 +241,87 @@ class TestKinds:
             assert said in refused(path)
 
 
+def write_bag(
+    bag: Path, steps: Iterable[int], plugin: StoragePlugin = StoragePlugin.MCAP, packed: str = ""
+) -> Path:
+    """A bag with a scan and a pose of odometry for each step, 0.5 m further each."""
+    store = msg.TYPESTORE
+    writer = Writer(bag, version=8, storage_plugin=plugin)
+    if packed:
+        writer.set_compression(CompressionMode[packed], CompressionFormat.ZSTD)
+    with writer:
+        odom = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+        scan = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
+        for step in steps:
+            stamp_ns = 10**9 * (step + 1)
+            pose = SE2(0.5 * step, 0.0, 0.0)
+            place = msg.PoseWithCovariance(msg.pose_from_se2(pose), np.zeros(36))
+            still = msg.TwistWithCovariance(
+                msg.Twist(msg.Vector3(0.0, 0.0, 0.0), msg.Vector3(0.0, 0.0, 0.0)), np.zeros(36)
+            )
+            moved = msg.Odometry(msg.header(stamp_ns, "odom"), "base_footprint", place, still)
+            writer.write(odom, stamp_ns, store.serialize_cdr(moved, odom.msgtype))
+            sweep = msg.LaserScan(
+                msg.header(stamp_ns + 10, "laser"), 0.0, 0.0, 0.1, 0.0, 0.1, 0.1, 9.0,
+                np.full(400, step, np.float32), np.zeros(0, np.float32),
+            )  # fmt: skip
+            writer.write(scan, stamp_ns + 10, store.serialize_cdr(sweep, scan.msgtype))
+    return bag
+
+
+def steps_of(log: Log) -> list[float]:
+    return [float(one.scan.ranges_m[0]) for one in scans(log) if one.scan]
+
+
 class TestBags:
+    @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+    @pytest.mark.parametrize("packed", ["", "MESSAGE", "FILE"])
+    def test_the_parts_of_a_bag_are_read_without_its_metadata(
+        self,
+        tmp_path: Path,
+        capsys: pytest.CaptureFixture[str],
+        plugin: StoragePlugin,
+        packed: str,
+    ) -> None:
+        together = tmp_path / "together"
+        together.mkdir()
+        for name, steps in (("a", (4, 5, 6, 7)), ("b", (0, 1, 2, 3))):
+            bag = write_bag(tmp_path / name, steps, plugin, packed)
+            for file in bag.iterdir():
+                if file.name != "metadata.yaml":
+                    file.rename(together / file.name)
+        log = read_log(together, ScanForm())
+        assert steps_of(log) == [*range(8)]
+        told = capsys.readouterr().err
+        assert told.startswith(f"warning: --log: {together}: has no metadata.yaml: read file by")
+        assert told.count("\n") == 1
+        empty = tmp_path / "empty"
+        empty.mkdir()
+        assert "has no metadata.yaml, and there is no .mcap or .db3 file" in refused(empty)
+
+    @pytest.mark.parametrize("packed", ["", "STORAGE"])
+    def test_a_cut_file_is_read_as_far_as_it_goes(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str], packed: str
+    ) -> None:
+        bag = write_bag(tmp_path / "bag", range(40), packed=packed)
+        (file,) = bag.glob("*.mcap")
+        whole = file.read_bytes()
+        cut = tmp_path / "cut.mcap"
+        counts = []
+        for share in (0.3, 0.6, 0.98):
+            cut.write_bytes(whole[: int(share * len(whole))])
+            steps = steps_of(read_log(cut, ScanForm()))
+            assert steps == [*range(len(steps))]
+            counts.append(len(steps))
+            assert f"warning: --log: {cut}: is cut: read as far as it goes" in (
+                capsys.readouterr().err
+            )
+        assert 0 < counts[0] <= counts[1] <= counts[2] <= 40
+        # Its metadata.yaml still speaks of the whole file.
+        file.write_bytes(whole[: len(whole) // 2])
+        assert len(steps_of(read_log(bag, ScanForm()))) > 0
+        assert "metadata.yaml is of no use" in capsys.readouterr().err
+
     def test_odometry_of_tf_and_a_topic_of_another_name(self, tmp_path: Path) -> None:
         store = msg.TYPESTORE
         bag = tmp_path / "bag"

@@ -623,3 +623,172 @@ def test_masks_and_the_velocity_smoother_are_those_of_navigation() -> None:
     info = config.speed_costmap_filter_info_server
     assert (info.type, info.multiplier) == (2, 0.01)
     assert {row.status for row in told.rows} <= {"used", "mapped"}
+
+
+SHIM = """
+controller_server:
+  ros__parameters:
+    controller_plugins: [FollowPath]
+    FollowPath:
+      plugin: nav2_rotation_shim_controller::RotationShimController
+      primary_controller: PRIMARY
+      angular_dist_threshold: 0.785
+      VALUE
+"""
+
+
+@pytest.mark.parametrize(
+    ("primary", "value", "settings"),
+    [
+        (
+            "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController",
+            "desired_linear_vel: 0.15",
+            {"controller": "regulated_pure_pursuit", "max_linear_vel": 0.15},
+        ),
+        (
+            "nav2_mppi_controller/MPPIController",
+            "vx_max: 0.2",
+            {"controller": "mppi", "mppi": {"vx_max": 0.2}},
+        ),
+        ("dwb_core::DWBLocalPlanner", "max_vel_x: 0.2", {"mppi": {"vx_max": 0.2}}),
+        ("nav2_graceful_controller::GracefulController", "k_phi: 2.0", {}),
+    ],
+)
+def test_a_rotation_shim_is_its_primary_controller(
+    primary: str, value: str, settings: dict[str, object]
+) -> None:
+    text = SHIM.replace("PRIMARY", primary).replace("VALUE", value)
+    told = report(load_nav2_params(text, "my.yaml"), MODELS)
+    assert told.counts["unknown"] == 0
+    assert told.settings.get("navigation", {}).get("controller_server", {}) == settings
+    assert row_of(told, "controller_server.FollowPath.plugin").status == "unsupported"
+    chosen = row_of(told, "controller_server.FollowPath.primary_controller")
+    assert (chosen.status == "mapped") == ("controller" in settings)
+    given = row_of(told, f"controller_server.FollowPath.{value.partition(':')[0]}")
+    assert (given.status in {"used", "mapped"}) == bool(settings)
+
+
+def test_the_names_of_a_primary_controller_are_those_of_any_distribution() -> None:
+    primary = "nav2_mppi_controller::MPPIController"
+    text = SHIM.replace("PRIMARY", primary).replace("VALUE", "prune_distance: 1.2")
+    params = load_nav2_params(text, "my.yaml")
+    assert params.tree["controller_server"]["PathHandler"]["prune_distance"] == 1.2
+    slow = text.replace("controller_plugins", "controller_frequency: 5.0\n    controller_plugins")
+    assert "FollowPath.model_dt: 0.05: must be at least the controller's period" in refused(slow)
+
+
+def test_what_is_repeated_is_told_with_its_line() -> None:
+    text = """amcl:
+  ros__parameters:
+    laser_max_range: 1.0
+    laser_max_range: 2.0
+velocity_smoother:
+  ros__parameters:
+    max_velocity: [0.2, 0.0, 1.0]
+amcl:
+  ros__parameters: {sigma_hit: 0.1}
+"""
+    told = report(load_nav2_params(text, "my.yaml"), MODELS)
+    note = row_of(told, "amcl.laser_max_range").note
+    assert "duplicate of line 3, 1.0: the last is used" in note
+    assert "amcl is repeated in line 8: both are read" in note
+    assert row_of(told, "amcl.sigma_hit").note == ""
+    assert row_of(told, "velocity_smoother.max_velocity").note == ""
+    merged = "amcl: &a\n  ros__parameters: {sigma_hit: 0.2}\nother:\n  amcl:\n    <<: *a\n"
+    merged += "    ros__parameters: {sigma_hit: 0.1}\n"
+    assert "repeated" not in row_of(report(load_nav2_params(merged, "my.yaml"), MODELS),
+                                    "amcl.sigma_hit").note  # fmt: skip
+
+
+def test_misplaced_layers_are_told() -> None:
+    told = report(
+        load(
+            local_costmap={
+                "plugins": ["inflation_layer", "obstacle_layer"],
+                "inflation_layer": {"plugin": "nav2_costmap_2d::InflationLayer"},
+                "obstacle_layer": {"plugin": "nav2_costmap_2d::ObstacleLayer"},
+                "inflation_radius": 0.5,
+            },
+            global_costmap={
+                "plugins": ["static_layer", "inflation_layer"],
+                "static_layer": {
+                    "plugin": "nav2_costmap_2d::StaticLayer",
+                    "inflation_layer": {"cost_scaling_factor": 3.0},
+                },
+            },
+            controller_server={"inflation_layer": {"inflation_radius": 0.5}},
+        ),
+        MODELS,
+    )
+    order = row_of(told, "local_costmap.plugins").note
+    assert "inflation_layer should be the last: in Nav2 what obstacle_layer marks is not" in order
+    missing = row_of(told, "global_costmap.plugins").note
+    assert "inflation_layer.plugin is missing: Nav2 does not start without it" in missing
+    for parameter, place in (
+        ("local_costmap.inflation_radius", "at local_costmap.inflation_layer.inflation_radius"),
+        (
+            "global_costmap.static_layer.inflation_layer.cost_scaling_factor",
+            "at global_costmap.inflation_layer.cost_scaling_factor",
+        ),
+        (
+            "controller_server.inflation_layer.inflation_radius",
+            "at local_costmap.inflation_layer.inflation_radius and global_costmap.inflation_layer",
+        ),
+    ):
+        row = row_of(told, parameter)
+        assert row.status == "unknown"
+        assert f"; it is a parameter {place}" in row.note
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "message"),
+    [
+        (
+            "controller_server",
+            {"FollowPath": {
+                "plugin": "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController",
+                "min_lookahead_dist": 0.9, "max_lookahead_dist": 0.3,
+            }},
+            "FollowPath.min_lookahead_dist: 0.9: must be at most max_lookahead_dist, 0.3",
+        ),
+        (
+            "controller_server",
+            {"FollowPath": {"plugin": "nav2_mppi_controller::MPPIController", "vx_min": 0.3,
+                            "vx_max": 0.2}},
+            "FollowPath.vx_min: 0.3: must be at most vx_max, 0.2",
+        ),
+        (
+            "behavior_server",
+            {"min_rotational_vel": 2.0, "max_rotational_vel": 1.0},
+            "min_rotational_vel: 2.0: must be at most max_rotational_vel, 1.0",
+        ),
+        (
+            "local_costmap",
+            {
+                "plugins": ["obstacle_layer"],
+                "obstacle_layer": {
+                    "plugin": "nav2_costmap_2d::ObstacleLayer", "observation_sources": "scan",
+                    "scan": {"raytrace_min_range": 4.0, "raytrace_max_range": 3.0},
+                },
+            },
+            "obstacle_layer.scan.raytrace_min_range: 4.0: must be at most raytrace_max_range, 3.0",
+        ),
+        (
+            "amcl",
+            {"laser_min_range": 2.0, "laser_max_range": 1.0},
+            "laser_min_range: 2.0: must be at most laser_max_range, 1.0",
+        ),
+    ],
+)  # fmt: skip
+def test_a_minimum_over_its_maximum_is_refused(
+    node: str, values: dict[str, object], message: str
+) -> None:
+    error = refused(yaml.safe_dump({node: {"ros__parameters": values}}))
+    assert error.startswith("my.yaml:")
+    assert f"{node}.{message}" in error
+
+
+def test_a_maximum_that_is_none_is_below_no_minimum() -> None:
+    load(amcl={"laser_min_range": 0.1, "laser_max_range": -1.0})
+    load(controller_server={"FollowPath": {"plugin": "x::DWBLocalPlanner", "min_speed_xy": 0.1,
+                                           "max_speed_xy": -1.0}})  # fmt: skip

@@ -9,7 +9,10 @@ import pytest
 from mazebot.bringup.tour import PLACES
 from mazebot.cli import app
 from mazebot.common.config import ConfigError
-from mazebot.embedded.demo import DemoOptions, bringup_config, run
+from mazebot.common.maths.frames import SE2
+from mazebot.common.world.map_files import write_map
+from mazebot.embedded.demo import DemoOptions, bringup_config, check_world, run
+from mazebot.worldgen.recipe.loader import load_world
 from tests.worldgen import folder
 
 
@@ -28,6 +31,21 @@ def test_the_tour_is_that_of_the_world_and_home(tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert [goal["name"] for goal in summary["goals"]] == ["east", "home"]
     assert summary["contacts"]["count"] == 0
+
+
+def test_a_map_of_elsewhere_is_told_before_anything_starts(tmp_path: Path) -> None:
+    recipe = folder.room()
+    del recipe["locations"]
+    worlds_dir = folder.make(tmp_path / "worlds", recipe)
+    room = load_world("room", worlds_dir=worlds_dir)
+    x_m, y_m, yaw_rad = room.map_origin
+    elsewhere = SE2(x_m + 7.0, y_m, yaw_rad)
+    map_file = write_map(tmp_path, "saved", room.map_cells, 0.1, elsewhere)
+    with pytest.raises(
+        ConfigError, match=r"must fit the world room: .* shifted by \(-7\.000"
+    ) as told:
+        check_world(options(worlds_dir, tmp_path, map_file=map_file))
+    assert f"map_file: {map_file}: " in str(told.value)
 
 
 def test_what_is_put_over_a_recipe_is_driven_in_and_recorded(tmp_path: Path) -> None:

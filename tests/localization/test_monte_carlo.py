@@ -21,6 +21,7 @@ from mazebot.common.maths.frames import (
 )
 from mazebot.common.messages.scan import Scan
 from mazebot.localization.likelihood_field import LikelihoodField, likelihood_field
+from mazebot.localization.messages import cloud_message
 from mazebot.localization.monte_carlo import Localization, LocalizationParams, MarkerCandidate
 from mazebot.localization.particle_filter import (
     OdometryNoise,
@@ -586,3 +587,8 @@ class TestParticles:
             for spread in (0.01, 0.1, 1.0)
         ]
         assert sizes[0] < sizes[1] < sizes[2]
+
+
+def test_no_particles_are_an_empty_cloud() -> None:
+    assert cloud_message(7, np.empty((0, 3))).poses == []
+    assert len(cloud_message(7, np.zeros((1201, 3))).poses) == 401

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mazebot.perception.photo import markers_in_photo
+from mazebot.perception.photo import markers_in_photo, unreadable_in_photo
 from mazebot.perception.pose import Camera
 from tests.perception.scene import (
     CAMERA,
@@ -72,3 +72,68 @@ def test_a_wall_holds_none() -> None:
     bare = render(camera_from_marker(60.0), "bricks")
     grey = np.asarray(cv2.cvtColor(bare, cv2.COLOR_RGB2GRAY), np.uint8)
     assert markers_in_photo(grey, BOOK) == []
+
+
+def panel(marker_id: int, module_px: int, border_px: float, around: int = 30) -> NDArray[np.uint8]:
+    """A marker of DICT_5X5_1000 with a white border, dark all around, slightly out of focus."""
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    side_px, fine = 7 * module_px, 4
+    code = cv2.aruco.generateImageMarker(book, marker_id, fine * side_px)
+    scene = np.full((fine * 240, fine * 320), around, np.uint8)
+    left, border = fine * 60, round(fine * border_px)
+    scene[left - border : left + len(code) + border, left - border : left + len(code) + border] = (
+        255
+    )
+    scene[left : left + len(code), left : left + len(code)] = code
+    small = cv2.resize(scene, (320, 240), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), 0.7), np.uint8)
+
+
+@pytest.mark.parametrize(("module_px", "border_px"), [(15, 2.5), (15, 5.0), (6, 1.5), (20, 2.0)])
+def test_a_thin_white_border_is_enough(module_px: int, border_px: float) -> None:
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    (one,) = markers_in_photo(panel(1, module_px, border_px), book)
+    assert one.marker_id == 1
+    expected = 60 + 7 * module_px * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - 0.5
+    # Of a border that blur has eaten half of, the edge seems nearer.
+    assert np.abs(one.corners - expected).max() < 0.5
+
+
+def test_no_border_is_none() -> None:
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
+    assert markers_in_photo(panel(1, 15, 0.0, around=0), book) == []
+
+
+@pytest.mark.parametrize("side_px", [11.0, 12.5, 16.0])
+def test_small_markers_of_a_small_picture_are_read(side_px: float) -> None:
+    rng = np.random.default_rng(1)
+    fine = 8
+    scene = np.full((fine * 240, fine * 320), 170, np.uint8)
+    corners = {}
+    for marker_id in range(18):
+        code = cv2.aruco.generateImageMarker(BOOK, marker_id, round(fine * side_px))
+        x, y = (fine * np.array([20 + 50 * (marker_id % 6), 30 + 75 * (marker_id // 6)])).tolist()
+        x, y = x + int(rng.integers(fine)), y + int(rng.integers(fine))
+        white = round(fine * side_px / 6)
+        scene[y - white : y + len(code) + white, x - white : x + len(code) + white] = 255
+        scene[y : y + len(code), x : x + len(code)] = code
+        corners[marker_id] = (np.array([x, y]) / fine) - 0.5
+    small = cv2.resize(scene, (320, 240), interpolation=cv2.INTER_AREA)
+    noisy = np.clip(small + rng.normal(0.0, 2.0, small.shape), 0, 255).astype(np.uint8)
+    found = {one.marker_id: one for one in markers_in_photo(noisy, BOOK)}
+    assert len(found) >= 17
+    for marker_id, one in found.items():
+        assert np.abs(one.corners[0] - corners[marker_id]).max() < 0.3
+
+
+def test_mirrored_and_inverted_markers_are_told_apart() -> None:
+    plain = picture()
+    assert unreadable_in_photo(plain, BOOK) == {}
+    mirror, inverse = np.ascontiguousarray(plain[:, ::-1]), np.asarray(255 - plain, np.uint8)
+    for way, wrong in (
+        ("mirrored", mirror),
+        ("inverted", inverse),
+        ("mirrored and inverted", np.asarray(255 - mirror, np.uint8)),
+    ):
+        assert markers_in_photo(wrong, BOOK) == []
+        assert unreadable_in_photo(wrong, BOOK) == {way: [MARKER_ID]}

@@ -204,11 +204,11 @@ def test_what_an_import_cannot_bring_in_is_a_problem(tmp_path: Path) -> None:
 def test_a_maze_that_is_too_narrow_to_be_driven_is_told() -> None:
     narrow, wide = (
         problems_of("maze", overrides=(f"maze.cell_m={cell_m}", "maze.rows=4", "maze.columns=4"))
-        for cell_m in (0.8, 0.85)
+        for cell_m in (0.6, 0.7)
     )
-    assert [str(problem) for problem in narrow] == [
-        "override maze.cell_m=0.8: maze.cell_m: 0.8: must be at least 0.85: in corridors narrower "
-        "than 0.7 m the robot gets stuck"
+    assert [str(problem) for problem in narrow][:1] == [
+        "override maze.cell_m=0.6: maze.cell_m: 0.6: must be at least 0.65: in corridors narrower "
+        "than 0.5 m the robot cannot turn round"
     ]
     assert wide == ()
 
@@ -274,3 +274,51 @@ def test_the_floor_that_can_be_reached_is_told(tmp_path: Path) -> None:
     assert reach is not None
     assert reach.open_floor
     assert str(reach).endswith("can be reached from the start, and the open floor around it")
+
+
+@pytest.mark.parametrize(
+    ("changes", "heights", "told"),
+    [
+        ({"wall_height_m": 0.05}, {}, "wall_height_m: 0.05: must be above the plane of the"),
+        ({}, {2: 0.13}, "walls[2].height_m: 0.13: must be above the plane of the lidar, 0.132 m"),
+        ({}, {2: 0.14}, ""),
+    ],
+)
+def test_walls_that_the_lidar_does_not_see_are_told(
+    tmp_path: Path, changes: dict[str, Any], heights: dict[int, float], told: str
+) -> None:
+    recipe = {**folder.room(), **changes, "markers": []}
+    for index, height_m in heights.items():
+        recipe["walls"][index]["height_m"] = height_m
+    lines = said(tmp_path, recipe)
+    assert len(lines) == bool(told)
+    for line in lines:
+        assert told in line
+        count = len(heights) or 4
+        assert f"it sees nothing of {count} of 4 walls (" in line
+
+
+def test_bodies_of_which_the_lidar_sees_nothing_are_told(tmp_path: Path) -> None:
+    urdf = """<robot name="kerbs"><link name="base"/><link name="a">
+    <collision><origin xyz="1 0 Z"/><geometry><cylinder radius="0.2" length="0.1"/></geometry>
+    </collision></link><joint name="j" type="fixed"><parent link="base"/><child link="a"/></joint>
+    </robot>"""
+    for z_m, seen in ((0.05, False), (0.1, True), (0.2, False)):
+        file = tmp_path / "kerbs.urdf"
+        file.write_text(urdf.replace("Z", f"{z_m}"))
+        lines = [str(problem) for problem in problems_of(file)]
+        assert len(lines) == (not seen)
+        assert all("bodies: 1: must cross the plane of the lidar, 0.132 m" in one for one in lines)
+
+
+def test_what_an_import_runs_without_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "walls.urdf"
+    link = '<link name="{}"><visual><geometry><box size="0.1 2 1"/></geometry></visual></link>'
+    file.write_text(f'<robot name="walls">{link.format("wall1")}</robot>')
+    found = findings_of(file)
+    (problem,) = found.problems
+    assert not problem.fatal
+    assert "walls::wall1 has a <visual> and no <collision>: nothing there can be hit" in str(
+        problem
+    )
+    assert found.reach is not None

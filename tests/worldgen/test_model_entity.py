@@ -91,9 +91,20 @@ def test_what_a_urdf_gets_wrong_is_told_with_its_line(table: Path) -> None:
     table.write_text(TABLE.format(kind="fixed").replace('value="1.5"', 'value="heavy"'))
     with pytest.raises(ConfigError, match=r"table\.urdf:11: .*`heavy` must be a finite number"):
         read_model(table)
+
+
+def test_what_of_a_urdf_is_only_seen_may_be_missing(table: Path, tmp_path: Path) -> None:
     table.write_text(TABLE.format(kind="fixed").replace("foot.obj", "gone.obj"))
-    with pytest.raises(ConfigError, match=r"table\.urdf:13: .*`gone.obj` does not exist"):
-        read_model(table)
+    model = read_model(table)
+    assert [shape.name for shape in model.shapes if shape.solid]
+    assert any("table.urdf:13: " in one and "`gone.obj` does not" in one for one in model.missing)
+    seen = tmp_path / "seen.urdf"
+    seen.write_text(
+        '<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.obj"/></geometry>'
+        "</visual></link></robot>"
+    )
+    with pytest.raises(ConfigError, match=r"seen\.urdf:1: .*`gone.obj` does not exist"):
+        read_model(seen)
 
 
 def test_a_urdf_without_a_mass_stands_still(tmp_path: Path) -> None:

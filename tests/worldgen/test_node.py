@@ -272,3 +272,21 @@ def test_a_map_that_is_none_is_a_mistake_of_the_settings(tmp_path: Path) -> None
     with pytest.raises(ConfigError, match=r"no_such\.yaml"):
         WorldgenNode(WorldgenConfig(map_file=tmp_path / "no_such.yaml"))
     assert WorldgenConfig.model_validate({"map_file": ""}).map_file is None
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 0.678, 5.8])
+def test_a_map_that_does_not_fit_the_world_is_told_before_it_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, offset_m: float
+) -> None:
+    folder.make(tmp_path)
+    room = load_world("room", worlds_dir=tmp_path)
+    x_m, y_m, yaw_rad = room.map_origin
+    origin = SE2(x_m + offset_m, y_m, yaw_rad)
+    map_file = write_map(tmp_path, "saved", room.map_cells, 0.1, origin)
+    bench = Bench(WorldgenConfig(worlds_dir=tmp_path, map_file=map_file))
+    assert bench.ask("room").error == ""
+    told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(told) == bool(offset_m)
+    for line in told:
+        assert line.startswith(f"map {map_file} does not fit the world room: ")
+        assert f"shifted by ({-offset_m:+.3f}, +0.000) m" in line

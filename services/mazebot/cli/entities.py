@@ -391,7 +391,11 @@ def _from_files(
         factors = numbers("--scale", scale, 1, 3)
         return read_mesh(mesh, factors * 3 if len(factors) == 1 else factors)
     roots = model_folders("--models", models)
-    return read_model(find_model(model or "", roots), roots)
+    found = read_model(find_model(model or "", roots), roots)
+    if found.missing:
+        more = f" (and {len(found.missing) - 1} more)" if len(found.missing) > 1 else ""
+        sys.stderr.write(f"warning: --model: drawn without {found.missing[0]}{more}\n")
+    return found
 
 
 def _primitive(box: str | None, cylinder: str | None, sphere: str | None) -> Model:

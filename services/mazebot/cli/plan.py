@@ -145,6 +145,8 @@ def _costmap(
     )
 
     loaded = read_map(map_file)
+    if loaded.warning:
+        sys.stderr.write(f"warning: {loaded.warning}\n")
     origin, cells = straightened(loaded.resolution_m, loaded.origin, loaded.cells)
     if max(cells.shape) > _MAX_SIDE_CELLS:
         raise ConfigError(f"--map: {map_file}: must have at most {_MAX_SIDE_CELLS} cells a side")

@@ -386,8 +386,11 @@ def _print_report(report: ImportReport) -> None:
             for one in report.renamed
         ),
         *(f"ignored:    {ignored.what} ({ignored.where})" for ignored in report.ignored),
+        *(f"missing:    {one.message} ({one.where})" for one in report.missing),
     ]
     sys.stdout.write("\n".join(lines) + "\n")
+    for warning in report.warnings():
+        sys.stderr.write(f"warning: {warning}\n")
 
 
 def _frame(frame: Any) -> dict[str, Any]:

@@ -405,6 +405,8 @@ class Navigator:
             image = any(problem.field == "image" for problem in error.problems)
             self._error = (_BAD_MAP_DATA if image else _BAD_MAP_METADATA, str(error))
             return False
+        if chart.warning:
+            _LOG.warning("%s", chart.warning)
         reply = self._ask(LOAD_MAP, document_of_map(chart))
         self._error = (reply.result, reply.error)
         if reply.result:

@@ -256,16 +256,23 @@ def check_world(options: DemoOptions) -> LoadedWorld:
     if bringup.goal is None and not bringup.slam:
         # The tour of a world without locations depends on the map.
         cells, origin = loaded.map_cells, loaded.map_origin
-        world = loaded.world
+        world, chart = loaded.world, None
         if config.map_file is not None:
             chart = read_map(config.map_file)
             cells, origin = chart.cells, chart.origin
             world = world.model_copy(update={"map_resolution_m": chart.resolution_m})
         try:
             tour_goals(world, bringup.tour, cells, origin, bringup.seed)
-        except NoLocationsError:
-            raise
         except ValueError as error:
+            from mazebot.worldgen.map.disagreement import misfit_in  # noqa: PLC0415 - loads scipy
+
+            found = "" if chart is None else misfit_in(chart, loaded.world, loaded.meshes)
+            if found:
+                raise ConfigError(
+                    f"map_file: {config.map_file}: must fit the world {world.name}: {found}"
+                ) from error
+            if isinstance(error, NoLocationsError):
+                raise
             raise ConfigError(str(error)) from error
     return loaded
 

@@ -24,6 +24,8 @@ _DARKEST_SURROUNDINGS = 0.25
 """Share of the way from black to white above which a surrounding module is no part of the black."""
 _LIGHT_AROUND = 0.75
 """Share of the surrounding modules in the picture that must be lighter than the black border."""
+_THIN = (0.05, 0.1, 0.15, 0.2, 0.3)
+"""Where the surroundings are sampled that may be a thin border, in modules from the black."""
 _ROUNDING = 0.3
 """Standard deviation of the rounding to whole grey levels: the least scatter there is."""
 
@@ -37,7 +39,9 @@ class CodeCheck:
         self._size = int(book.markerSize)
         self._fit_of = functools.cache(self._make_fit)
 
-    def clarity(self, grey: NDArray[np.uint8], corners: Corners, marker_id: int) -> float:
+    def clarity(
+        self, grey: NDArray[np.uint8], corners: Corners, marker_id: int, thin: bool = False
+    ) -> float:
         """Ratio of the difference between white and black modules to the scatter about them.
 
         The grey level of a module is modelled as linear in its position, separately for black and
@@ -49,13 +53,17 @@ class CodeCheck:
             corners: (4, 2) corners of the black square: top left, top right, bottom right, bottom
                 left of the upright marker.
             marker_id: the id that was read.
+            thin: whether the light surroundings may be a border thinner than half a module.
 
         Returns:
             The ratio; 0 if the black square has no lighter surroundings, or if the corners are not
             those of a square.
         """
         modules = self._size + 2
-        levels = _module_levels(grey, corners, modules)
+        image_from_modules = _homography(corners, modules)
+        if image_from_modules is None:
+            return 0.0
+        levels = _module_levels(grey, image_from_modules, modules)
         if levels is None:
             return 0.0
         inside = levels[1:-1, 1:-1].reshape(-1)
@@ -64,7 +72,7 @@ class CodeCheck:
         black, step = float(fitted[0]), float(fitted[3])
         if step <= 0.0:
             return 0.0
-        ring = _ring(levels)
+        ring = _thin_ring(grey, image_from_modules, modules) if thin else _ring(levels)
         light = ring > black + _DARKEST_SURROUNDINGS * step
         if int(light.sum()) < _LIGHT_AROUND * int(np.isfinite(ring).sum()):
             return 0.0
@@ -90,18 +98,18 @@ class CodeCheck:
         return model, portable.product(portable.inverse(normal), model.T)
 
 
-def _module_levels(grey: NDArray[np.uint8], corners: Corners, modules: int) -> Array | None:
+def _module_levels(
+    grey: NDArray[np.uint8], image_from_modules: Array, modules: int
+) -> Array | None:
     """(modules + 2, modules + 2) mean grey of the black square's modules and of those around it.
 
     NaN for modules around it that are not in the picture; None if the corners are no square's.
     """
-    places = _sample_places(corners, modules)
-    if places is None:
+    along = (np.arange(modules + 2)[:, None] + np.array(_SAMPLES)).reshape(-1)
+    rows, columns = np.meshgrid(along, along, indexing="ij")
+    sampled = _brightness(grey, image_from_modules, columns, rows)
+    if sampled is None:
         return None
-    x, y = places[..., 0], places[..., 1]
-    sampled = brightness_at(grey, x, y)
-    height, width = grey.shape
-    sampled[(x < -0.5) | (y < -0.5) | (x > width - 0.5) | (y > height - 0.5)] = np.nan
     side, samples = modules + 2, len(_SAMPLES)
     cells = sampled.reshape(side, samples, side, samples)
     # The sum of nine whole numbers is exact in any order.
@@ -109,8 +117,39 @@ def _module_levels(grey: NDArray[np.uint8], corners: Corners, modules: int) -> A
     return levels if np.isfinite(levels[1:-1, 1:-1]).all() else None
 
 
-def _sample_places(corners: Corners, modules: int) -> Array | None:
-    """(3 (modules + 2), 3 (modules + 2), 2) pixels of the modules' samples, by a homography."""
+def _thin_ring(grey: NDArray[np.uint8], image_from_modules: Array, modules: int) -> Array:
+    """The lightest of what lies close around the black square, beside each of its modules."""
+    middles = 1.5 + np.arange(modules)
+    along, out = np.meshgrid(middles, np.array(_THIN), indexing="ij")
+    low, high = 1.0 - out, 1.0 + modules + out
+    sides = [
+        _brightness(grey, image_from_modules, x, y)
+        for x, y in ((along, low), (along, high), (low, along), (high, along))
+    ]
+    return np.concatenate(
+        [np.full(modules, np.nan) if one is None else one.max(1) for one in sides]
+    )
+
+
+def _brightness(
+    grey: NDArray[np.uint8], image_from_modules: Array, x: Array, y: Array
+) -> Array | None:
+    """Grey levels at (n, m) places in modules; NaN outside the picture, None where there is no
+    place in any picture.
+    """
+    points = np.stack([x, y, np.ones_like(x)], axis=2)
+    mapped = portable.product(points.reshape(-1, 3), image_from_modules.T).reshape(*points.shape)
+    if mapped[..., 2].min() <= 1e-9:
+        return None
+    u, v = mapped[..., 0] / mapped[..., 2], mapped[..., 1] / mapped[..., 2]
+    sampled = brightness_at(grey, u, v)
+    height, width = grey.shape
+    sampled[(u < -0.5) | (v < -0.5) | (u > width - 0.5) | (v > height - 0.5)] = np.nan
+    return sampled
+
+
+def _homography(corners: Corners, modules: int) -> Array | None:
+    """(3, 3) pixels from modules, of which one surrounds the black square; None: there is none."""
     square = 1.0 + modules * np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
     x, y = square.T
     u, v = corners.T
@@ -125,14 +164,7 @@ def _sample_places(corners: Corners, modules: int) -> Array | None:
         entries = portable.solve(equations, np.concatenate([u, v]))
     except np.linalg.LinAlgError:
         return None
-    homography = np.append(entries, 1.0).reshape(3, 3)
-    along = (np.arange(modules + 2)[:, None] + np.array(_SAMPLES)).reshape(-1)
-    rows, columns = np.meshgrid(along, along, indexing="ij")
-    points = np.stack([columns, rows, np.ones_like(rows)], axis=2)
-    mapped = portable.product(points.reshape(-1, 3), homography.T).reshape(*points.shape)
-    if mapped[..., 2].min() <= 1e-9:
-        return None
-    return np.asarray(mapped[..., :2] / mapped[..., 2:], np.float64)
+    return np.append(entries, 1.0).reshape(3, 3)
 
 
 def _ring(levels: Array) -> Array:

@@ -24,6 +24,10 @@ _BLUR_SHARE = 0.006
 """Of a picture's longer side: how far a large picture's edges may be blurred."""
 
 
+_MOST_TIMES, _MAGNIFIED_PX = 3, 1280
+"""A small picture is looked at magnified as well, up to so many times and to this longer side."""
+
+
 @dataclass(frozen=True)
 class PhotoMarker:
     """A marker in a picture.
@@ -54,11 +58,13 @@ def markers_in_photo(
     camera: Camera | None = None,
     side_m: float = 0.0,
     corner_sigma_px: float = 0.3,
+    magnify: bool = True,
 ) -> list[PhotoMarker]:
     """The markers in a picture, by id and then from left to right.
 
     Both thresholds of perception are used on the picture and, if it is large, on ever smaller
-    copies of it; corners and codes are always judged in the picture itself.
+    copies of it, of which corners and codes are judged in the picture itself; if it is small, on a
+    magnified copy as well. The white around a marker may be thin.
 
     Args:
         grey: (height, width) picture.
@@ -66,16 +72,19 @@ def markers_in_photo(
         camera: intrinsics for the poses; None: without poses.
         side_m: side of the black square.
         corner_sigma_px: least standard deviation of a corner's coordinate, for the covariances.
+        magnify: whether the smallest markers count, at several times the time.
     """
-    config = PerceptionConfig()
-    modules, check = int(book.markerSize) + 2, CodeCheck(book)
-    blur_px = max(HALF_WIDTH_PX, _BLUR_SHARE * max(grey.shape))
-    found: list[tuple[Sighting, float]] = []
-    for rough in _sightings_at_all_sizes(grey, book, config):
-        one = Sighting(rough.marker_id, refine_corners(grey, rough.corners, modules, blur_px))
-        clarity = check.clarity(grey, one.corners, one.marker_id)
-        if clarity >= config.min_clarity and not any(same_place(one, other) for other, _ in found):
-            found.append((one, clarity))
+    found = _clear(grey, book)
+    times = min(_MOST_TIMES, _MAGNIFIED_PX // max(grey.shape)) if magnify else 1
+    if times > 1:
+        # Small markers are read better between the pixels.
+        size = times * grey.shape[1], times * grey.shape[0]
+        without_ipp()
+        magnified = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
+        for one, clarity in _clear(np.asarray(magnified, np.uint8), book):
+            in_grey = Sighting(one.marker_id, (one.corners + 0.5) / times - 0.5)
+            if not any(same_place(in_grey, other) for other, _ in found):
+                found.append((in_grey, clarity))
     found.sort(key=lambda pair: (pair[0].marker_id, float(pair[0].corners[0, 0])))
     return [
         PhotoMarker(
@@ -86,6 +95,41 @@ def markers_in_photo(
         )
         for one, clarity in found
     ]
+
+
+def unreadable_in_photo(
+    grey: NDArray[np.uint8], book: cv2.aruco.Dictionary
+) -> dict[str, list[int]]:
+    """Ids of markers that no detector may read, by what is wrong with them: `mirrored`, `inverted`
+    (white on black), or both.
+    """
+    inverse = np.asarray(255 - grey, np.uint8)
+    ways = {
+        "mirrored": grey[:, ::-1],
+        "inverted": inverse,
+        "mirrored and inverted": inverse[:, ::-1],
+    }
+    found = {
+        way: [one.marker_id for one, _ in _clear(np.ascontiguousarray(picture), book)]
+        for way, picture in ways.items()
+    }
+    return {way: ids for way, ids in found.items() if ids}
+
+
+def _clear(grey: NDArray[np.uint8], book: cv2.aruco.Dictionary) -> list[tuple[Sighting, float]]:
+    """The markers in a picture that are clearly black and white, each with its clarity."""
+    config = PerceptionConfig()
+    modules, check = int(book.markerSize) + 2, CodeCheck(book)
+    blur_px = max(HALF_WIDTH_PX, _BLUR_SHARE * max(grey.shape))
+    found: list[tuple[Sighting, float]] = []
+    for rough in _sightings_at_all_sizes(grey, book, config):
+        one = Sighting(rough.marker_id, refine_corners(grey, rough.corners, modules, blur_px))
+        clarity = max(
+            check.clarity(grey, one.corners, one.marker_id, thin) for thin in (False, True)
+        )
+        if clarity >= config.min_clarity and not any(same_place(one, other) for other, _ in found):
+            found.append((one, clarity))
+    return found
 
 
 def _sightings_at_all_sizes(

@@ -8,13 +8,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import shapely
 
 from mazebot.common.files.yaml_source import Source
-from mazebot.common.maths.frames import rotation_from_quaternion, transform_matrix
+from mazebot.common.maths import portable
+from mazebot.common.maths.frames import (
+    Array,
+    pose_matrix,
+    rotation_from_quaternion,
+    transform_matrix,
+)
 from mazebot.common.messages.documents import Entities, Marker
 from mazebot.common.problems import Mistake, Problem, WorldError
+from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
 from mazebot.common.world.costmap import ROBOT_RADIUS_M
+from mazebot.common.world.geometry import TriangleMesh, triangles_of
 from mazebot.common.world.marker_entities import marker_entities
 from mazebot.common.world.placement import Panel
 from mazebot.worldgen.files import imported_recipe, is_sdf
@@ -33,6 +42,8 @@ from mazebot.worldgen.recipe.sources import (
     shown_path,
     sources_of,
 )
+
+_NAMED = 5
 
 
 class Findings(NamedTuple):
@@ -79,10 +90,16 @@ def findings_of(
             sources = named_sources(name_or_path, worlds_dir)
             return _judged(sources, use_aruco, worlds_dir, texture_base, overrides)
         if is_sdf(name_or_path):
-            with imported_recipe(name_or_path, arguments or {}, roots, "world") as recipe:
+            with imported_recipe(name_or_path, arguments or {}, roots, "world") as (
+                recipe,
+                lacking,
+            ):
                 # The recipe is temporary: its problems are reported for the imported file.
-                sources = [Source(shown_path(name_or_path), sources_of(recipe)[0].content)]
-                return _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)
+                shown = shown_path(name_or_path)
+                sources = [Source(shown, sources_of(recipe)[0].content)]
+                found = _judged(sources, use_aruco, recipe.parent, None, overrides, recipe.stem)
+            told = [Problem(file=shown, must=line, fatal=False) for line in lacking]
+            return Findings((*told, *found.problems), found.reach)
         sources, folder = sources_of(name_or_path), name_or_path.parent
         return _judged(sources, use_aruco, folder, texture_base, overrides)
     except WorldError as error:
@@ -113,6 +130,7 @@ def _judged(
 
 def _geometry(draft: Draft, found: Reach | None) -> Iterator[Mistake]:
     yield from _narrow_maze(draft)
+    yield from _below_lidar(draft)
     yield from _room_to_stand(draft)
     yield from _kept_out(draft)
     if found is not None:
@@ -127,8 +145,53 @@ def _narrow_maze(draft: Draft) -> Iterator[Mistake]:
     if recipe.maze is None or recipe.maze.cell_m - recipe.wall_thickness_m >= CORRIDOR_M - 1e-9:
         return
     must = f"must be at least {recipe.wall_thickness_m + CORRIDOR_M:g}: in corridors narrower than "
-    must += f"{CORRIDOR_M:g} m the robot gets stuck"
+    must += f"{CORRIDOR_M:g} m the robot cannot turn round"
     yield Mistake(("maze", "cell_m"), recipe.maze.cell_m, must, fatal=False)
+
+
+def _below_lidar(draft: Draft) -> Iterator[Mistake]:
+    """Walls must be seen by the lidar, or something else must."""
+    world = draft.world
+    low = [wall for wall in world.walls if wall.height_m <= LIDAR_HEIGHT_M]
+    plane = f"the plane of the lidar, {LIDAR_HEIGHT_M:g} m"
+    if low:
+        names = ", ".join(wall.name for wall in low[:_NAMED]) + (
+            "" if len(low) <= _NAMED else ", ..."
+        )
+        must = (
+            f"must be above {plane}: it sees nothing of {len(low)} of {len(world.walls)} walls "
+            f"({names}), by which localization could find the robot"
+        )
+        own = {
+            wall.name: index
+            for index, wall in enumerate(draft.recipe.walls)
+            if wall.height_m is not None
+        }
+        first = own.get(low[0].name)
+        field = ("wall_height_m",) if first is None else ("walls", first, "height_m")
+        yield Mistake(field, low[0].height_m, must, fatal=False)
+        return
+    solid = [
+        (shape, portable.product(pose_matrix(body), pose_matrix(shape)))
+        for body in world.bodies
+        for shape in body.shapes
+        if shape.solid and not body.moves
+    ]
+    heights_m = [
+        _heights(triangles_of(shape.geometry, draft.meshes), map_from_shape)
+        for shape, map_from_shape in solid
+    ]
+    if world.walls or not heights_m:
+        return
+    if not any(z.min() < LIDAR_HEIGHT_M < z.max() for z in heights_m):
+        must = f"must cross {plane}: it sees nothing of {len(world.bodies)} bodies"
+        yield Mistake(("bodies",), len(world.bodies), must, fatal=False)
+
+
+def _heights(mesh: TriangleMesh, map_from_shape: Array) -> Array:
+    """Heights of a surface's corners."""
+    rows = portable.product(mesh.vertices_m, map_from_shape[2:3, :3].T)
+    return np.asarray(rows[:, 0] + map_from_shape[2, 3])
 
 
 def _room_to_stand(draft: Draft) -> Iterator[Mistake]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import tempfile
@@ -14,6 +15,8 @@ from mazebot.common.problems import Problem, WorldError, words
 from mazebot.worldgen.recipe.loaded_world import LoadedWorld
 from mazebot.worldgen.recipe.loader import load_file, load_world
 from mazebot.worldgen.recipe.sources import DEFAULT_WORLDS_DIR, shown_path
+
+_log = logging.getLogger("worldgen")
 
 SDF_SUFFIXES = (".sdf", ".world", ".xacro", ".urdf")
 RECIPE_SUFFIXES = (".yaml", ".yml")
@@ -63,7 +66,9 @@ def load_any(
     path = Path(world)
     if is_sdf(path):
         check_there(path)
-        with imported_recipe(path, arguments or {}, roots) as recipe:
+        with imported_recipe(path, arguments or {}, roots) as (recipe, lacking):
+            for line in lacking:
+                _log.warning("%s: %s", shown_path(path), line)
             return load_file(recipe, use_aruco, overrides=overrides)
     if is_file(world):
         return load_file(path, use_aruco, texture_base, overrides)
@@ -79,9 +84,9 @@ def check_there(file: Path) -> None:
 @contextmanager
 def imported_recipe(
     path: Path, arguments: Mapping[str, str], roots: Sequence[Path], name: str = ""
-) -> Iterator[Path]:
-    """The recipe converted from a Gazebo file, with the files it needs beside it, within a context.
-    `name` is the world's, if that is not the file's.
+) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """The recipe converted from a Gazebo file, with the files it needs beside it, within a context,
+    and what the world lacks, a line each. `name` is the world's, if that is not the file's.
 
     Raises WorldError with every problem of the file.
     """
@@ -116,4 +121,4 @@ def imported_recipe(
             write_recipe(imported, recipe)
         except ConfigError as error:
             raise WorldError([Problem(file=shown_path(path), must=str(error))]) from error
-        yield recipe
+        yield recipe, report.warnings()

@@ -46,6 +46,8 @@ class Model:
     """Attributes of an ArUco marker's model as `mazebot markers make` writes them: `marker` (its
     id), `dictionary`, `size_m`, `quiet_zone_modules`. Empty for any other.
     """
+    missing: tuple[str, ...] = ()
+    """Pictures and meshes of visuals that cannot be had, a line each."""
     ignored: tuple[str, ...] = ()
     """Contents of the files that are not simulated, one line each."""
 
@@ -83,7 +85,9 @@ def read_model(
     marker = {name: value for name, value in model.attributes.items() if not name.startswith("_")}
     converted = to_recipe(_merged(sdf, model, links), "model")
     _raise_first(f"{error.where}: {error.message}" for error in converted.report.errors)
+    missing = [f"{one.where}: {one.message}" for one in converted.report.missing]
     if not converted.recipe.get("bodies"):
+        _raise_first(missing)
         raise ConfigError(words(f"{path}: contains only a floor, must contain a body"))
     made = _made(path, converted.recipe, converted.files)
     static = all(link.static for link in links)
@@ -91,6 +95,7 @@ def read_model(
         made,
         mass_kg=0.0 if static else sum(link.mass_kg for link in links),
         marker=marker if "marker" in marker else {},
+        missing=tuple(missing),
         ignored=tuple(f"{one.where}: {one.what}" for one in converted.report.ignored),
     )
 

@@ -111,6 +111,7 @@ class WorldgenNode(Node):
             return LoadMapReply(result=2, error=str(error))
         outbox.put(MAP, occupancy_grid(0, chart.resolution_m, chart.origin, chart.cells))
         _log.info("Loaded a map of %d x %d cells", wanted.columns, wanted.rows)
+        _warn_of("of the request", chart, self._running)
         return LoadMapReply()
 
     def _publish(self, loaded: LoadedWorld, outbox: Outbox) -> None:
@@ -134,11 +135,25 @@ class WorldgenNode(Node):
             outbox.put(MAP, occupancy_grid(0, chart.resolution_m, chart.origin, chart.cells))
             rows, columns = chart.cells.shape
             about = f"map of {columns} x {rows} cells"
+            if self._map or world.map_sha256:
+                name = self._config.map_file or (loaded.recipe.map if loaded.recipe else "")
+                _warn_of(str(name), chart, loaded)
         _log.info(
             "Loaded world %s (%s): %s, %d textures, %d meshes",
             world.name, _about(loaded), about,
             len(loaded.assets) - len(loaded.meshes), len(loaded.meshes),
         )  # fmt: skip
+
+
+def _warn_of(name: str, chart: MapFile, loaded: LoadedWorld) -> None:
+    """Say what is wrong with a map that was not made of this world, before it is used."""
+    from mazebot.worldgen.map.disagreement import misfit_in  # noqa: PLC0415 - loads scipy
+
+    if chart.warning:
+        _log.warning("%s", chart.warning)
+    found = misfit_in(chart, loaded.world, loaded.meshes)
+    if found:
+        _log.warning("map %s does not fit the world %s: %s", name, loaded.world.name, found)
 
 
 def _mode(request: WorldRequest) -> str:

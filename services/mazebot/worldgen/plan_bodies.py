@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from mazebot.common.maths.frames import Array, pose_matrix
 from mazebot.common.messages.documents import Geometry, Mesh, Polyline, World
+from mazebot.common.robot.waffle import LIDAR_HEIGHT_M
 from mazebot.common.world.footprint import Footprint, footprint, section
 from mazebot.common.world.geometry import TriangleMesh, triangles_of
-
-LIDAR_HEIGHT_M = 0.132
-"""Of base_scan above the floor, in models/turtlebot3_waffle/model.urdf."""
 
 _SNAP_M = 1e-4
 """Ends of cut triangles that are nearer than this are merged."""

@@ -32,6 +32,23 @@ from tests.navigation.behavior.scripted_tree import Ticked
         # All children in every tick, whichever runs.
         ("NonblockingSequence", ["RS", "RRS"], "RRS", [3, 3]),
         ("NonblockingSequence", ["R", "F"], "F", [1, 1]),
+        # One child a tick.
+        ("AsyncSequence", ["S", "K", "S"], "RS", [1, 1, 1]),
+        ("AsyncFallback", ["F", "F"], "RF", [1, 1]),
+        # All children that have not ended, in every tick.
+        ("Parallel", ["RS", "RRS"], "RRS", [2, 3]),
+        ("Parallel", ["R", "F"], "F", [1, 1]),
+        ("Parallel", ["K", "S"], "S", [1, 1]),
+        ("Parallel", ["K", "K"], "K", [1, 1]),
+        ("ParallelAll", ["F", "RRS"], "RRF", [1, 3]),
+        ("ParallelAll", ["S", "RS"], "RS", [1, 2]),
+        # The condition once, and its branch.
+        ("IfThenElse", ["RS", "RS", "F"], "RRS", [2, 2, 0]),
+        ("IfThenElse", ["F", "S", "RF"], "RF", [1, 0, 2]),
+        ("IfThenElse", ["F", "S"], "F", [1, 0]),
+        # The condition in every tick.
+        ("WhileDoElse", ["SSF", "R", "RS"], "RRRS", [4, 2, 2]),
+        ("WhileDoElse", ["SF", "R"], "RF", [2, 1]),
     ],
 )
 def test_a_control_node_ticks_its_children_in_its_order(
@@ -40,6 +57,30 @@ def test_a_control_node_ticks_its_children_in_its_order(
     tree = Ticked(kind, *scripts)
     assert tree.ticks(len(answers)) == answers
     assert tree.ticked() == ticked
+
+
+def test_parallel_ends_with_as_many_children_as_its_ports_say() -> None:
+    tree = Ticked("Parallel", "RRS", "F", "RS", success_count="1", failure_count="2")
+    assert tree.ticks(2) == "RS"
+    assert tree.ticked() == [2, 1, 2]
+    assert tree.halted() == [1, 0, 0]
+    assert Ticked("Parallel", "S", "F", "F", failure_count="-1").tick() == "F"
+    all_but_one = Ticked("ParallelAll", "F", "F", "S", max_failures="-1")
+    assert all_but_one.tick() == "S"
+    with pytest.raises(TreeError, match=r"port 'success_count': 3: must be at most 2"):
+        Ticked("Parallel", "S", "S", success_count="3").tick()
+
+
+def test_a_switch_ticks_the_child_of_its_case() -> None:
+    tree = Ticked("Switch2", "R", "S", "RF", variable="{mode}", case_1="fast", case_2="2")
+    assert tree.tick() == "R"
+    tree.blackboard.set("mode", "fast")
+    assert tree.tick() == "R"
+    # What ran for another case is halted.
+    assert tree.halted() == [0, 0, 1]
+    tree.blackboard.set("mode", 2.0)
+    assert tree.tick() == "S"
+    assert tree.halted() == [1, 0, 1]
 
 
 def test_reactive_nodes_halt_what_ran_when_an_earlier_child_decides() -> None:

@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
+from mazebot.navigation.behavior.engine.blackboard import Blackboard
+from mazebot.navigation.behavior.engine.script import ScriptError, read_script
 from mazebot.navigation.behavior.nodes.goals import REQUESTED
 from mazebot.navigation.control.collision import Velocity
 from mazebot.navigation.planning.path import PlannedPath, path_through
@@ -124,3 +128,81 @@ def test_a_longer_path_to_a_far_or_another_goal_is_driven() -> None:
     tree.tick()
     tree.blackboard.set("path", straight(2.0, bend_m=3.0))
     assert tree.tick() == "S"
+
+
+def test_a_delay_ticks_its_child_later() -> None:
+    tree = Ticked("Delay", "RS", delay_msec="100")
+    assert tree.ticks(4) == "RRRS"
+    assert tree.ticked() == [2]
+    assert tree.ticks(2) == "RR"
+
+
+def test_run_once_runs_once() -> None:
+    tree = Ticked("RunOnce", "RF")
+    assert tree.ticks(2) == "RF"
+    tree.node.halt()
+    assert tree.ticks(2) == "KK"
+    assert Ticked("RunOnce", "F", then_skip="false").ticks(3) == "FFF"
+
+
+def test_a_precondition_is_asked_until_its_child_runs() -> None:
+    # Names that Python has for itself.
+    ports: Any = {"if": "level >= 0.5 && name == 'den'", "else": "RUNNING"}
+    tree = Ticked("Precondition", "RRS", **ports)
+    tree.blackboard.set("level", "0.2")
+    tree.blackboard.set("name", "den")
+    assert tree.ticks(2) == "RR"
+    assert tree.ticked() == [0]
+    tree.blackboard.set("level", 0.6)
+    assert tree.tick() == "R"
+    tree.blackboard.set("level", 0.1)
+    assert tree.ticks(2) == "RS"
+    never: Any = {"if": "1 > 2"}
+    assert Ticked("Precondition", "S", **never).tick() == "F"
+
+
+@pytest.mark.parametrize(
+    ("code", "value"),
+    [
+        ("1 + 2 * 3", 7.0),
+        ("(1 + 2) * -3", -9.0),
+        ("a := 4; a -= 1; a", 3.0),
+        ("'x' .. 2 .. 0.5", "x20.5"),
+        ("1 < 2 && !(3 == 4) || false", 1.0),
+        ("text == '7' ? 'yes' : 'no'", "yes"),
+        ("text == 7", 1.0),
+        ("flag != false", 1.0),
+        ("0x10 | 1 ^ 3", 18.0),
+        ("~0 & 6", 6.0),
+        ("'a' != 1", 1.0),
+        ("@root := 3; @root", 3.0),
+        ("1e3 / 4", 250.0),
+    ],
+)
+def test_scripts_are_those_of_behaviortree_cpp(code: str, value: float | str) -> None:
+    board = Blackboard()
+    board.set("text", "7")
+    board.set("flag", True)
+    assert read_script(code).run(board) == value
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("", "is empty"),
+        ("a = ", "cannot be read at its end"),
+        ("1 2", "cannot be read at '2'"),
+        ("a ? 1", "must have ':' at its end"),
+        ("'open", 'cannot be read at "\'open"'),
+        ("gone > 1", "'gone' is not on the blackboard"),
+        ("gone = 1", "'gone' is not on the blackboard: must be given by := first"),
+        ("1 / 0", "divides by 0"),
+        ("'a' < 1", "'a' is no number"),
+        ("1.5 | 1", "1.5 is no integer"),
+        ("(" * 90 + "1" + ")" * 90, "is nested more than 50 deep"),
+    ],
+)
+def test_a_mistake_in_a_script_is_told(code: str, message: str) -> None:
+    with pytest.raises(ScriptError) as caught:
+        read_script(code).run(Blackboard())
+    assert str(caught.value) == message

@@ -487,7 +487,9 @@ def test_a_tree_that_asks_for_nothing_known_ends_with_a_word(tmp_path: Path) -> 
     path.write_text(document("<AlwaysFailure/>"))
     result = Drive().until_done(NavigateToPose(NEAR, str(path)))
     assert result.error_code == ErrorCode.NAVIGATOR_UNKNOWN
-    assert result.error_msg == "the tree 'Main' ended with FAILURE"
+    assert result.error_msg == (
+        "the tree 'Main' ended with FAILURE: AlwaysFailure 'AlwaysFailure' in line 1 failed"
+    )
     path = tmp_path / "nonsense.xml"
     path.write_text(document('<Wait wait_duration="{goal}"/>'))
     result = Drive().until_done(NavigateToPose(NEAR, str(path)))

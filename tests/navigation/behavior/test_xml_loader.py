@@ -74,7 +74,7 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
         ("", "t.xml:1: not well-formed XML: no element found"),
         ("<root>\n<a></b>", "t.xml:2: not well-formed XML: mismatched tag"),
         ("<tree/>", "t.xml:1: the first element is <tree>: must be <root>"),
-        ('<root BTCPP_format="3"/>', "t.xml:1: BTCPP_format is '3': must be 4"),
+        ('<root BTCPP_format="5"/>', "t.xml:1: BTCPP_format is '5': must be 3 or 4"),
         ('<root BTCPP_format="4"/>', "t.xml:1: no <BehaviorTree> found"),
         (
             document("<Wait/>", 'BTCPP_format="4" main_tree_to_execute="Mian"'),
@@ -109,9 +109,32 @@ def test_the_default_trees_are_read_without_a_word(path: Path) -> None:
             "t.xml:1: FollowPath, port 'path': must be a blackboard entry {...} (got 'the_path')",
         ),
         (
-            document('<Wait _skipIf="true"/>'),
-            "t.xml:1: Wait, attribute '_skipIf': scripts are not supported",
+            document('<Wait _skipIf="a ==="/>'),
+            "t.xml:1: Wait, port '_skipIf': cannot be read at '='",
         ),
+        (
+            document('<SubTree ID="Main" _while="true"/>'),
+            "t.xml:1: SubTree, attribute '_while': must be at the first node of the tree instead",
+        ),
+        (
+            document("\n<Sequence><Spinn/>\n<Fly/><Fallback><Dance/></Fallback></Sequence>"),
+            "t.xml:2: Spinn is not a known node; did you mean Spin?; "
+            "t.xml:3: Fly is not a known node; t.xml:3: Dance is not a known node",
+        ),
+        (
+            document("<IfThenElse><Wait/></IfThenElse>"),
+            "t.xml:1: IfThenElse has 1 children: must have 2 to 3",
+        ),
+        (
+            document('<Script code="x := (1"/>'),
+            "t.xml:1: Script, port 'code': must have ')' at its end",
+        ),
+        (
+            document('<Precondition if="a > 1" else="MAYBE"><Wait/></Precondition>'),
+            "t.xml:1: Precondition, port 'else': must be RUNNING, SUCCESS, FAILURE or SKIPPED "
+            "(got 'MAYBE')",
+        ),
+        (document('<FollowPath path=""/>'), "t.xml:1: FollowPath, port 'path': is missing"),
         (
             document('<SubTree ID="Mains"/>'),
             "t.xml:1: SubTree: no tree with ID 'Mains'; did you mean Main?",
@@ -152,6 +175,82 @@ def test_unknown_ports_are_ignored_with_a_word() -> None:
 def test_a_tree_of_an_older_format_is_read_with_a_word() -> None:
     file = read_tree(document("<AlwaysSuccess/>", 'main_tree_to_execute="Main"'), "t.xml")
     assert file.warnings == ("t.xml:1: no BTCPP_format: read as format 4",)
+
+
+def test_a_tree_of_format_3_is_read_with_a_word() -> None:
+    text = """
+    <root BTCPP_format="3" main_tree_to_execute="Main">
+      <BehaviorTree ID="Main"><SequenceStar>
+        <SetBlackboard output_key="mine" value="7"/>
+        <SubTree ID="Below" inner="mine"/>
+        <SubTreePlus ID="Shared" __autoremap="1"/>
+      </SequenceStar></BehaviorTree>
+      <BehaviorTree ID="Below"><Script code="inner = inner + 1"/></BehaviorTree>
+      <BehaviorTree ID="Shared"><Parallel success_threshold="1">
+        <ScriptCondition code="mine == 8"/><AlwaysFailure/>
+      </Parallel></BehaviorTree>
+    </root>"""
+    file = read_tree(text, "t.xml")
+    assert file.warnings == ("t.xml:2: BTCPP_format 3: read as format 4",)
+    assert file.build(run_over()).tick(0) is NodeStatus.SUCCESS
+
+
+def test_ports_that_groot_saves_empty_are_not_given() -> None:
+    text = document(
+        '<Sequence name=""><ComputePathToPose goal="{goal}" planner_id="" path="{path}" '
+        'server_timeout="" _description=""/><Wait wait_duration="" _skipIf=""/>'
+        '<SubTree ID="Below" key=""/></Sequence>'
+    ).replace("</root>", '<BehaviorTree ID="Below"><Wait/></BehaviorTree></root>')
+    file = read_tree(text, "t.xml")
+    assert file.warnings == ()
+    nodes = list(file.build(run_over()).root.walk())
+    assert nodes[0].place.name == "Sequence"
+    assert nodes[1].place.attributes == {"goal": "{goal}", "path": "{path}"}
+    assert nodes[2].number("wait_duration") == 1.0
+
+
+def test_scripts_decide_whether_a_node_is_ticked_and_run_after_it() -> None:
+    text = document(
+        """<Sequence>
+        <Script code="ready := false; count := 0; far := 2.5"/>
+        <AlwaysFailure _skipIf="!ready"/>
+        <AlwaysFailure _successIf="far &gt; 2" _post="count += 10"/>
+        <AlwaysSuccess _onSuccess="count += 1" _onFailure="count += 100"/>
+        <Inverter><AlwaysSuccess _failureIf="ready == false"/></Inverter>
+        </Sequence>"""
+    )
+    tree = read_tree(text, "t.xml").build(run_over())
+    assert tree.tick(0) is NodeStatus.SUCCESS
+    assert tree.blackboard.get("count") == 11.0
+
+
+def test_a_node_stops_when_its_while_no_longer_holds() -> None:
+    text = document(
+        """<Parallel failure_count="2"><Sleep msec="100" _while="go" _onHalted="halted := 'yes'"/>
+        <Delay delay_msec="50"><Script code="go := false"/></Delay></Parallel>"""
+    )
+    tree = read_tree(text, "t.xml").build(run_over())
+    tree.blackboard.set("go", True)
+    answers = [tree.tick(now_ns * 1_000_000).value for now_ns in (0, 50, 60)]
+    assert answers == ["RUNNING", "RUNNING", "SUCCESS"]
+    assert tree.blackboard.get("halted") == "yes"
+
+
+@pytest.mark.parametrize(
+    ("text", "node"),
+    [
+        ("<Sequence>\n<AlwaysSuccess/>\n<AlwaysFailure name='last'/></Sequence>", "'last', line 3"),
+        ("<Sequence><Fallback><AlwaysFailure/><AlwaysSuccess/></Fallback>\n<Inverter name='not'>"
+         "<AlwaysSuccess/></Inverter></Sequence>", "Inverter 'not', line 2"),
+        ("<Fallback><AlwaysFailure/>\n<ScriptCondition code='1 > 2'/></Fallback>",
+         "ScriptCondition 'ScriptCondition', line 2"),
+    ],
+)  # fmt: skip
+def test_a_tree_that_fails_names_the_node(text: str, node: str) -> None:
+    tree = read_tree(document(text), "t.xml").build(run_over())
+    assert tree.tick(0) is NodeStatus.FAILURE
+    failed = tree.failed_node()
+    assert f"{failed}, line {failed.place.line}".endswith(node)
 
 
 def test_explicit_tags_and_node_models_are_read() -> None:

@@ -19,7 +19,7 @@ from mazebot.common.world.map_files import (
     read_map,
     write_map,
 )
-from mazebot.worldgen.map.disagreement import disagreement
+from mazebot.worldgen.map.disagreement import disagreement, misfit
 
 ORIGIN = SE2(-2.07, -1.64, 0.3)
 META: dict[str, Any] = {
@@ -103,9 +103,42 @@ def test_in_scale_mode_what_is_between_is_spread_and_what_is_seen_through_unknow
     picture = Image.fromarray(seen_through)
     path = save(tmp_path, picture, image="m.png", mode="scale")
     assert read_map(path).cells.tolist() == [[100, -1, -1]]
-    # In trinary mode opacity is averaged in with the colours, as map_server has always done.
     path = save(tmp_path, picture, image="m.png")
-    assert read_map(path).cells.tolist() == [[100, 100, 100]]
+    assert read_map(path).cells.tolist() == [[100, -1, -1]]
+
+
+def test_a_picture_with_an_opaque_alpha_channel_is_that_without_it(tmp_path: Path) -> None:
+    grey = greys(0, 90, 205, 254).convert("RGBA")
+    path = save(tmp_path, grey, image="m.png", free_thresh=0.196)
+    assert read_map(path).cells.tolist() == [[100, -1, -1, 0]]
+
+
+@pytest.mark.parametrize("name", ["m.pgm", "m.png"])
+def test_sixteen_bits_a_channel_are_read_as_eight(tmp_path: Path, name: str) -> None:
+    deep = np.array([[0, 89, 90, 205, 206, 254, 255]], np.uint16) * 257
+    path = save(tmp_path, Image.fromarray(deep), image=name, free_thresh=0.196)
+    assert read_map(path).cells.tolist() == [[100, 100, -1, -1, 0, 0, 0]]
+    save(tmp_path, Image.fromarray(deep), image=name, mode="raw")
+    assert read_map(path).cells.tolist() == [[0, 89, 90, -1, -1, -1, -1]]
+    plain = b"P2\n3 1\n65535\n0 23130 65535\n"
+    assert read_map(save(tmp_path, plain)).cells.tolist() == [[100, -1, 0]]
+
+
+def test_numbers_in_quotes_are_numbers(tmp_path: Path) -> None:
+    path = save(
+        tmp_path, greys(0, 255), resolution="0.05", origin=["-1.5", "2", "1e-1"], negate="true",
+        occupied_thresh="0.65", free_thresh=".196",
+    )  # fmt: skip
+    read = read_map(path)
+    assert (read.resolution_m, read.origin) == (0.05, SE2(-1.5, 2.0, 0.1))
+    assert read.cells.tolist() == [[0, 100]]
+
+
+def test_unknown_that_becomes_free_is_counted(tmp_path: Path) -> None:
+    path = save(tmp_path, greys(0, 205, 205, 254))
+    assert "free_thresh: 0.25: 2 cells of grey 205" in read_map(path).warning
+    assert read_map(save(tmp_path, greys(0, 205, 254), free_thresh=0.196)).warning == ""
+    assert read_map(save(tmp_path, greys(0, 204, 254))).warning == ""
 
 
 def test_raw_values_are_cells(tmp_path: Path) -> None:
@@ -180,10 +213,10 @@ def test_a_bad_field_is_told_in_one_line(
         (b"P2\n2 2\n255\n1 2 3", "is truncated or corrupt"),
         (b"P2\n2 2\n255\n1 2 3 x", "is truncated or corrupt"),
         (b"P2\n2 2\n255\n1 2 3 256", "is truncated or corrupt"),
-        (b"P2\n2 2\n65535\n1 2 3 4", "must have 8 bits a channel"),
+        (b"P2\n2 2\n65536\n1 2 3 4", "must have 8 or 16 bits a channel"),
         (b"P2\n0 2\n255\n1", "has 0 x 2 pixels"),
         (b"P2\n99999999999999999999 2\n255\n1", "is truncated or corrupt"),
-        (b"P5\n1 2\n65535\nabcd", "must have 8 bits a channel"),
+        (b"P5\n1 2\n65535\nabc", "is truncated or corrupt"),
         (b"GIF89a", "must be a PGM, PNG or BMP image"),
     ],
 )
@@ -203,18 +236,36 @@ def test_a_picture_cut_anywhere_is_a_mistake(tmp_path: Path) -> None:
             read_map(tmp_path / "m.yaml")
 
 
-def test_no_picture_is_read_from_elsewhere(tmp_path: Path) -> None:
+def test_a_picture_may_lie_anywhere(tmp_path: Path) -> None:
     inner = tmp_path / "maps"
+    (tmp_path / "images").mkdir()
     inner.mkdir()
-    greys(0, 255).save(tmp_path / "secret.pgm")
-    (inner / "link.pgm").symlink_to(tmp_path / "secret.pgm")
-    for name in ("../secret.pgm", str(tmp_path / "secret.pgm"), "link.pgm"):
+    greys(0, 255).save(tmp_path / "images" / "m.pgm")
+    (inner / "link.pgm").symlink_to(tmp_path / "images" / "m.pgm")
+    for name in ("../images/m.pgm", str(tmp_path / "images" / "m.pgm"), "link.pgm"):
         (inner / "m.yaml").write_text(yaml.safe_dump({**META, "image": name}))
-        with pytest.raises(ConfigError, match=r"image: .*must lie in the folder of the YAML file"):
-            read_map(inner / "m.yaml")
-    (inner / "m.yaml").write_text(yaml.safe_dump({**META, "image": "none.pgm"}))
-    with pytest.raises(ConfigError, match=r"none.pgm.*: no such file next to the YAML file"):
-        read_map(inner / "m.yaml")
+        assert read_map(inner / "m.yaml").cells.tolist() == [[100, 0]]
+
+
+@pytest.mark.parametrize(
+    ("image", "hint"),
+    [
+        (f"/home/someone/{'ws/src/' * 12}robot/maps/room.pgm", "write image: room.pgm"),
+        ("../maps/Room.PGM", "write image: room.pgm"),
+        ("C:\\robot\\maps\\room.pgm", "write image: room.pgm"),
+        ("elsewhere/room.png", "a room.pgm lies beside the YAML file: write image: room.pgm"),
+        ("other.pgm", "other.pgm"),
+    ],
+)
+def test_a_picture_that_is_not_there_is_told_with_the_one_beside(
+    tmp_path: Path, image: str, hint: str
+) -> None:
+    greys(0, 255).save(tmp_path / "room.pgm")
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump({**META, "image": image}))
+    with pytest.raises(ConfigError, match=r"m\.yaml:\d+: image: '.*': no such file") as caught:
+        read_map(tmp_path / "m.yaml")
+    assert str(caught.value).endswith(hint)
+    assert "\n" not in str(caught.value)
 
 
 def test_what_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
@@ -248,7 +299,9 @@ def test_the_same_map_disagrees_in_nothing() -> None:
     assert "shifted" not in str(same)
 
 
-@pytest.mark.parametrize("offset", [(0.678, 0.678), (-0.31, 1.2), (0.0, 0.05)])
+@pytest.mark.parametrize(
+    "offset", [(0.678, 0.678), (-0.31, 1.2), (0.0, 0.05), (5.8, -0.4), (-31.0, 47.3)]
+)
 def test_a_shifted_map_is_told_as_shifted(offset: tuple[float, float]) -> None:
     own = house()
     shifted = MapFile(own.cells, 0.05, SE2(*offset, 0.0) @ own.origin)
@@ -257,9 +310,18 @@ def test_a_shifted_map_is_told_as_shifted(offset: tuple[float, float]) -> None:
     assert told.offset_y_m == pytest.approx(-offset[1], abs=0.01)
     assert told.mean_after_offset_m < 0.01
     assert told.mean_m > 0.01
-    assert told.share_contradicted > 0.01
+    apart = max(map(abs, offset)) > 10.0
+    assert told.share_contradicted == 0.0 if apart else told.share_contradicted > 0.01
     assert "\n" not in str(told)
     assert f"shifted by ({told.offset_x_m:+.3f}, {told.offset_y_m:+.3f}) m" in str(told)
+
+
+@pytest.mark.parametrize("offset_m", [0.04, 0.12, 0.68, 5.8, 60.0])
+def test_a_map_does_not_fit_from_two_cells_of_offset_on(offset_m: float) -> None:
+    own = house()
+    told = misfit(MapFile(own.cells, 0.05, SE2(offset_m, 0.0, 0.0) @ own.origin), own)
+    assert bool(told) == (offset_m > 0.1)
+    assert not told or f"shifted by ({-offset_m:+.3f}, +0.000) m" in told
 
 
 def test_a_turned_map_of_another_resolution_is_compared_in_the_world() -> None:
@@ -281,10 +343,27 @@ def test_a_turned_map_of_another_resolution_is_compared_in_the_world() -> None:
     assert told.share_contradicted > 0.01
 
 
+def test_what_is_inside_something_solid_and_what_the_map_does_not_know_count_for_nothing() -> None:
+    own = house()
+    own.cells[100:139, 100:150] = 100
+    seen = own.cells.copy()
+    seen[102:139, 102:148] = -1
+    told = disagreement(MapFile(seen, 0.05, own.origin), own)
+    assert (told.mean_m, told.max_m) == (0.0, 0.0)
+    # Only the part up to the wall in the middle has been seen.
+    seen[:, 84:] = -1
+    told = disagreement(MapFile(seen, 0.05, own.origin), own)
+    assert told.max_m < 0.1
+    # A block of the map that the world does not have is one.
+    seen = house().cells
+    seen[100:138, 30:60] = 100
+    assert disagreement(MapFile(seen, 0.05, own.origin), house()).max_m > 1.0
+
+
 def test_without_a_wall_there_is_nothing_to_compare() -> None:
     own = house()
     empty = MapFile(np.zeros((5, 5), np.int8), 0.05, own.origin)
-    with pytest.raises(ValueError, match="the map has no occupied cell"):
+    with pytest.raises(ValueError, match="the map has no occupied cell beside"):
         disagreement(empty, own)
-    with pytest.raises(ValueError, match="the world has no occupied cell"):
+    with pytest.raises(ValueError, match="the world has no occupied cell beside"):
         disagreement(own, empty)

@@ -102,4 +102,4 @@ def test_a_map_beside_its_world_is_told_as_far_as_it_is_off(
 def test_a_map_without_walls_shows_no_world(tmp_path: Path, room: LoadedWorld) -> None:
     bring(tmp_path, np.zeros((4, 4), np.int8), 0.1, room.map_origin)
     (found,) = problems_of("room", worlds_dir=tmp_path)
-    assert found.must == "must match the world: the map has no occupied cell"
+    assert found.must == "must match the world: the map has no occupied cell beside free floor"

@@ -234,7 +234,8 @@ def test_pictures_become_png(tmp_path: Path) -> None:
     assert world.files["textures/paint.png"] == folder.png()
     with Image.open(io.BytesIO(world.files["textures/leaf.png"])) as leaf:
         assert (leaf.format, leaf.size) == ("PNG", (2048, 20))
-    (error,) = world.report.errors
+    assert world.report.errors == ()
+    (error,) = world.report.missing
     assert error.kind == "MATERIAL_INVALID"
     assert "cut.png" in error.message
     assert "\n" not in error.message

@@ -423,8 +423,7 @@ def test_what_is_not_simulated_is_listed(tmp_path: Path) -> None:
             tmp_path,
             f"""<plugin filename="gz-sim-physics-system" name="p"/><gui><camera/></gui>
             <physics name="fast" type="ode"/><wind/><spherical_coordinates/><audio/>
-            <actor name="walker"/><state world_name="w"><model name="m"><pose>9 9 9 0 0 0</pose>
-            </model></state><frobnicate/><gravity>0 0 -9.8</gravity>
+            <actor name="walker"/><frobnicate/><gravity>0 0 -9.8</gravity>
             <model name="m"><link name="a"><sensor name="eye" type="camera"/></link>
             <link name="b"/><joint name="wheel" type="revolute"><parent>a</parent><child>b</child>
             <axis/></joint><plugin name="only_name"/></model>
@@ -439,7 +438,6 @@ def test_what_is_not_simulated_is_listed(tmp_path: Path) -> None:
         "spherical_coordinates",
         "audio",
         "actor walker",
-        "state",
         "unknown element <frobnicate> in world",
         "gravity",
         "plugin only_name",
@@ -653,3 +651,63 @@ def test_a_long_chain_of_frames_is_followed(tmp_path: Path) -> None:
     )
     world = clean(read(tmp_path, model(LINK + chain)))
     np.testing.assert_allclose(frame(world, "m::f0"), pose(1500, 0, 0))
+
+
+STATE = f"""
+<model name="wall"><static>1</static><pose>0 0 0.5 0 0 0</pose>{LINK}
+  <frame name="top"><pose>0 0 1 0 0 0</pose></frame></model>
+<model name="outer"><pose>1 0 0 0 0 0</pose><model name="inner">{LINK}</model></model>
+<light name="lamp" type="point"><pose>0 0 3 0 0 0</pose></light>
+<state world_name="w"><sim_time>1 2</sim_time>
+  <model name="wall"><pose frame="">3 2 0.5 0 0 1.5707963267948966</pose><scale>1 1 1</scale>
+    <link name="link"><pose>3 2 1.0 0 0 1.5707963267948966</pose>
+      <velocity>0 0 0 0 0 0</velocity></link>
+  </model>
+  <model name="outer"><pose>0 5 0 0 0 0</pose><model name="inner"><pose>0 6 0 0 0 0</pose>
+    <link name="link"><pose>0 6 0.25 0 0 0</pose></link></model></model>
+  <model name="gone"><pose>7 7 7 0 0 0</pose></model>
+  <light name="lamp"><pose>1 1 4 0 0 0</pose></light>
+</state>
+<state world_name="later"><model name="wall"><pose>9 9 9 0 0 0</pose></model></state>
+"""
+
+
+def test_a_state_of_gazebo_classic_says_where_everything_is(tmp_path: Path) -> None:
+    world = clean(read(tmp_path, STATE, "1.6"))
+    assert ignored(world) == ["second <state>"]
+    turn = [[0.0, -1.0], [1.0, 0.0]]
+    np.testing.assert_allclose(frame(world, "wall")[:3, 3], (3.0, 2.0, 0.5))
+    np.testing.assert_allclose(frame(world, "wall")[:2, :2], turn, atol=1e-12)
+    np.testing.assert_allclose(frame(world, "wall::top")[:3, 3], (3.0, 2.0, 1.5))
+    at = {link.name: link.world_from_link for link in world.links}
+    np.testing.assert_allclose(at["wall::link"][:3, 3], (3.0, 2.0, 1.0))
+    np.testing.assert_allclose(at["wall::link"][:2, :2], turn, atol=1e-12)
+    np.testing.assert_allclose(frame(world, "outer::inner")[:3, 3], (0.0, 6.0, 0.0))
+    np.testing.assert_allclose(at["outer::inner::link"][:3, 3], (0.0, 6.0, 0.25))
+    np.testing.assert_allclose(world.lights[0].world_from_light[:3, 3], (1.0, 1.0, 4.0))
+
+
+def test_the_state_of_an_included_model_is_that_of_its_own_frame(tmp_path: Path) -> None:
+    (tmp_path / "box").mkdir()
+    (tmp_path / "box" / "model.config").write_text('<model><sdf version="1.8">m.sdf</sdf></model>')
+    (tmp_path / "box" / "m.sdf").write_text(
+        f'<sdf version="1.8"><model name="box" placement_frame="top">{LINK}'
+        '<frame name="top"><pose>0 0 1 0 0 0</pose></frame></model></sdf>'
+    )
+    boxes = "".join(
+        f"<include><uri>box</uri><name>{name}</name><pose>{x} 0 1 0 0 0</pose></include>"
+        for name, x in (("a", 1), ("b", 2))
+    )
+    state = '<state world_name="w"><model name="b"><pose>4 0 0 0 0 0</pose></model></state>'
+    world = clean(read(tmp_path, boxes + state, "1.8"))
+    np.testing.assert_allclose(frame(world, "a")[:3, 3], (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(frame(world, "b")[:3, 3], (4.0, 0.0, 0.0))
+
+
+def test_what_of_a_state_is_not_applied_is_told(tmp_path: Path) -> None:
+    state = f"""<model name="wall"><static>1</static>{LINK}</model>
+    <state world_name="w"><insertions><model name="new">{LINK}</model></insertions>
+    <model name="wall"><pose>1 2 nonsense 0 0 0</pose><scale>2 1 1</scale></model></state>"""
+    world = read(tmp_path, state, "1.6")
+    assert ignored(world) == ["insertions of state", "scale of state"]
+    assert kinds(world) == ["ELEMENT_INVALID"]

@@ -94,6 +94,8 @@ def localize(
         raise ConfigError("--global: must not be given with --start")
     form = scan_form(angle_min, angle_increment, range_min, range_max)
     chart = read_map(map_file)
+    if chart.warning:
+        sys.stderr.write(f"warning: {chart.warning}\n")
     begin = None if start is None else SE2(*given_pose("--start", start))
     base_from_scan = None if lidar is None else SE2(*given_pose("--lidar", lidar))
     if draw is not None and not draw.parent.is_dir():

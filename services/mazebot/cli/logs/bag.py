@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import Reader, ReaderError
-from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2 import ReaderError
 
+from mazebot.cli.logs.bag_files import opened, plain
 from mazebot.cli.logs.log import Entry, Log, LoggedScan, Topics
 from mazebot.common.config import ConfigError
 from mazebot.common.maths.frames import SE2
@@ -43,18 +43,17 @@ def read(path: Path, topics: Topics) -> Log:
         topics.odom: _ODOMETRY, topics.scan: _SCAN, _STATIC: _TRANSFORMS, _MOVING: _TRANSFORMS,
     }  # fmt: skip
     try:
-        reader: Any = Reader(path) if path.is_dir() else McapReader(path)
-        reader.open()
-        try:
-            of = {connection.topic for connection in reader.connections}
+        with opened(path) as readers:
+            of = {connection.topic for reader in readers for connection in reader.connections}
             skipped = {_MOVING} if topics.odom in of else set()
-            wanted = [c for c in reader.connections if c.topic in types and c.topic not in skipped]
-            _check_types(path, wanted, types)
-            for connection, _, data in reader.messages(wanted) if wanted else ():
-                message = _decoded(path, connection, bytes(data))
-                _add(found, connection.topic, message, topics)
-        finally:
-            reader.close()
+            for reader in readers:
+                wanted = [
+                    c for c in reader.connections if c.topic in types and c.topic not in skipped
+                ]
+                _check_types(path, wanted, types)
+                for connection, _, data in reader.messages(wanted) if wanted else ():
+                    message = _decoded(path, connection, plain(bytes(data)))
+                    _add(found, connection.topic, message, topics)
     except ConfigError:
         raise
     except (ReaderError, OSError, AssertionError, ValueError, KeyError, RuntimeError) as error:

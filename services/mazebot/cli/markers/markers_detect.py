@@ -25,7 +25,7 @@ from mazebot.common.maths.frames import position_and_quaternion
 from mazebot.common.messages.documents import DICTIONARY_FILES
 from mazebot.common.world.marker_dictionary import read_dictionary
 from mazebot.perception.detect import dictionary_names
-from mazebot.perception.photo import PhotoMarker, markers_in_photo
+from mazebot.perception.photo import PhotoMarker, markers_in_photo, unreadable_in_photo
 from mazebot.perception.pose import Solution
 
 MAX_BYTES = 256 * 1024 * 1024
@@ -40,6 +40,13 @@ LARGEST_DICTIONARIES = (
 Picture = NDArray[np.uint8]
 
 
+_UNREADABLE = {
+    "mirrored": "as in a mirror: no detector reads it so",
+    "inverted": "in white on black: must be black on white",
+    "mirrored and inverted": "as in a mirror, and in white on black",
+}
+
+
 @dataclass(frozen=True)
 class _Seen:
     """A picture and what is in it."""
@@ -47,6 +54,8 @@ class _Seen:
     file: Path
     picture: Picture
     markers: list[PhotoMarker]
+    unreadable: dict[str, list[int]]
+    """Where there is no marker: ids of those that are mirrored or white on black."""
 
 
 def detect_markers(
@@ -79,7 +88,9 @@ def detect_markers(
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
         pinhole = camera.camera if camera is not None else None
         markers = markers_in_photo(grey, book, pinhole, side_m or 0.0, corner_sigma_px)
-        seen.append(_Seen(file, picture, markers))
+        seen.append(
+            _Seen(file, picture, markers, {} if markers else unreadable_in_photo(grey, book))
+        )
     for one, output in zip(seen, outputs, strict=False):
         pinhole = camera.camera if camera is not None else None
         _write_picture(output, draw_markers(one.picture, one.markers, pinhole, side_m or 0.0))
@@ -88,7 +99,7 @@ def detect_markers(
         return
     for one in seen:
         _print(one)
-    if not any(one.markers for one in seen):
+    if not any(one.markers or one.unreadable for one in seen):
         _hint(seen)
 
 
@@ -210,6 +221,7 @@ def _as_json(seen: _Seen) -> dict[str, Any]:
             }
             for one in seen.markers
         ],
+        "unreadable": seen.unreadable,
     }
 
 
@@ -226,7 +238,11 @@ def _pose(solution: Solution) -> dict[str, Any]:
 
 def _print(seen: _Seen) -> None:
     if not seen.markers:
-        sys.stdout.write(f"{seen.file}: no marker\n")
+        hints = [
+            f"; there is id {', '.join(map(str, ids))} {_UNREADABLE[way]}"
+            for way, ids in seen.unreadable.items()
+        ]
+        sys.stdout.write(f"{seen.file}: no marker{''.join(hints)}\n")
     for one in seen.markers:
         corners = " ".join(f"({x:.2f}, {y:.2f})" for x, y in one.corners.tolist())
         sys.stdout.write(f"{seen.file}: id {one.marker_id}: corners {corners} px\n")
@@ -258,7 +274,7 @@ def _hint(seen: Sequence[_Seen]) -> None:
     counts = {}
     for name in LARGEST_DICTIONARIES:
         book = read_book(name)
-        counts[name] = sum(len(markers_in_photo(grey, book)) for grey in greys)
+        counts[name] = sum(len(markers_in_photo(grey, book, magnify=False)) for grey in greys)
     best = max(counts, key=lambda name: counts[name])
     if counts[best]:
         sys.stdout.write(f"{counts[best]} of {best}: see --dictionary\n")

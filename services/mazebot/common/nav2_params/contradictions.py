@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from mazebot.common.nav2_params.entry import Entry, short_class
 from mazebot.common.nav2_params.parameter import Value
+
+_CLASSES = ("plugin", "primary_controller")
 
 
 def contradictions(
     name: str, tree: Mapping[str, Mapping[str, Value]], entries: Iterable[Entry]
 ) -> list[str]:
-    """One-line errors of values that contradict each other: Nav2, too, rejects them at startup."""
+    """One-line errors of values that contradict each other: Nav2, too, refuses them when it starts,
+    or does nothing sensible with them.
+    """
     problems = []
-    at = {(entry.node, entry.name): entry for entry in entries}
+    at = {(entry.node, entry.name): entry for entry in entries if entry.knowledge == "parameter"}
 
     def refuse(node: str, parameter: str, value: Value, must: str) -> None:
         entry = at.get((node, parameter))
@@ -25,11 +30,52 @@ def contradictions(
         most = amcl["max_particles"]
         refuse("amcl", "min_particles", amcl["min_particles"],
                f"must be at most max_particles, {most}")  # fmt: skip
+    for node, parameters in tree.items():
+        for least, value, other, most in _ranges("", parameters):
+            # Nav2's defaults are not ours.
+            if (node, least) in at and (node, other) in at and other != "max_particles":
+                refuse(node, least, value, f"must be at most {other.rpartition('.')[2]}, {most}")
     server = tree.get("controller_server", {})
     for space, inner in server.items():
-        if isinstance(inner, dict) and short_class(inner.get("plugin")) == "MPPIController":
+        classes = {short_class(inner.get(key)) for key in _CLASSES} if _is_space(inner) else set()
+        if "MPPIController" in classes:
             period = 1.0 / server["controller_frequency"]
             if period > inner["model_dt"] + 1e-6:
                 refuse("controller_server", f"{space}.model_dt", inner["model_dt"],
                        f"must be at least the controller's period, {period:g} s")  # fmt: skip
     return problems
+
+
+def _is_space(value: Value) -> bool:
+    return isinstance(value, dict)
+
+
+def _ranges(prefix: str, space: Mapping[str, Value]) -> Iterator[tuple[str, Value, str, Value]]:
+    """Each parameter that is a minimum and greater than the maximum beside it: name and value of
+    both.
+    """
+    for name, value in space.items():
+        if _is_space(value):
+            yield from _ranges(f"{prefix}{name}.", value)
+            continue
+        words = name.split("_")
+        if "min" not in words:
+            continue
+        other = "_".join("max" if word == "min" else word for word in words)
+        most = space.get(other)
+        # A negative maximum of what is positive means that there is none.
+        none = _is_number(most) and _exceeds(0, most) and not _exceeds(0, value)
+        if _exceeds(value, most) and not none:
+            yield f"{prefix}{name}", value, f"{prefix}{other}", most
+
+
+def _exceeds(least: Any, most: Any) -> bool:
+    if isinstance(least, list) and isinstance(most, list) and len(least) == len(most):
+        return any(_exceeds(one, other) for one, other in zip(least, most, strict=True))
+    if not _is_number(least) or not _is_number(most):
+        return False
+    return float(least) > float(most)
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

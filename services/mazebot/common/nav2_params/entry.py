@@ -85,12 +85,18 @@ def kind_of(group: Group, space: str, instance: str, values: Mapping[str, Value]
 def child_of(group: Group, kind: str, space: str, values: Mapping[str, Value]) -> Namespace | None:
     """The namespace of a kind; None: there is none such.
 
-    `space` is its name in the file, for the rotation shim.
+    `space` is its name in the file. A plugin that stands before another one shares it.
     """
     child = group.kinds.get(kind)
-    primary = group.kinds.get(short_class(values.get(f"{space}.primary_controller", "")))
-    # The rotation shim shares its namespace with the controller that it stands before.
+    primary = group.kinds.get(wrapped_class(group, kind, space, values))
     return joined(child, primary) if child is not None and primary is not None else child
+
+
+def wrapped_class(group: Group, kind: str, space: str, values: Mapping[str, Value]) -> str:
+    """The class of the plugin that one of a kind stands before, as the rotation shim does; "": it
+    stands before none.
+    """
+    return short_class(values.get(f"{space}.{group.wraps.get(kind, '')}", ""))
 
 
 def short_class(plugin: Value) -> str:

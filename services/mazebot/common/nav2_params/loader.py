@@ -44,12 +44,15 @@ def load_nav2_params(text: str, name: str) -> Nav2Params:
     Raises ConfigError in one line, with file, line, parameter, value and what would be right.
     """
     leaves, replaced = read_leaves(text, name)
-    twice = {(leaf.node, leaf.name) for leaf in replaced}
+    before = {(leaf.node, leaf.name): leaf for leaf in replaced}
     nodes: dict[str, NodeEntries] = {}
     for leaf in leaves:
         owner, until = NODE_RENAMES.get(leaf.node, (leaf.node, ""))
         notes = [f"{leaf.node} up to {until}"] if until else []
-        notes += ["duplicate: the last value is used"] if (leaf.node, leaf.name) in twice else []
+        first = before.get((leaf.node, leaf.name))
+        if first is not None:
+            notes.append(f"duplicate of line {first.line}, {first.value!r:.40}: the last is used")
+        notes += [leaf.repeated] if leaf.repeated else []
         entry = Entry(
             leaf, owner, leaf.name, class_of_today(leaf), "parameter",
             renamed=bool(until), note="; ".join(notes),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from difflib import get_close_matches
+from functools import cache
 
 from mazebot.common.nav2_params.entry import (
     Entry,
@@ -12,11 +13,14 @@ from mazebot.common.nav2_params.entry import (
     joined_notes,
     kind_of,
     listed_names,
+    wrapped_class,
 )
 from mazebot.common.nav2_params.parameter import OWN_NAME, Group, Namespace, Value
 from mazebot.common.nav2_params.tables.every_node import EVERY_NODE, PREFIXES
 from mazebot.common.nav2_params.tables.nodes import NODES
 from mazebot.common.nav2_params.yaml_leaves import WILDCARD
+
+_MOST_HOMES = 2
 
 
 def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> Entry:
@@ -33,7 +37,8 @@ def known(entry: Entry, node: Namespace | None, values: Mapping[str, Value]) -> 
             note = "is not a parameter of all nodes: must be below its node"
         else:
             near = get_close_matches(entry.node, NODES, 1, 0.7)
-            note = "not a node of Nav2" + (f"; did you mean {near[0]}?" if near else "")
+            note = "not a node of Nav2"
+            note += f"; did you mean {near[0]}?" if near else _home(entry)
         return dataclasses.replace(entry, knowledge="unknown", note=joined_notes(entry.note, note))
     return _found(entry, node, entry.name, "", node.place, values)
 
@@ -45,6 +50,8 @@ def _found(
     if row is not None:
         group = next((one for one in space.groups if one.lister == name), None)
         note = joined_notes(entry.note, row.note or space.note)
+        if group is not None:
+            note = joined_notes(note, _of_list(group, prefix, values))
         return dataclasses.replace(entry, parameter=row, place=place, group=group, note=note)
     head, _, rest = name.partition(".")
     inner = f"{prefix}{head}"
@@ -67,6 +74,11 @@ def _found(
             found = dataclasses.replace(
                 entry, knowledge="plugin", group=group, value=kind, place=where
             )
+        elif rest and rest == group.wraps.get(kind):
+            found = dataclasses.replace(
+                entry, knowledge="plugin", group=group, place=where,
+                value=wrapped_class(group, kind, inner, values),
+            )  # fmt: skip
         elif child is None:
             why = f"{kind} is not supported" if kind else f"{head}.{group.key} is missing"
             found = entry
@@ -74,9 +86,62 @@ def _found(
             found = _found(entry, child, rest, f"{inner}.", where, values)
         return _unread(found, why) if why and found.knowledge != "unknown" else found
     near = get_close_matches(name, space.parameters, 1, 0.6)
-    hint = f"; did you mean {prefix}{near[0]}?" if near else ""
+    hint = f"; did you mean {prefix}{near[0]}?" if near else _home(entry)
     note = joined_notes(entry.note, f"Nav2 has no such parameter and ignores it{hint}")
     return dataclasses.replace(entry, knowledge="unknown", note=note)
+
+
+def _of_list(group: Group, prefix: str, values: Mapping[str, Value]) -> str:
+    """What Nav2 would not do with the plugins that a parameter lists."""
+    if group.key != "plugin":
+        return ""
+    listed = listed_names(group, prefix, values)
+    notes = []
+    # Nav2's default classes are those of its default list alone.
+    if listed != list(group.defaults):
+        missing = [one for one in listed if f"{prefix}{one}.plugin" not in values]
+        if missing:
+            which = ", ".join(f"{one}.plugin" for one in missing)
+            notes.append(f"{which} is missing: Nav2 does not start without it")
+    kinds = [kind_of(group, f"{prefix}{one}", one, values) for one in listed]
+    if group.last in kinds and kinds[-1] != group.last:
+        at = kinds.index(group.last)
+        after = [one for one, kind in zip(listed[at:], kinds[at:], strict=True)
+                 if kind != group.last]  # fmt: skip
+        if after:
+            notes.append(
+                f"{listed[at]} should be the last: in Nav2 what {', '.join(after)} marks is not "
+                "inflated; here it is"
+            )
+    return "; ".join(notes)
+
+
+@cache
+def _homes() -> Mapping[str, tuple[str, ...]]:
+    """Where Nav2 has a parameter, by the last part of its name."""
+    found: dict[str, list[str]] = {}
+
+    def walk(space: Namespace, prefix: str) -> None:
+        for name in space.parameters:
+            found.setdefault(name.rpartition(".")[2], []).append(f"{prefix}{name}")
+        for group in space.groups:
+            for instance, kind in group.defaults.items():
+                if kind in group.kinds:
+                    walk(group.kinds[kind], f"{prefix}{instance}.")
+
+    for node, space in NODES.items():
+        walk(space, f"{node}.")
+    return {last: tuple(names) for last, names in found.items()}
+
+
+def _home(entry: Entry) -> str:
+    """The hint for a parameter that stands in the wrong place; "": there is none."""
+    *_, last = entry.name.split(".")
+    homes = _homes().get(last, ())
+    homes = tuple(home for home in homes if home.startswith(f"{entry.node}.")) or homes
+    if not 0 < len(homes) <= _MOST_HOMES:
+        return ""
+    return f"; it is a parameter at {' and '.join(homes)}"
 
 
 def _would_be(

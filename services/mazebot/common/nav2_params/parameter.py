@@ -70,6 +70,11 @@ class Group:
     setting: str = ""
     """Our setting that names the class of the first of them, and its values for each class."""
     values: Mapping[str, str] = field(default_factory=dict)
+    wraps: Mapping[str, str] = field(default_factory=dict)
+    """For the class of a plugin that stands before another one and shares its namespace with it,
+    the parameter that names the other's class."""
+    last: str = ""
+    """The class that must be listed after the others; "": none."""
 
 
 @dataclass(frozen=True)

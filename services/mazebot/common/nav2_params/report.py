@@ -194,6 +194,11 @@ def _structure(entry: Entry, row: Row, taken: Iterable[str]) -> Row:
         return row
     if entry.knowledge == "plugin":
         if entry.group is not None and entry.group.setting and entry.group.values:
+            if str(entry.value) in entry.group.wraps:
+                note = (
+                    f"there is no {entry.value}: its {entry.group.wraps[str(entry.value)]} drives"
+                )
+                return dataclasses.replace(row, note=joined_notes(row.note, note))
             if str(entry.value) not in entry.group.values:
                 built_in = ", ".join(entry.group.values)
                 note = f"{entry.value} is not supported: must be one of {built_in}"

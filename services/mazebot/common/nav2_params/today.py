@@ -11,6 +11,7 @@ from mazebot.common.nav2_params.entry import (
     NodeEntries,
     listed_names,
     short_class,
+    wrapped_class,
 )
 from mazebot.common.nav2_params.parameter import Value
 from mazebot.common.nav2_params.renames import CLASS_RENAMES, RENAMES, UNCHANGED, Rename, convert
@@ -33,16 +34,20 @@ def class_of_today(leaf: Leaf) -> Value:
 def rename_entries(node_name: str, node: NodeEntries) -> None:
     """Give the entries of a node today's names and values."""
     values = node.values
-    classes = {
-        entry.name.removesuffix(".plugin"): short_class(entry.value)
+    classes: dict[str, tuple[str, ...]] = {
+        entry.name.removesuffix(".plugin"): (short_class(entry.value),)
         for entry in node.entries
         if entry.name.endswith(".plugin")
     }
-    # A plugin of Nav2's default needs no class in the file.
     for group in NODES[node_name].groups if node_name in NODES else ():
+        # A plugin of Nav2's default needs no class in the file.
         for instance in listed_names(group, "", values):
             if instance in group.defaults:
-                classes.setdefault(instance, group.defaults[instance])
+                classes.setdefault(instance, (group.defaults[instance],))
+        for space, (plugin, *_) in classes.items():
+            wrapped = wrapped_class(group, plugin, space, values)
+            if wrapped:
+                classes[space] = (plugin, wrapped)
     for at, entry in enumerate(node.entries):
         for rename in RENAMES:
             new = _new_name(rename, node_name, entry.name, classes)
@@ -71,7 +76,9 @@ def _renamed(
     return dataclasses.replace(entry, name=new, value=value, renamed=True, note=note)
 
 
-def _new_name(rename: Rename, node: str, name: str, classes: Mapping[str, str]) -> str | None:
+def _new_name(
+    rename: Rename, node: str, name: str, classes: Mapping[str, tuple[str, ...]]
+) -> str | None:
     """Today's full name of a parameter, "" where it is gone; None: the row is of another one."""
     if rename.node not in {"", node}:
         return None
@@ -81,7 +88,7 @@ def _new_name(rename: Rename, node: str, name: str, classes: Mapping[str, str]) 
         return f"{space}.{rename.new[2:]}" if fits else None
     space, old = "", name
     if rename.plugin:
-        spaces = [one for one, plugin in classes.items() if plugin == rename.plugin]
+        spaces = [one for one, plugin in classes.items() if rename.plugin in plugin]
         space = next((one for one in spaces if name.startswith(f"{one}.")), "")
         if not space:
             return None
@@ -94,10 +101,10 @@ def _new_name(rename: Rename, node: str, name: str, classes: Mapping[str, str]) 
     return _space_of(plugin.split(","), node, classes) + rest
 
 
-def _space_of(plugins: Sequence[str], node: str, classes: Mapping[str, str]) -> str:
+def _space_of(plugins: Sequence[str], node: str, classes: Mapping[str, tuple[str, ...]]) -> str:
     """The namespace of the plugin of one of these classes: that of the file, or Nav2's default."""
-    for space, found in classes.items():
-        if found in plugins:
+    for space, given in classes.items():
+        if not set(given).isdisjoint(plugins):
             return space
     for group in NODES[node].groups:
         for space, found in group.defaults.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -33,6 +34,8 @@ class Leaf:
     value: Value
     line: int
     """From 1."""
+    repeated: str = ""
+    """Where it stands below a key that is repeated and not the last of these: a note of it."""
 
 
 def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
@@ -68,14 +71,14 @@ def read_leaves(text: str, name: str) -> tuple[list[Leaf], list[Leaf]]:
     return list(last.values()), replaced
 
 
-def _nodes(node: yaml.Node, path: str, name: str, depth: int) -> Iterator[Leaf]:
+def _nodes(node: yaml.Node, path: str, name: str, depth: int, repeated: str = "") -> Iterator[Leaf]:
     """The leaves of all nodes below namespaces."""
     if not isinstance(node, yaml.MappingNode) or depth > _DEEPEST:
         line = node.start_mark.line + 1
         where = f"{path.lstrip('/')}: " if path else ""
         reason = f"must be a mapping that contains {_PARAMETERS}"
         raise ConfigError(f"{name}:{line}: {where}{reason}")
-    for key, value in _pairs(node, name):
+    for key, value, again in _noted_pairs(node, name, repeated):
         if key == _PARAMETERS:
             if not path:
                 reason = "must be below the name of a node"
@@ -88,24 +91,44 @@ def _nodes(node: yaml.Node, path: str, name: str, depth: int) -> Iterator[Leaf]:
                 line = value.start_mark.line + 1
                 reason = f"{_PARAMETERS}: must be a mapping of names to values"
                 raise ConfigError(f"{name}:{line}: {path.lstrip('/')}: {reason}")
-            yield from _leaves(value, owner, "", name, depth + 1)
+            yield from _leaves(value, owner, "", name, depth + 1, again)
         elif _is_nothing(value):
             continue
         else:
-            yield from _nodes(value, f"{path}/{key.strip('/')}", name, depth + 1)
+            yield from _nodes(value, f"{path}/{key.strip('/')}", name, depth + 1, again)
 
 
 def _leaves(
-    node: yaml.MappingNode, owner: str, prefix: str, name: str, depth: int
+    node: yaml.MappingNode, owner: str, prefix: str, name: str, depth: int, repeated: str
 ) -> Iterator[Leaf]:
     if depth > _DEEPEST:
         reason = f"must be nested at most {_DEEPEST} deep"
         raise ConfigError(f"{name}:{node.start_mark.line + 1}: {owner}.{prefix}: {reason}")
-    for key, value in _pairs(node, name):
+    for key, value, again in _noted_pairs(node, name, repeated):
         if isinstance(value, yaml.MappingNode):
-            yield from _leaves(value, owner, f"{prefix}{key}.", name, depth + 1)
+            yield from _leaves(value, owner, f"{prefix}{key}.", name, depth + 1, again)
             continue
-        yield Leaf(owner, f"{prefix}{key}", _plain(value), value.start_mark.line + 1)
+        yield Leaf(owner, f"{prefix}{key}", _plain(value), value.start_mark.line + 1, repeated)
+
+
+def _noted_pairs(
+    node: yaml.MappingNode, name: str, repeated: str
+) -> Iterator[tuple[str, yaml.Node, str]]:
+    """The keys and values of a mapping, each with a note where the key is repeated later."""
+    # Of merge keys the mapping's own ones are no repetition.
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        if isinstance(key, yaml.ScalarNode) and isinstance(value, yaml.MappingNode):
+            lines[key.value] = key.start_mark.line + 1
+    own = {id(value): key.start_mark.line + 1 for key, value in node.value}
+    for key, value in _pairs(node, name):
+        note = repeated
+        if own.get(id(value), sys.maxsize) < lines.get(key, 0):
+            note = (
+                f"{key} is repeated in line {lines[key]}: both are read, as ROS 2 does; Nav2's "
+                "launch files keep the last one alone"
+            )
+        yield key, value, note
 
 
 def _pairs(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.Node]]:

@@ -24,6 +24,8 @@ FOOT_M, TOP_M = 0.02, 0.22
 """Heights above the floor between which it can collide: above what its wheels roll over, up to the
 top with its camera (0.214 m) and a little more.
 """
+LIDAR_HEIGHT_M: Final = 0.132
+"""Of base_scan above the floor, in models/turtlebot3_waffle/model.urdf."""
 BASE_FROM_SCAN: Final = SE2(-0.064, 0.0, 0.0)
 """The lidar's place."""
 WAFFLE_FOOTPRINT_M: Final = (

@@ -1,8 +1,8 @@
 """Maps as Nav2's map_server reads and its map_saver writes them: a YAML file and an image.
 
-The rules are those of nav2_map_server's map_io.cpp, with one exception: map_saver writes unknown
-cells as grey 205 and `free_thresh: 0.25`, which map_server reads back as free. Files written here
-use 0.196, as ROS 1 did, so that map_server too keeps them unknown.
+The rules are those of nav2_map_server's map_io.cpp of today, with one exception: map_saver writes
+unknown cells as grey 205 and `free_thresh: 0.25`, which map_server reads back as free. Files
+written here use 0.196, as ROS 1 did, so that map_server too keeps them unknown.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -32,7 +32,17 @@ ImageFormat = Literal["pgm", "png", "bmp"]
 
 MAX_IMAGE_BYTES = 5 * MAX_CELLS
 _FORMATS = {"PPM": "PGM", "PNG": "PNG", "BMP": "BMP"}
+_SUFFIXES = {".pgm", ".png", ".bmp"}
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_FLAGS = {
+    **dict.fromkeys(("1", "true", "yes", "on", "y"), True),
+    **dict.fromkeys(("0", "false", "no", "off", "n"), False),
+}
+"""The words of yaml-cpp."""
+_SHOWN = 160
+"""Characters of a value in an error: of a longer path its end counts, too."""
 _MAX_COORDINATE_M = 1e6
+_MAX_16_BITS = 65535
 _OCCUPIED_THRESH = {"trinary": 0.65, "scale": 1.0, "raw": 0.65}
 _FREE_THRESH = {"trinary": 0.196, "scale": 0.0, "raw": 0.196}
 _GREY_FREE, _GREY_OCCUPIED, _GREY_UNKNOWN = 254, 0, 205
@@ -48,6 +58,8 @@ class MapFile:
     resolution_m: float
     origin: SE2
     """map_from_grid, of the corner of cell (0, 0)."""
+    warning: str = ""
+    """One line: what its file probably does not mean; empty: nothing."""
 
 
 def read_map(path: Path) -> MapFile:
@@ -66,16 +78,50 @@ def read_map(path: Path) -> MapFile:
         raise values.wrong("free_thresh", f"must be < occupied_thresh, which is {occupied:g}")
     negate = values.flag("negate")
     mode = values.mode()
-    folder = path.parent.resolve()
-    file = (folder / name).resolve()
-    if not file.is_relative_to(folder):
-        raise values.wrong("image", "must lie in the folder of the YAML file")
+    file = path.parent / name
     try:
         grey, alpha = _read_image(file)
+    except FileNotFoundError as error:
+        where = "" if Path(name).is_absolute() else f" {file}"
+        raise values.wrong("image", f"no such file{where}{_nearby(path.parent, name)}") from error
     except ValueError as error:
         raise values.wrong("image", str(error)) from error
     cells = _cells(grey, alpha, mode, negate, occupied, free)
-    return MapFile(np.ascontiguousarray(cells[::-1]), resolution_m, origin)
+    warning = _unknown_as_free(path, grey, cells, mode, free)
+    return MapFile(np.ascontiguousarray(cells[::-1]), resolution_m, origin, warning)
+
+
+def _nearby(folder: Path, name: str) -> str:
+    """The hint for a missing image: one beside the YAML file that is probably meant, for maps are
+    moved with the folder that they were in.
+    """
+    wanted = PureWindowsPath(name)
+    try:
+        beside = sorted(one.name for one in folder.iterdir() if one.is_file())
+    except OSError:
+        return ""
+    alike = [one for one in beside if one.casefold() == wanted.name.casefold()] or [
+        one
+        for one in beside
+        if Path(one).stem.casefold() == wanted.stem.casefold()
+        and Path(one).suffix.casefold() in _SUFFIXES
+    ]
+    if not alike:
+        return ""
+    return f"; a {alike[0]} lies beside the YAML file: write image: {alike[0]}"
+
+
+def _unknown_as_free(path: Path, grey: Array, cells: Cells, mode: Mode, free: float) -> str:
+    if mode == "raw":
+        return ""
+    lost = int(((np.rint(grey) == _GREY_UNKNOWN) & (cells == FREE)).sum())
+    if not lost:
+        return ""
+    return (
+        f"{path}: free_thresh: {free:g}: {lost} cells of grey {_GREY_UNKNOWN}, which map_saver "
+        f"writes for unknown, are read as free, as by map_server: at most "
+        f"{_FREE_THRESH['trinary']} keeps them unknown"
+    )
 
 
 def write_map(
@@ -151,7 +197,7 @@ class _Values:
                     file=self._source.file,
                     line=self._source.line_of((field,)),
                     field=field,
-                    value=f"{value!r:.60}" if field in self._source.content else "",
+                    value=_shown(value) if field in self._source.content else "",
                     must=must,
                 )
             ]
@@ -169,13 +215,15 @@ class _Values:
         return value
 
     def number(self, field: str, low: float, high: float) -> float:
-        value = self._value(field)
+        value = _unquoted(self._value(field))
         if not _is_number(value) or not low <= value <= high:
             raise self.wrong(field, f"must be a number from {low:g} to {high:g}")
         return float(value)
 
     def flag(self, field: str) -> bool:
         value = self._value(field)
+        if isinstance(value, str):
+            value = _FLAGS.get(value.lower(), value)
         if value not in (0, 1):
             raise self.wrong(field, "must be 0 or 1")
         return bool(value)
@@ -190,14 +238,24 @@ class _Values:
 
     def origin(self) -> SE2:
         value = self._value("origin")
-        if (
-            not isinstance(value, list | tuple)
-            or len(value) != 3
-            or not all(_is_number(part) and abs(part) <= _MAX_COORDINATE_M for part in value)
+        given = [_unquoted(part) for part in value] if isinstance(value, list | tuple) else []
+        if len(given) != 3 or not all(
+            _is_number(part) and abs(part) <= _MAX_COORDINATE_M for part in given
         ):
             raise self.wrong("origin", "must be [x, y, yaw], metres and radians")
-        x_m, y_m, yaw_rad = (float(part) for part in value)
+        x_m, y_m, yaw_rad = (float(part) for part in given)
         return SE2(x_m, y_m, yaw_rad)
+
+
+def _shown(value: Any) -> str:
+    text = f"{value!r}"
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]}...{text[-_SHOWN // 2 :]}"
+
+
+def _unquoted(value: Any) -> Any:
+    """A number in quotes as the number, as yaml-cpp reads it."""
+    is_text = isinstance(value, str) and len(value) <= _SHOWN
+    return float(value) if is_text and _NUMBER.fullmatch(value) else value
 
 
 def _is_number(value: Any) -> bool:
@@ -208,13 +266,18 @@ def _is_number(value: Any) -> bool:
 def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
     """(rows, columns) brightness of 0 to 255, row 0 at the top, and opacity if there is any.
 
-    Raises ValueError with a phrase.
+    Raises FileNotFoundError, and ValueError with a phrase.
     """
     try:
+        if not file.exists():
+            raise FileNotFoundError
         if not file.is_file():
-            raise ValueError("no such file next to the YAML file")
+            # Opening a pipe would block forever.
+            raise ValueError("must be a file")
         with file.open("rb") as opened:
             data = opened.read(MAX_IMAGE_BYTES + 1)
+    except FileNotFoundError:
+        raise
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
     if len(data) > MAX_IMAGE_BYTES:
@@ -229,18 +292,23 @@ def _read_image(file: Path) -> tuple[Array, NDArray[np.uint8] | None]:
         except Exception as error:
             raise ValueError("must be a PGM, PNG or BMP image") from error
         _check_size(*image.size)
-        if image.mode in ("P", "PA", "1") or "transparency" in image.info:
+        if image.mode.startswith("I"):
+            # 16 bits: Pillow's conversion to 8 cuts instead of scaling.
+            wanted = "I"
+        elif image.mode in ("P", "PA", "1") or "transparency" in image.info:
             wanted = "RGBA" if "transparency" in image.info or image.mode == "PA" else "RGB"
         elif image.mode in ("L", "LA", "RGB", "RGBA"):
             wanted = image.mode
         else:
-            raise ValueError("must have 8 bits a channel")
+            raise ValueError("must have 8 or 16 bits a channel")
         try:
             pixels = np.asarray(image.convert(wanted))
         except Exception as error:
             # On damaged images Pillow's decoders may raise anything.
             raise ValueError("is truncated or corrupt") from error
     alpha = pixels[..., -1] if wanted in ("LA", "RGBA") else None
+    if wanted == "I":
+        return np.rint(pixels * (255.0 / _MAX_16_BITS)), None
     if pixels.ndim == 2:
         return pixels.astype(np.float64), alpha
     colours = pixels[..., : 1 if wanted == "LA" else 3]
@@ -257,8 +325,8 @@ def _read_plain_pgm(data: bytes) -> Array:
         raise ValueError("is truncated or corrupt")
     columns, rows, most = (int(number) for number in header[:3])
     _check_size(columns, rows)
-    if not 0 < most < 256:
-        raise ValueError("must have 8 bits a channel")
+    if not 0 < most <= _MAX_16_BITS:
+        raise ValueError("must have 8 or 16 bits a channel")
     values = np.fromstring(header[3].decode(), np.int64, sep=" ")
     if len(values) < rows * columns or values.min() < 0 or values.max() > most:
         raise ValueError("is truncated or corrupt")
@@ -284,20 +352,21 @@ def _cells(
     grey: Array, alpha: NDArray[np.uint8] | None, mode: Mode, negate: bool,
     occupied: float, free: float,
 ) -> Cells:  # fmt: skip
-    """As loadMapFromFile of map_io.cpp, including rounding."""
+    """As loadMapFromFile of map_io.cpp, including rounding and single precision."""
     if mode == "raw":
         value = np.floor(grey + 0.5)
         return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
-    if mode == "trinary" and alpha is not None:
-        # map_server averages opacity with the three colour channels.
-        grey = (3.0 * grey + alpha) / 4.0
-    share = grey / 255.0 if negate else 1.0 - grey / 255.0
+    share = (grey / 255.0).astype(np.float32)
+    if not negate:
+        share = np.float32(1.0) - share
+    low, high = np.float32(free), np.float32(occupied)
     if mode == "trinary":
-        between: Array | int = UNKNOWN
+        between: NDArray[np.float32] | int = UNKNOWN
     else:
-        between = np.rint((share - free) / (occupied - free) * 100.0)
-    cells = np.where(share > occupied, OCCUPIED, np.where(share < free, FREE, between))
-    if mode == "scale" and alpha is not None:
+        between = np.rint((share - low) / (high - low) * np.float32(100.0))
+    cells = np.where(share >= high, OCCUPIED, np.where(share <= low, FREE, between))
+    if alpha is not None:
+        # What can be seen through has not been drawn.
         cells = np.where(alpha < 255, UNKNOWN, cells)
     return cells.astype(np.int8)
 

@@ -166,9 +166,11 @@ class TreeTask:
             return Ending(0, "")
         cause = run.cause()
         if cause is None:
-            return Ending(
-                int(self._unknown), f"the tree {self.tree.name!r} ended with {status.value}"
-            )
+            words = f"the tree {self.tree.name!r} ended with {status.value}"
+            if status is NodeStatus.FAILURE:
+                node = self.tree.failed_node()
+                words += f": {node} in line {node.place.line} failed"
+            return Ending(int(self._unknown), words)
         return Ending(cause.code, cause.message)
 
     def halt(self) -> None:

@@ -42,9 +42,9 @@ from mazebot.worldgen.map.occupancy import (
     rasterise,
 )
 
-CORRIDOR_M = 0.7
-"""Mazes with corridors of this width are driven to the end; in narrower ones the robot gets stuck.
-"""
+CORRIDOR_M = 0.5
+"""Mazes with corridors of this width are driven to the end and back; in narrower ones the robot
+cannot turn round."""
 POCKET_SHARE = 0.5
 """A start whose piece of floor is smaller than this share of the largest one is in a pocket."""
 

@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     from mazebot.worldgen.maze.maze import Maze
 
 
-MAX_MAP_ERROR_M = 0.1
-"""Mean distance between a ready map's walls and the world's. SLAM's are 2 to 5 cm off."""
-
-
 class Loading:
     """Result of loading a recipe: the world if there is one, and all problems."""
 
@@ -214,16 +210,10 @@ class Loading:
     def _judge_map(self, name: str, ready: MapFile, draft: Draft) -> None:
         """A ready map must match the world that it is used in."""
         from mazebot.common.world.map_files import MapFile  # noqa: PLC0415
-        from mazebot.worldgen.map.disagreement import disagreement  # noqa: PLC0415
+        from mazebot.worldgen.map.disagreement import misfit  # noqa: PLC0415
 
-        own = MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin)
-        try:
-            found = disagreement(ready, own)
-        except ValueError as error:
+        found = misfit(ready, MapFile(draft.cells, draft.grid.resolution_m, draft.grid.origin))
+        if found:
             self.problems.add(
-                Mistake(("map",), name, f"must match the world: {error}", fatal=False)
+                Mistake(("map",), name, f"must match the world: {found}", fatal=False)
             )
-            return
-        if found.mean_m > MAX_MAP_ERROR_M:
-            must = f"must match the world: {found}"
-            self.problems.add(Mistake(("map",), name, must, fatal=False))

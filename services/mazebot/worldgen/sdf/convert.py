@@ -70,8 +70,8 @@ def to_recipe(sdf: SdfWorld, name: str) -> ImportedWorld:
     A static, solid, visible, upright box on the floor becomes a wall, a horizontal plane at z = 0
     the floor, the first directional light the sun, a panel as written by marker_model a marker on
     its wall; everything else becomes a body, one for all links connected by fixed joints. Anything
-    that cannot be converted is added to the report's `ignored`, an unreadable image or mesh to its
-    `errors`. Raises nothing.
+    that cannot be converted is added to the report's `ignored`, an unreadable mesh to its `errors`,
+    and an image or mesh that is only seen to what is `missing`. Raises nothing.
     """
     return _Conversion(sdf, name).run()
 
@@ -82,6 +82,7 @@ class _Conversion:
         self._name = name
         self._ignored: list[Ignored] = []
         self._errors: list[SdfError] = []
+        self._missing: list[SdfError] = []
         self._files: dict[str, bytes] = {}
         self._materials: dict[str, dict[str, Any]] = {}
         self._material_names: set[str] = set()
@@ -134,6 +135,7 @@ class _Conversion:
             update={
                 "ignored": (*self._sdf.report.ignored, *self._ignored),
                 "errors": (*self._sdf.report.errors, *self._errors),
+                "missing": (*self._sdf.report.missing, *self._missing),
             }
         )
         return ImportedWorld(recipe, self._files, report)
@@ -247,11 +249,13 @@ class _Conversion:
         self._wall_of_link[group.links[0].name] = name
 
     def _body(self, group: Group, parts: Sequence[Part]) -> None:
-        shapes = []
+        shapes: list[dict[str, Any]] = []
         taken: set[str] = set()
+        lacking = False
         for part in parts:
             geometry = self._geometry(part)
             if geometry is None:
+                lacking |= not part.solid
                 continue
             material = None
             if part.visual is not None:
@@ -269,6 +273,10 @@ class _Conversion:
             shapes.append(shape)
         if not shapes:
             return
+        if lacking and not any("material" in shape for shape in shapes):
+            # Otherwise nothing would be seen of it.
+            for shape in shapes:
+                shape["material"] = self._named("colour", _look(None))
         names = (group.name, group.full_name)
         printable = ["".join(c if c.isprintable() else "_" for c in name) for name in names]
         name = self._free(printable, self._taken)
@@ -285,14 +293,14 @@ class _Conversion:
         if not isinstance(geometry, MeshGeometry):
             return geometry.model_dump(mode="json")
         if part.mesh_file is None:
-            self._error("URI_LOOKUP", part.where, f"{geometry.file}: does not exist")
+            self._lack(part, "URI_LOOKUP", f"{geometry.file}: does not exist")
             return None
         key = (part.mesh_file, geometry.submesh, geometry.center)
         if key not in self._meshes:
             try:
                 self._meshes[key] = self._mesh(*key)
             except ConfigError as error:
-                self._error("MESH_INVALID", part.where, str(error))
+                self._lack(part, "MESH_INVALID", str(error))
                 return None
         file, submesh = self._meshes[key]
         named = {"kind": "mesh", "file": file}
@@ -357,7 +365,7 @@ class _Conversion:
             try:
                 data = picture_as_png(picture)
             except ConfigError as error:
-                self._error("MATERIAL_INVALID", where, str(error))
+                self._missing.append(self._found("MATERIAL_INVALID", where, str(error)))
                 self._textures[picture] = ""
             else:
                 self._textures[picture] = self._file("textures", picture.stem, ".png", data)
@@ -493,15 +501,20 @@ class _Conversion:
                 self._files[f"maps/{one.name}"] = one.read_bytes()
             return file.name
         except OSError as error:
-            self._error("FILE_READ", str(file), f"map {path!r:.60}: {error.strerror}")
+            what = f"map {path!r:.60}: {error.strerror}"
+            self._errors.append(self._found("FILE_READ", str(file), what))
             return ""
 
     def _ignore(self, what: str, where: str) -> None:
         self._ignored.append(Ignored(what=what, where=f"{self._sdf.file.name}: {where}"))
 
-    def _error(self, kind: str, where: str, message: str) -> None:
-        where = f"{self._sdf.file.name}: {where}"
-        self._errors.append(SdfError(kind=kind, where=where, message=message))
+    def _lack(self, part: Part, kind: str, message: str) -> None:
+        """A mesh cannot be had: an error, unless it is only seen."""
+        found = self._errors if part.solid else self._missing
+        found.append(self._found(kind, part.where, message))
+
+    def _found(self, kind: str, where: str, message: str) -> SdfError:
+        return SdfError(kind=kind, where=f"{self._sdf.file.name}: {where}", message=message)
 
     @staticmethod
     def _free(wanted: Sequence[str], taken: set[str]) -> str:

@@ -84,6 +84,33 @@ class ImportReport(BaseModel):
     renamed: tuple[Renamed, ...]
     ignored: tuple[Ignored, ...]
     errors: tuple[SdfError, ...]
+    missing: tuple[SdfError, ...] = ()
+    """Pictures and meshes of visuals that cannot be had: what collides stands without them."""
+    unsolid: tuple[str, ...] = ()
+    """Links with visuals and no collision."""
+
+    def warnings(self) -> tuple[str, ...]:
+        """What the world lacks and runs without, a line each, with numbers and the first names."""
+        lines = []
+        if self.missing:
+            first = self.missing[0]
+            count = len(self.missing)
+            what = "pictures and meshes of visuals are" if count > 1 else "picture or mesh is"
+            lines.append(
+                f"{count} {what} missing, and drawn without: {first.where}: {first.message}"
+                + (f" (and {count - 1} more)" if count > 1 else "")
+            )
+        if self.unsolid:
+            count, names = len(self.unsolid), ", ".join(self.unsolid[:_NAMED])
+            more = f" and {count - _NAMED} more" if count > _NAMED else ""
+            lines.append(
+                f"{names}{more} {'have' if count > 1 else 'has'} a <visual> and no <collision>: "
+                "nothing there can be hit, and the lidar sees nothing"
+            )
+        return tuple(lines)
+
+
+_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)

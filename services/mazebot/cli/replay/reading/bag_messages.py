@@ -37,6 +37,7 @@ from mazebot.common.node.node import Envelope
 _HEAD_MESSAGES = 5000
 """So many tell how the bag's time is related to the stamps."""
 _CLOCK_PERIOD_NS = round(1e9 / (CLOCK.rate_hz or 60.0))
+_FILES = (".mcap", ".db3")
 _OF_CLIENTS = (GOAL_POSE.name, INITIAL_POSE.name)
 _STEP_S = 1.0 / 240.0
 
@@ -53,6 +54,12 @@ def open_bag(path: Path, slam: bool = False) -> Recording:
 
     Raises ConfigError where it cannot be read, or nothing in it fits.
     """
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        files = ", ".join(sorted(one.name for one in path.iterdir() if one.suffix in _FILES))
+        must = f"or give one of its files: {files}" if files else "there is no .mcap or .db3 file"
+        raise ConfigError(
+            f"replay: {path}: has no metadata.yaml: run `ros2 bag reindex {path}`, {must}"
+        )
     recording = Recording(path.stem, 0, 0, lambda: iter(()), is_run=False, in_one_process=False)
     try:
         reader = Reader(path)

@@ -135,6 +135,7 @@ _GROUPS = (
             "MPPIController": "mppi",
             "RegulatedPurePursuitController": "regulated_pure_pursuit",
         },
+        wraps={"RotationShimController": "primary_controller"},
     ),
     Group(
         "goal_checker_plugins",

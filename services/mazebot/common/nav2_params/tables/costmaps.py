@@ -94,6 +94,7 @@ _GROUPS = (
             "obstacle_layer": "ObstacleLayer",
             "inflation_layer": "InflationLayer",
         },
+        last="InflationLayer",
     ),
     Group("filters", {"KeepoutFilter": _KEEPOUT, "SpeedFilter": _SPEED, "BinaryFilter": _BINARY}),
 )  # fmt: skip

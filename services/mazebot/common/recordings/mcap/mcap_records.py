@@ -322,6 +322,28 @@ def records_of(chunk: Chunk) -> bytes:
     return bytes(data)
 
 
+def begun_chunk(data: bytes) -> bytes:
+    """The uncompressed records, as far as they go, of a chunk whose content begins so.
+
+    Raises McapError if not even its beginning can be read.
+    """
+    compression, size = read_chunk_body(data)
+    body = data[CHUNK_HEAD.size + _U32.size + len(compression.encode()) + _U64.size :][:size]
+    try:
+        if compression == "zstd":
+            return zstandard.ZstdDecompressor().decompressobj().decompress(body)
+        if compression == "lz4":
+            # Only other people's files need it.
+            import lz4.frame  # noqa: PLC0415
+
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(body))
+    except (zstandard.ZstdError, RuntimeError) as error:
+        raise McapError("corrupt chunk") from error
+    if compression:
+        raise McapError(f"unknown compression {compression!r}")
+    return body
+
+
 def split(records: bytes) -> Iterator[tuple[int, int, int]]:
     """Opcode, and start and end of the content, of each record in a chunk. Raises McapError."""
     at, end = 0, len(records)

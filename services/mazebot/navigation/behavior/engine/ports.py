@@ -7,7 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-PortType = Literal["text", "number", "integer", "flag", "codes", "pose", "poses", "path", "any"]
+from mazebot.navigation.behavior.engine.script import read_script
+
+PortType = Literal[
+    "text", "number", "integer", "flag", "codes", "pose", "poses", "path", "script", "status", "any"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +79,22 @@ def _on_the_blackboard(value: object) -> object:
     raise ValueError(f"must be a blackboard entry {{...}} (got {value!r:.40})")
 
 
+def as_status(value: object) -> str:
+    """The name of an answer of a node. Raises ValueError."""
+    name = str(value).strip().upper()
+    if name not in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED"):
+        raise ValueError(f"must be RUNNING, SUCCESS, FAILURE or SKIPPED (got {value!r:.40})")
+    return name
+
+
 READERS: dict[PortType, Callable[[object], object]] = {
     "text": str,
     "number": as_number,
     "integer": as_integer,
     "flag": as_flag,
     "codes": as_codes,
+    "script": read_script,
+    "status": as_status,
     "any": str,
     "pose": _on_the_blackboard,
     "poses": _on_the_blackboard,

@@ -5,9 +5,10 @@ BehaviorTree.CPP 4.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from types import MappingProxyType
 from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 from mazebot.common.maths.frames import SE2
@@ -15,6 +16,7 @@ from mazebot.navigation.behavior.context import NavigationContext, TrackingFeedb
 from mazebot.navigation.behavior.docking.docking import DockingParams, DockingStep
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.engine.ports import Port, as_flag, as_integer, as_number
+from mazebot.navigation.behavior.engine.script import Script, ScriptError, read_script
 from mazebot.navigation.behavior.motions.motion import BehaviorServerParams, Motion
 from mazebot.navigation.planning.path import PlannedPath
 
@@ -34,6 +36,20 @@ class NodeStatus(Enum):
     def active(self) -> bool:
         """Whether a node with this status keeps what it remembers (BT::isStatusActive)."""
         return self not in (NodeStatus.IDLE, NodeStatus.SKIPPED)
+
+
+BEFORE: Mapping[str, NodeStatus] = MappingProxyType(
+    {
+        "_failureIf": NodeStatus.FAILURE,
+        "_successIf": NodeStatus.SUCCESS,
+        "_skipIf": NodeStatus.SKIPPED,
+        "_while": NodeStatus.SKIPPED,
+    }
+)
+"""Attributes with a condition for a node that begins, in the order in which they are asked, and
+what it answers instead of being ticked: where the condition holds, and for `_while` where not."""
+AFTER = ("_onSuccess", "_onFailure", "_onHalted", "_post")
+"""Attributes with a script that runs after a node has ended."""
 
 
 class TreeError(Exception):
@@ -122,6 +138,8 @@ class NodePlace:
     run: TreeRun
     in_recovery: bool = False
     """Whether it lies below the second child of a RecoveryNode."""
+    line: int = 0
+    """In the XML, from 1; 0: there is none."""
 
 
 class NodeSnapshot(NamedTuple):
@@ -150,6 +168,8 @@ class Node(ABC):
         self._answered = NodeStatus.IDLE
         self._answered_in_tick = -1
         self._keys = {port: _key(port, text) for port, text in place.attributes.items()}
+        self._scripted = any(name in place.attributes for name in (*BEFORE, *AFTER))
+        self._scripts: dict[str, Script] = {}
 
     def __str__(self) -> str:
         return f"{self.place.kind} '{self.place.name}'"
@@ -161,7 +181,11 @@ class Node(ABC):
 
     def tick(self, now_ns: int) -> NodeStatus:
         """Let the node work for one tick; returns its status, never IDLE."""
-        status = self._tick(now_ns)
+        if self._scripted:
+            status = self._refused() or self._tick(now_ns)
+            self._run_after(status)
+        else:
+            status = self._tick(now_ns)
         assert status is not NodeStatus.IDLE, f"{self} returned IDLE"
         self.status = self._answered = status
         self._answered_in_tick = self.place.run.tick_number
@@ -171,7 +195,39 @@ class Node(ABC):
         """Stop the node if it is running, and reset its status to IDLE."""
         if self.status is NodeStatus.RUNNING:
             self._halt()
+            self._run_given("_onHalted")
         self.status = NodeStatus.IDLE
+
+    def _refused(self) -> NodeStatus | None:
+        """The answer that a script before the tick gives; None: the node is ticked."""
+        if self.status.active:
+            running = self.status is NodeStatus.RUNNING and "_while" in self.place.attributes
+            if running and not self.holds("_while"):
+                self.halt()
+                return NodeStatus.SKIPPED
+            return None
+        for name, answer in BEFORE.items():
+            if name in self.place.attributes and self.holds(name) != (name == "_while"):
+                return answer
+        return None
+
+    def _run_after(self, status: NodeStatus) -> None:
+        if status is NodeStatus.SUCCESS:
+            self._run_given("_onSuccess")
+        elif status is NodeStatus.FAILURE:
+            self._run_given("_onFailure")
+        else:
+            return
+        self._run_given("_post")
+
+    def _run_given(self, name: str) -> None:
+        if name in self.place.attributes:
+            self.run(name)
+
+    def failed_in(self, tick_number: int) -> bool:
+        """Whether it answered FAILURE in a tick."""
+        failed = self._answered is NodeStatus.FAILURE
+        return failed and self._answered_in_tick == tick_number
 
     def snapshot(self, depth: int, since: int) -> NodeSnapshot:
         """This node as one line, with its newest answer since a tick."""
@@ -255,6 +311,23 @@ class Node(ABC):
             raise TreeError(f"{self}, port {port!r}: must be a path on the blackboard")
         return value
 
+    def holds(self, port: str) -> bool:
+        """Whether the condition of an input port that holds a script is true."""
+        return self._script(port, Script.holds)
+
+    def run(self, port: str) -> None:
+        """Run the script of an input port."""
+        self._script(port, Script.run)
+
+    def _script(self, port: str, work: Callable[[Script, Blackboard], T]) -> T:
+        text = self.text(port)
+        try:
+            if text not in self._scripts:
+                self._scripts[text] = read_script(text)
+            return work(self._scripts[text], self.place.blackboard)
+        except ScriptError as error:
+            raise TreeError(f"{self}, port {port!r}: {error}") from None
+
     def put(self, port: str, value: object) -> None:
         """Write an output port, if the XML connects it to the blackboard."""
         key = self.key(port)
@@ -305,6 +378,15 @@ class BehaviorTree:
     def halt(self) -> None:
         """Cancel what runs."""
         self.root.halt()
+
+    def failed_node(self) -> Node:
+        """The node because of which the last tick failed: the last one on the way of failures
+        from the root.
+        """
+        node, tick = self.root, self.run.tick_number
+        while failed := [child for child in node.children if child.failed_in(tick)]:
+            node = failed[-1]
+        return node
 
     def snapshot(self, since: int | None = None) -> tuple[NodeSnapshot, ...]:
         """The newest answer of every node since a tick, parents before their children; None: in

@@ -31,6 +31,8 @@ class InOrder(Control):
     """Its answer when no child has ended it."""
     keeps_place = False
     """Whether it continues at the child that has ended it, and also after a halt."""
+    pauses = False
+    """Whether it answers RUNNING between two children."""
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
         super().__init__(place, children)
@@ -51,6 +53,8 @@ class InOrder(Control):
                 return status
             self._current += 1
             self._skipped += status is SKIPPED
+            if self.pauses and status is not SKIPPED and self._current < len(self.children):
+                return RUNNING
         all_skipped = self._skipped == len(self.children)
         self.halt_children()
         self._current = self._skipped = 0
@@ -68,6 +72,12 @@ class InSequence(InOrder):
     ends, completes = FAILURE, SUCCESS
 
 
+class AsyncSequence(InSequence):
+    """A Sequence that ticks one child a tick."""
+
+    pauses = True
+
+
 class SequenceWithMemory(InOrder):
     """A Sequence that continues at the child that failed."""
 
@@ -79,6 +89,12 @@ class Fallback(InOrder):
     """Succeeds with the first child that does."""
 
     ends, completes = SUCCESS, FAILURE
+
+
+class AsyncFallback(Fallback):
+    """A Fallback that ticks one child a tick."""
+
+    pauses = True
 
 
 class Reactive(Control):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mazebot.common.maths.frames import SE2
-from mazebot.navigation.behavior.engine.ports import Port, out
+from mazebot.navigation.behavior.engine.ports import Port, as_status, out
 from mazebot.navigation.behavior.engine.tree import Node, NodePlace, NodeStatus
 from mazebot.navigation.behavior.nodes.goals import goals_on_blackboard
 from mazebot.navigation.behavior.nodes.path_parts import length_left_m
@@ -141,6 +141,55 @@ class Timeout(Decorator):
             if self.status is RUNNING:
                 self.child.halt()
                 return FAILURE
+        return self._ended(self.child.tick(now_ns))
+
+
+class Delay(Decorator):
+    """Ticks its child from `delay_msec` milliseconds after it was first reached."""
+
+    ports = (Port("delay_msec", "integer", required=True),)
+
+    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
+        super().__init__(place, children)
+        self._start_ns = 0
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self.status is not RUNNING:
+            self._start_ns = now_ns
+        if now_ns - self._start_ns < self.integer("delay_msec") * 1_000_000:
+            return RUNNING
+        return self._ended(self.child.tick(now_ns))
+
+
+class RunOnce(Decorator):
+    """Ticks its child until it has ended once; after that it is skipped, or answers the same."""
+
+    ports = (Port("then_skip", "flag", "true"),)
+
+    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
+        super().__init__(place, children)
+        self._answer: NodeStatus | None = None
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self._answer is not None:
+            return SKIPPED if self.flag("then_skip") else self._answer
+        status = self._ended(self.child.tick(now_ns))
+        if status in (SUCCESS, FAILURE):
+            self._answer = status
+        return status
+
+
+class Precondition(Decorator):
+    """Ticks its child where the script `if` holds, and until it has ended; else answers `else`."""
+
+    ports = (
+        Port("if", "script", required=True),
+        Port("else", "status", "FAILURE"),
+    )
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self.child.status is not RUNNING and not self.holds("if"):
+            return NodeStatus[as_status(self.get("else"))]
         return self._ended(self.child.tick(now_ns))
 
 

@@ -9,6 +9,7 @@ from typing import Final
 from mazebot.common.config import ConfigError
 from mazebot.navigation.behavior.engine.tree import Node, NodeStatus, TreeError
 from mazebot.navigation.behavior.nodes import (
+    branches,
     controls,
     decorators,
     nodes_behaviors,
@@ -33,6 +34,13 @@ CONTROLS: Final[Mapping[str, type[Node]]] = MappingProxyType(
         "RoundRobin": controls.RoundRobin,
         "NonblockingSequence": controls.NonblockingSequence,
         "PersistentSequence": controls.PersistentSequence,
+        "AsyncSequence": controls.AsyncSequence,
+        "AsyncFallback": controls.AsyncFallback,
+        "Parallel": branches.Parallel,
+        "ParallelAll": branches.ParallelAll,
+        "IfThenElse": branches.IfThenElse,
+        "WhileDoElse": branches.WhileDoElse,
+        **{f"Switch{cases}": branches.switch(cases) for cases in range(2, 7)},
     }
 )
 
@@ -49,6 +57,9 @@ DECORATORS: Final[Mapping[str, type[Node]]] = MappingProxyType(
         "DistanceController": decorators.DistanceController,
         "SpeedController": decorators.SpeedController,
         "SingleTrigger": decorators.SingleTrigger,
+        "Delay": decorators.Delay,
+        "RunOnce": decorators.RunOnce,
+        "Precondition": decorators.Precondition,
         "GoalUpdater": decorators.GoalUpdater,
         "GoalUpdatedController": decorators.GoalUpdatedController,
         "PathLongerOnApproach": decorators.PathLongerOnApproach,
@@ -85,6 +96,9 @@ ACTIONS: Final[Mapping[str, type[Node]]] = MappingProxyType(
         "AlwaysSuccess": nodes_conditions.AlwaysSuccess,
         "AlwaysFailure": nodes_conditions.AlwaysFailure,
         "SetBlackboard": nodes_conditions.SetBlackboard,
+        "Script": nodes_conditions.ScriptNode,
+        "ScriptCondition": nodes_conditions.ScriptCondition,
+        "Sleep": nodes_conditions.Sleep,
         "AppendGoalPoseToGoals": nodes_goals.AppendGoalPoseToGoals,
         "AssistedTeleop": nodes_behaviors.AssistedTeleopNode,
         "BackUp": nodes_behaviors.BackUpNode,
@@ -193,6 +207,15 @@ UNSUPPORTED: Final[Mapping[str, str]] = MappingProxyType(
 )
 """Nav2's node kinds that parse but do not run, and why."""
 
+RENAMED_KINDS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "SequenceStar": "SequenceWithMemory",
+        "RetryUntilSuccesful": "RetryUntilSuccessful",
+        "SubTreePlus": "SubTree",
+    }
+)
+"""Names of nodes in BehaviorTree.CPP's format 3."""
+
 RENAMED_PORTS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "robot_frame": "robot_base_frame",
@@ -200,6 +223,8 @@ RENAMED_PORTS: Final[Mapping[str, str]] = MappingProxyType(
         "max_position_error_right": "max_error_right",
         "max_heading_error": "max_error_heading",
         "input_wapoint_statuses": "input_waypoint_statuses",
+        "success_threshold": "success_count",
+        "failure_threshold": "failure_count",
     }
 )
 """Names of ports in trees of other distributions."""

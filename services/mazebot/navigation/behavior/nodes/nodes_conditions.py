@@ -54,6 +54,38 @@ class SetBlackboard(Node):
         return SUCCESS
 
 
+class ScriptNode(Node):
+    """Runs a script, and succeeds."""
+
+    ports = (Port("code", "script", required=True),)
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        self.run("code")
+        return SUCCESS
+
+
+class ScriptCondition(Node):
+    """Succeeds where a script's value is true, else fails."""
+
+    ports = (Port("code", "script", required=True),)
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        return SUCCESS if self.holds("code") else FAILURE
+
+
+class Sleep(Node):
+    """Succeeds `msec` milliseconds after it was first reached."""
+
+    ports = (Port("msec", "integer", required=True),)
+    _start_ns = 0
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self.status is not RUNNING:
+            self._start_ns = now_ns
+        done = now_ns - self._start_ns >= self.integer("msec") * 1_000_000
+        return SUCCESS if done else RUNNING
+
+
 class GoalUpdated(Condition):
     """Holds when the goal has changed since this node was first reached in a row of ticks."""
 

@@ -1,4 +1,4 @@
-"""Behaviour trees from XML in BehaviorTree.CPP's format 4, as Nav2's own files have it."""
+"""Behaviour trees from XML in BehaviorTree.CPP's formats 3 and 4, as Nav2's own files have it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,18 @@ from pathlib import Path
 from mazebot.common.config import ConfigError
 from mazebot.navigation.behavior.engine.blackboard import Blackboard
 from mazebot.navigation.behavior.engine.ports import READERS, Port
-from mazebot.navigation.behavior.engine.tree import BehaviorTree, Node, NodePlace, TreeRun
+from mazebot.navigation.behavior.engine.tree import (
+    AFTER,
+    BEFORE,
+    BehaviorTree,
+    Node,
+    NodePlace,
+    TreeRun,
+)
 from mazebot.navigation.behavior.engine.xml_elements import Element, parse
 from mazebot.navigation.behavior.nodes.node_kinds import (
     NODE_KINDS,
+    RENAMED_KINDS,
     RENAMED_PORTS,
     UNSUPPORTED,
     checked_node,
@@ -30,11 +38,12 @@ DEFAULT_NAV_THROUGH_POSES = TREES / "navigate_through_poses_w_replanning_and_rec
 
 _EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
 """Tags that name their kind in the attribute ID."""
-_RESERVED = {"name", "ID"}
-_SCRIPTS = {
-    *("_skipIf", "_failureIf", "_successIf", "_while"),
-    *("_onSuccess", "_onFailure", "_onHalted", "_post"),
-}
+_RESERVED = {"name", "ID", "_description", "_uid", "_fullpath"}
+"""Attributes that are no ports; the last ones are Groot's."""
+_SCRIPTS = {*BEFORE, *AFTER}
+_SHARED = ("_autoremap", "__autoremap", "__shared_blackboard")
+"""Attributes of a SubTree by which all keys are those of the tree above; the last two are those of
+format 3."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,12 @@ def read_tree(text: str | bytes, source: str) -> TreeFile:
     form = root.attributes.get("BTCPP_format")
     if form is None:
         warnings.append(f"{source}:{root.line}: no BTCPP_format: read as format 4")
+    elif form == "3":
+        warnings.append(f"{source}:{root.line}: BTCPP_format 3: read as format 4")
     elif form != "4":
-        raise ConfigError(f"{source}:{root.line}: BTCPP_format is {form!r:.20}: must be 4")
+        raise ConfigError(f"{source}:{root.line}: BTCPP_format is {form!r:.20}: must be 3 or 4")
+    for element in root.walk():
+        _of_today(element, form == "3")
     trees: dict[str, Element] = {}
     for element in root.children:
         if element.tag == "TreeNodesModel":
@@ -111,10 +124,30 @@ def read_tree(text: str | bytes, source: str) -> TreeFile:
         trees[name] = element.children[0]
     main = _main_id(root, trees, source)
     checker = _Checker(source, trees)
+    checker.check_kinds()
     for tree in trees.values():
         checker.check(tree)
     checker.check_subtrees(main, ())
     return TreeFile(source, main, trees, (*warnings, *checker.warnings), tuple(checker.unsupported))
+
+
+def _of_today(element: Element, format_3: bool) -> None:
+    """Give an element its name in format 4, without the ports that Groot saves as empty texts
+    because they are not set.
+    """
+    if format_3 and element.tag == "SubTree":
+        # There a SubTree's attribute is a key, and only a SubTreePlus has braces for one.
+        for name, text in element.attributes.items():
+            if name not in _RESERVED and not name.startswith("_") and text and text[0] != "{":
+                element.attributes[name] = f"{{{text}}}"
+    element.tag = RENAMED_KINDS.get(element.tag, element.tag)
+    kind = element.attributes.get("ID", "")
+    if element.tag in _EXPLICIT and kind in RENAMED_KINDS:
+        element.attributes["ID"] = RENAMED_KINDS[kind]
+    for name in [name for name, text in element.attributes.items() if not text]:
+        # A value for the blackboard may be empty.
+        if (element.tag, name) != ("SetBlackboard", "value") and name != "ID":
+            del element.attributes[name]
 
 
 def _main_id(root: Element, trees: dict[str, Element], source: str) -> str:
@@ -149,45 +182,59 @@ class _Checker:
         self.warnings: list[str] = []
         self.unsupported: list[str] = []
 
+    def check_kinds(self) -> None:
+        """Refuse nodes that are not known, all of them in one line."""
+        unknown = []
+        for element in (one for root in self._trees.values() for one in root.walk()):
+            kind = _kind(element)
+            at = f"{self.source}:{element.line}: {kind or element.tag}"
+            if element.tag != "SubTree" and kind not in UNSUPPORTED and not self._class(at, kind):
+                meant = _meant(kind, [*NODE_KINDS, *UNSUPPORTED])
+                unknown.append(f"{at} is not a known node{meant}")
+        if unknown:
+            raise ConfigError("; ".join(unknown))
+
     def check(self, element: Element) -> None:
         """Check a node and those below it."""
         kind = _kind(element)
         at = f"{self.source}:{element.line}: {kind or element.tag}"
-        for name in element.attributes:
-            if name in _SCRIPTS:
-                raise ConfigError(f"{at}, attribute {name!r}: scripts are not supported")
+        for name in _SCRIPTS & set(element.attributes):
+            if element.tag == "SubTree":
+                raise ConfigError(
+                    f"{at}, attribute {name!r}: must be at the first node of the tree instead"
+                )
+            _check_text(at, Port(name, "script"), element.attributes[name])
         if element.tag == "SubTree":
             self._check_subtree(element)
             return
         if kind in UNSUPPORTED:
             self.unsupported.append(f"{at} is not supported: {UNSUPPORTED[kind]}")
         else:
-            self._check_known(at, self._class(at, kind), element)
+            node = self._class(at, kind)
+            assert node is not None, kind
+            self._check_known(at, node, element)
         for child in element.children:
             self.check(child)
 
-    def _class(self, at: str, kind: str) -> type[Node]:
+    def _class(self, at: str, kind: str) -> type[Node] | None:
         try:
-            found = node_class(kind)
+            return node_class(kind)
         except ConfigError as error:
             raise ConfigError(f"{at}: {error}") from error
-        if found is None:
-            raise ConfigError(
-                f"{at} is not a known node{_meant(kind, [*NODE_KINDS, *UNSUPPORTED])}"
-            )
-        return found
 
     def _check_known(self, at: str, node: type[Node], element: Element) -> None:
         found, fewest, most = len(element.children), node.fewest_children, node.most_children
         if found < fewest or (most is not None and found > most):
             wanted = f"{fewest}" if fewest == most else f"at least {fewest}"
+            if most is not None and fewest < most:
+                wanted = f"{fewest} to {most}"
             raise ConfigError(f"{at} has {found} children: must have {wanted}")
         ports = {port.name: port for port in node.ports}
         given = {RENAMED_PORTS.get(name, name): text for name, text in element.attributes.items()}
         for name, text in given.items():
             if name in ports:
                 _check_text(at, ports[name], text)
-            elif name not in _RESERVED:
+            elif name not in _RESERVED | _SCRIPTS:
                 self.warnings.append(
                     f"{at}, port {name!r:.60}: ignored: no such port{_meant(name, ports)}"
                 )
@@ -257,6 +304,7 @@ class _Builder:
             board,
             self._run,
             in_recovery,
+            element.line,
         )
         children = [
             self._node(child, board, in_recovery or (kind == "RecoveryNode" and index == 1))
@@ -281,7 +329,8 @@ def _board_below(element: Element, board: Blackboard) -> Blackboard:
             remapped[key] = key if inner == "=" else inner
         else:
             values[key] = text
-    auto = element.attributes.get("_autoremap", "false").strip().lower() in ("true", "1")
+    given = [element.attributes.get(name, "").strip().lower() for name in _SHARED]
+    auto = "true" in given or "1" in given
     below = Blackboard(board, remapped, auto)
     for key, text in values.items():
         below.hold(key, text)

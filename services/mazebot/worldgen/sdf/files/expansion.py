@@ -58,11 +58,11 @@ def expanded(file: Path, roots: Sequence[Path], first: Path, arguments: Mapping[
         raise StoppedError("cannot be expanded: xacro was stopped") from None
     try:
         answer = json.loads(done.stdout)
-        text, error = answer["text"], answer["error"]
+        text, error, line = answer["text"], answer["error"], answer["line"]
     except (ValueError, KeyError, TypeError):
         raise StoppedError(
             "cannot be expanded: xacro exceeded its limit of time or memory"
         ) from None
     if error:
-        raise UnreadableError(f"cannot be expanded: {error}")
+        raise UnreadableError(f"cannot be expanded: {error}", line)
     return str(text).encode()

@@ -10,12 +10,19 @@ import resource
 import sys
 from pathlib import Path
 from typing import Any
+from xml.dom import expatbuilder
+from xml.parsers.expat import ExpatError
 
 import xacro
 from xacro import substitution_args
 
 from mazebot.worldgen.sdf.files.locate import Locator
-from mazebot.worldgen.sdf.files.xml_text import MAX_FILE_BYTES, UnreadableError, bytes_of
+from mazebot.worldgen.sdf.files.xml_text import (
+    MAX_FILE_BYTES,
+    UnreadableError,
+    bytes_of,
+    without_doctype,
+)
 from mazebot.worldgen.xml_comments import without_comments
 
 MAX_CPU_SECONDS = 2
@@ -36,7 +43,7 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     locator = Locator(Path(work["first"]), [Path(root) for root in work["roots"]])
     _restrict(locator)
-    text, error = "", ""
+    text, error, line = "", "", 0
     try:
         xacro.init_stacks(work["file"])
         document = xacro.parse(None, work["file"])
@@ -49,10 +56,70 @@ def main() -> None:
     except RecursionError:
         error = "macros or includes are nested too deep"
     except Exception as problem:
-        error = " ".join(str(problem).split())[:300] or type(problem).__name__
+        error = " ".join(_words(problem).split())[:300] or type(problem).__name__
         if error.startswith("Undefined substitution argument "):
             error += ": give it with `--arg NAME:=VALUE`"
-    answer.write(json.dumps({"text": text, "error": error}))
+        file, line = _origin(problem, work["file"])
+        if file != work["file"]:
+            error = f"{Path(file).name}:{line}: {error}" if line else f"{Path(file).name}: {error}"
+            line = 0
+    answer.write(json.dumps({"text": text, "error": error, "line": line}))
+
+
+def _words(problem: BaseException) -> str:
+    """The message of an error once: xacro repeats those that it wraps."""
+    if not isinstance(problem, xacro.XacroException):
+        return str(problem)
+    own = str(problem.args[0] or "") if problem.args else ""
+    inner = "" if problem.exc is None else _words(problem.exc)
+    if isinstance(problem.exc, OSError) and own:
+        inner = ""
+    if own.startswith("<class "):
+        own = ""
+    return " ".join(part for part in (own, inner, str(problem.suffix or "")) if part)
+
+
+def _origin(problem: BaseException, first: str) -> tuple[str, int]:
+    """File and line of what xacro was reading; line 0: it is not known."""
+    file, line = first, 0
+    if isinstance(problem, ExpatError):
+        return str((xacro.filestack or [first])[-1]), problem.lineno
+    at = problem.__traceback__
+    while at is not None:
+        for name in ("node", "elt"):
+            place = getattr(at.tb_frame.f_locals.get(name), "mazebot_place", None)
+            if place is not None:
+                file, line = place
+        at = at.tb_next
+    if isinstance(problem, UnreadableError):
+        line = problem.line
+    return file, line
+
+
+class _Builder(expatbuilder.ExpatBuilderNS):
+    """Builds a document whose elements know their file and line."""
+
+    file = ""
+
+    def start_element_handler(self, name: str, attributes: list[str]) -> None:
+        super().start_element_handler(name, attributes)
+        node: Any = self.curNode
+        node.mazebot_place = self.file, self.getParser().CurrentLineNumber
+
+
+def _parse(text: io.BytesIO | None, name: str | None = None) -> Any:
+    """In place of xacro's own: files are opened by what it is given to open them."""
+    assert text is None
+    assert name is not None
+    try:
+        opened = xacro.open(name)
+    except OSError as error:
+        # As there, a file that cannot be opened is not the one that is being read.
+        xacro.filestack.pop()
+        raise xacro.XacroException(f"{error.strerror}: {error.filename}", exc=error) from error
+    builder = _Builder()
+    builder.file = name
+    return builder.parseString(opened.read())
 
 
 def _restrict(locator: Locator) -> None:
@@ -79,8 +146,10 @@ def _restrict(locator: Locator) -> None:
         if data.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
             # Otherwise it is YAML.
             data = without_comments(data)
-        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-            raise xacro.XacroException(f"{path.name} has a DOCTYPE, which is not allowed")
+            try:
+                data = without_doctype(data)
+            except UnreadableError as error:
+                raise UnreadableError(f"{path.name} {error}", error.line) from None
         return io.BytesIO(data)
 
     def find(package: str) -> str:
@@ -115,6 +184,7 @@ def _restrict(locator: Locator) -> None:
         return eval(compiled(expression), names, local)
 
     xacro.open = checked_open
+    xacro.parse = _parse
     xacro.safe_eval = safe_eval
     for name in ("vars", "type"):
         dict.pop(xacro._global_symbols["python"], name, None)

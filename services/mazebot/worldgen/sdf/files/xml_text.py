@@ -16,8 +16,32 @@ _LATE_DECLARATION = re.compile(rb"\A(\s+)(<\?xml\s[^>]*\?>)")
 _FORBIDDEN = (b"<!DOCTYPE", b"<!ENTITY")
 
 
+_BARE_DOCTYPE = re.compile(rb"<!DOCTYPE\s[^\[<>]*>")
+
+
 class UnreadableError(Exception):
-    """An invalid file: a short phrase."""
+    """An invalid file: a short phrase, and the line if it is known."""
+
+    def __init__(self, phrase: str, line: int = 0) -> None:
+        super().__init__(phrase)
+        self.line = line
+
+
+def without_doctype(data: bytes) -> bytes:
+    """The text without a document type that declares nothing itself; lines are kept.
+
+    Raises UnreadableError where it declares something, which may be an entity that grows.
+    """
+    bare = _BARE_DOCTYPE.sub(lambda found: b"\n" * found[0].count(b"\n"), data, count=1)
+    for mark in _FORBIDDEN:
+        at = bare.replace(b"\0", b"").find(mark)
+        if at >= 0:
+            line = bare.replace(b"\0", b"").count(b"\n", 0, at) + 1
+            raise UnreadableError(
+                f"has a {mark[2:].decode()} with declarations, which are not allowed: delete it",
+                line,
+            )
+    return bare
 
 
 def bytes_of(file: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -44,8 +68,7 @@ def tree_of(data: bytes) -> etree._Element:
     data = without_comments(data)
     if not data.strip():
         raise UnreadableError("is empty, must be XML")
-    if any(mark in data.replace(b"\0", b"") for mark in _FORBIDDEN):
-        raise UnreadableError("has a DOCTYPE or its own entities, which are not allowed")
+    data = without_doctype(data)
     # Space is moved behind the declaration, so that line numbers are kept.
     data = _LATE_DECLARATION.sub(rb"\2\1", data, count=1)
     root, problem = _parsed(data, recover=False)

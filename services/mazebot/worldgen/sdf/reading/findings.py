@@ -66,6 +66,8 @@ class Findings:
 
     def __init__(self) -> None:
         self._errors: dict[tuple[str, str, str], SdfError] = {}
+        self._missing: dict[tuple[str, str, str], SdfError] = {}
+        self._unsolid: dict[str, None] = {}
         self._ignored: dict[tuple[str, str], tuple[str, int]] = {}
         self._includes: list[Included] = []
         self._renamed: list[Renamed] = []
@@ -76,9 +78,15 @@ class Findings:
 
     def error(self, kind: str, where: Place | str, message: str) -> None:
         """Record an error. Beyond MAX_ERRORS further ones are dropped."""
-        if len(self._errors) < MAX_ERRORS:
-            found = SdfError(kind=kind, where=str(where), message=" ".join(message.split())[:500])
-            self._errors[found.kind, found.where, found.message] = found
+        _add(self._errors, kind, where, message)
+
+    def missing(self, kind: str, where: Place | str, message: str) -> None:
+        """Record a picture or mesh that a visual has to do without."""
+        _add(self._missing, kind, where, message)
+
+    def no_collision(self, link: str) -> None:
+        """Record a link with visuals and no collision."""
+        self._unsolid[link] = None
 
     def ignore(self, what: str, where: Place) -> None:
         """Record something not simulated. The same in one file is reported once, with its count."""
@@ -121,4 +129,14 @@ class Findings:
                 for (what, _), (first, n) in self._ignored.items()
             ),
             errors=tuple(self._errors.values()),
+            missing=tuple(self._missing.values()),
+            unsolid=tuple(self._unsolid),
         )
+
+
+def _add(
+    found: dict[tuple[str, str, str], SdfError], kind: str, where: Place | str, message: str
+) -> None:
+    if len(found) < MAX_ERRORS:
+        one = SdfError(kind=kind, where=str(where), message=" ".join(message.split())[:500])
+        found[one.kind, one.where, one.message] = one

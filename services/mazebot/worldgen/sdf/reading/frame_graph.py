@@ -137,7 +137,7 @@ class FrameGraph:
         reference, matrix = self._reference(item)
         if reference is item.scope:
             return matrix
-        return _inverse(self.world_from(item.scope)) @ world_from_item
+        return inverse(self.world_from(item.scope)) @ world_from_item
 
     def link_from(self, link: Item, pose: Pose) -> Array:
         """(4, 4) of an element in a link, whose pose is relative to the link by default."""
@@ -147,7 +147,7 @@ class FrameGraph:
         if target is None:
             self._unknown_reference(pose)
             return pose.matrix
-        return _inverse(self.world_from(link)) @ self.world_from(target) @ pose.matrix
+        return inverse(self.world_from(link)) @ self.world_from(target) @ pose.matrix
 
     def placed(self, holder: Item, pose: Pose) -> Array:
         """(4, 4) pose in the world of an element in a link, model or world."""
@@ -233,7 +233,7 @@ class FrameGraph:
     def _find_reference(self, item: Item) -> tuple[Item | None, Array]:
         scope, matrix = item.scope, item.pose.matrix
         if item.placement_frame:
-            matrix = matrix @ _inverse(self._model_from_placement(item))
+            matrix = matrix @ inverse(self._model_from_placement(item))
         if scope is None:
             return None, matrix
         if item.pose.relative_to:
@@ -306,7 +306,7 @@ def _lookup_from(holder: Item, name: str) -> Item | None:
     return None if scope is None else lookup(scope, name)
 
 
-def _inverse(a_from_b: Array) -> Array:
+def inverse(a_from_b: Array) -> Array:
     """`b_from_a` of a rigid (4, 4) transform."""
     inverse = np.eye(4)
     inverse[:3, :3] = a_from_b[:3, :3].T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, cast
@@ -20,8 +21,9 @@ from mazebot.worldgen.sdf.reading import values
 from mazebot.worldgen.sdf.reading.findings import Findings, Place
 from mazebot.worldgen.sdf.reading.frame_graph import FrameGraph, Item
 from mazebot.worldgen.sdf.reading.joints import joined
-from mazebot.worldgen.sdf.reading.scope_tree import ScopeTree, allowed_name, light_name, pose_of
-from mazebot.worldgen.sdf.reading.shapes import ShapeReader, volume_m3
+from mazebot.worldgen.sdf.reading.poses import pose_of
+from mazebot.worldgen.sdf.reading.scope_tree import ScopeTree, allowed_name, light_name
+from mazebot.worldgen.sdf.reading.shapes import LACKING, ShapeReader, volume_m3
 from mazebot.worldgen.sdf.reading.sources import SourceError, Sources
 from mazebot.worldgen.sdf.reading.vocabulary import list_unread, own_attributes, own_texts
 
@@ -150,17 +152,24 @@ class _Resolver:
         shapes: list[SdfShape] = []
         density: list[tuple[SdfShape, float]] = []
         names: dict[str, dict[str, None]] = {"collision": {}, "visual": {}}
+        lacking: list[SdfShape] = []
         for element in place.element:
             tag = str(element.tag)
             if tag not in ("collision", "visual"):
                 continue
             at = place.at(element)
             shape = self._shape(at, cast(Literal["collision", "visual"], tag), link, names[tag])
-            if shape is not None:
+            if shape is not None and shape.geometry is LACKING.geometry:
+                lacking.append(shape)
+            elif shape is not None:
                 shapes.append(shape)
                 if tag == "collision":
                     value = self._shapes.optional(at, "density", values.positive, 0.0)
                     density.append((shape, value))
+        shapes += _in_place_of(lacking, shapes)
+        visible = bool(lacking) or any(shape.role == "visual" for shape in shapes)
+        if visible and place.element.find("collision") is None and not _is_noted(link, shapes):
+            self._findings.no_collision(link.full_name())
         return SdfLink(
             name=link.full_name(),
             model=link.scope.full_name() if link.scope is not None else "",
@@ -303,6 +312,23 @@ class _Resolver:
             self._shapes.optional(at, "ambient", values.colour, None),
             self._shapes.optional(at, "background", values.colour, None),
         )
+
+
+def _is_noted(link: Item, shapes: Sequence[SdfShape]) -> bool:
+    """Whether a link is one of an export, which says itself what is not solid."""
+    scope = link.scope
+    of_model = scope is not None and own_attributes(scope.element or scope.place)
+    return bool(of_model or own_attributes(link.place) or any(one.attributes for one in shapes))
+
+
+def _in_place_of(lacking: Sequence[SdfShape], shapes: Sequence[SdfShape]) -> list[SdfShape]:
+    """Visuals of the collision shapes, where meshes were all that could be seen of a link."""
+    if not lacking or any(shape.role == "visual" for shape in shapes):
+        return []
+    return [
+        replace(shape, role="visual", name=f"{shape.name}_visual", material=lacking[0].material)
+        for shape in shapes
+    ]
 
 
 def _held(scope: Item, kind: str) -> list[Item]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
-import numpy as np
 from lxml import etree
 
 from mazebot.worldgen.sdf.reading import values
 from mazebot.worldgen.sdf.reading.findings import Findings, Place, Source, local_name
 from mazebot.worldgen.sdf.reading.frame_graph import Item, Kind, Pose
+from mazebot.worldgen.sdf.reading.poses import pose_of, reference_in, still
 from mazebot.worldgen.sdf.reading.sources import SourceError, Sources
 from mazebot.worldgen.sdf.reading.vocabulary import described, list_unread
+from mazebot.worldgen.sdf.reading.world_state import apply_state
 
 MAX_DEPTH = 24
 """Maximum nesting of models."""
@@ -64,9 +65,12 @@ class ScopeTree:
         place = root.at(first)
         tag = str(first.tag)
         name = self._name(place, "world") if tag == "world" else first.get("name")
-        world = Item("world", name or "world", _still(place), place)
+        world = Item("world", name or "world", still(place), place)
         if tag == "world":
             self._contents(place, world, 0)
+            own = [light for holder, light, include in self.lights
+                   if holder is world and include is None]  # fmt: skip
+            apply_state(world, own, self._findings)
         elif tag == "model":
             self._model(place, world, 0)
         elif tag == "include":
@@ -155,7 +159,7 @@ class ScopeTree:
         item = self._named("model", place, scope, include, name)
         if item is None:
             # Its contents are still counted, and their errors reported.
-            item = Item("model", name or "", _still(place), place, scope)
+            item = Item("model", name or "", still(place), place, scope)
         item.element = place
         self._fill_model(item, place, include, depth)
 
@@ -199,7 +203,8 @@ class ScopeTree:
         try:
             source = self._sources.included(uri, place.source.file.parent)
         except SourceError as error:
-            self._findings.error(error.kind, place, str(error))
+            line = f" (line {error.line})" if error.line else ""
+            self._findings.error(error.kind, place, f"{error}{line}")
             return
         if source in self._stack:
             self._findings.error("URI_INVALID", place, f"`{uri}` includes itself")
@@ -251,7 +256,7 @@ class ScopeTree:
             )
             return
         inner_name = top.element.get("name") or "model"
-        inner = Item("model", inner_name, _still(top), top, scope)
+        inner = Item("model", inner_name, still(top), top, scope)
         self._fill_model(inner, top, include, depth)
         proxy_name = f"_merged__{inner_name}__model__"
         pose = self.pose(include if include.element.find("pose") is not None else top)
@@ -391,53 +396,3 @@ def light_name(place: Place, include: Place | None) -> str:
     """The name of a light: that of its <include>, if this has one."""
     name = "" if include is None else (include.element.findtext("name") or "").strip()
     return name or place.element.get("name") or ""
-
-
-def reference_in(place: Place, attribute: str, findings: Findings) -> str:
-    """The name of a frame in an attribute; empty if there is none, or none is allowed."""
-    name = place.element.get(attribute) or ""
-    if name != "__root__":
-        return name
-    findings.error(
-        "ATTRIBUTE_INVALID", place, f"{attribute} must not be `__root__`, which is reserved"
-    )
-    return ""
-
-
-def pose_of(place: Place, findings: Findings) -> Pose:
-    """The <pose> of an element; the identity if there is none, or it is invalid."""
-    element: etree._Element | None = place.element.find("pose")
-    if element is None:
-        return _still(place)
-    at = place.at(element)
-    list_unread(at, findings)
-    reference = reference_in(at, "relative_to", findings)
-    if element.get("frame") is not None:
-        if place.source.version < (1, 7):
-            reference = reference or element.get("frame") or ""
-        else:
-            findings.ignore("attribute frame of pose", at)
-    degrees = False
-    if element.get("degrees") is not None:
-        try:
-            degrees = values.truth(element.get("degrees"))
-        except ValueError as error:
-            findings.error("ATTRIBUTE_INVALID", at, f"degrees {error}")
-    rotation = element.get("rotation_format") or "euler_rpy"
-    if rotation not in ("euler_rpy", "quat_xyzw") or (degrees and rotation == "quat_xyzw"):
-        findings.error(
-            "ATTRIBUTE_INVALID",
-            at,
-            f"rotation_format `{rotation[:40]}` must be euler_rpy, or quat_xyzw without degrees",
-        )
-        return Pose(np.eye(4), reference, at)
-    try:
-        matrix = values.pose(element.text, degrees, rotation == "quat_xyzw")
-    except ValueError as error:
-        findings.error("ELEMENT_INVALID", at, f"<pose> {error}")
-        matrix = np.eye(4)
-    return Pose(matrix, reference, at)
-
-
-def _still(place: Place) -> Pose:
-    return Pose(np.eye(4), "", place)

@@ -56,6 +56,10 @@ class ReadGeometry:
     mesh_file: Path | None = None
 
 
+LACKING = ReadGeometry(doc.Box(size_m=(1.0, 1.0, 1.0)), np.eye(4))
+"""In place of the mesh of a visual that cannot be had."""
+
+
 class ShapeReader:
     """Reads the contents of collisions and visuals."""
 
@@ -68,7 +72,9 @@ class ShapeReader:
         ] = {}
 
     def geometry(self, place: Place, role: str) -> ReadGeometry | None:
-        """Of a <collision> or <visual>; None if it is empty."""
+        """Of a <collision> or <visual>; None if it is empty, LACKING if it is a mesh that is only
+        seen and cannot be had.
+        """
         element = place.element.find("geometry")
         if element is None:
             self._findings.error("ELEMENT_MISSING", place, f"<{role}> must have a <geometry>")
@@ -101,6 +107,8 @@ class ShapeReader:
         except ValidationError as error:
             message = error.errors()[0]["msg"]
             self._findings.error("ELEMENT_INVALID", at, f"<{kind}> {message}")
+        except _LackingError:
+            return LACKING
         except _FoundError:
             pass
         return None
@@ -122,7 +130,7 @@ class ShapeReader:
         if kind == "polyline":
             return self._polyline(at, all_of_it)
         if kind == "mesh":
-            return self._mesh(at)
+            return self._mesh(at, role)
         radius = self._needed(at, "radius", _length)
         length = self._needed(at, "length", _length)
         if kind == "cylinder":
@@ -163,7 +171,7 @@ class ShapeReader:
             doc.Polyline(polygons_m=tuple(polygons), height_m=heights[0]), np.eye(4)
         )
 
-    def _mesh(self, at: Place) -> ReadGeometry:
+    def _mesh(self, at: Place, role: str) -> ReadGeometry:
         uri = at.element.find("uri")
         if uri is None or not (uri.text or "").strip():
             self._fail(at, "ELEMENT_MISSING", "<mesh> must have a <uri>")
@@ -182,11 +190,10 @@ class ShapeReader:
         try:
             file = self._locator.file(words, at.source.file.parent)
         except LocateError as error:
-            self._fail(at.at(uri), error.kind, str(error))
+            self._lack(at.at(uri), role, error.kind, str(error))
         if file.suffix.lower() not in MESH_SUFFIXES:
-            self._fail(
-                at.at(uri), "GEOMETRY_UNSUPPORTED", f"`{words[:100]}` must be DAE, OBJ, STL or GLB"
-            )
+            must = f"`{words[:100]}` must be DAE, OBJ, STL or GLB"
+            self._lack(at.at(uri), role, "GEOMETRY_UNSUPPORTED", must)
         name = _FILE_NAME.sub("_", file.name).lstrip("_.-")[-128:] or f"mesh{file.suffix}"
         x, y, z = scale
         geometry = MeshGeometry(
@@ -245,7 +252,7 @@ class ShapeReader:
             self._script_cache[key] = self._search(name, places)
         found, picture = self._script_cache[key]
         if found is not None and found.picture and picture is None:
-            self._findings.error(
+            self._findings.missing(
                 "URI_LOOKUP",
                 at,
                 f"image `{found.picture[:100]}` of {name} was not found on the path",
@@ -292,7 +299,7 @@ class ShapeReader:
                 try:
                     self._picture_cache[key] = self._locator.file(*key)
                 except LocateError as error:
-                    self._findings.error(error.kind, at.at(map_element), str(error))
+                    self._findings.missing(error.kind, at.at(map_element), str(error))
             return self._picture_cache[key]
         return None
 
@@ -321,6 +328,13 @@ class ShapeReader:
         except ValueError as error:
             self._fail(at, "ELEMENT_INVALID", f"<{tag}> {error}")
 
+    def _lack(self, at: Place, role: str, kind: str, message: str) -> NoReturn:
+        """A mesh cannot be had: an error, unless it is only seen."""
+        if role != "visual":
+            self._fail(at, kind, message)
+        self._findings.missing(kind, at, message)
+        raise _LackingError
+
     def _fail(self, at: Place, kind: str, message: str) -> NoReturn:
         self._findings.error(kind, at, message)
         raise _FoundError
@@ -328,6 +342,10 @@ class ShapeReader:
 
 class _FoundError(Exception):
     """An error that has been reported already."""
+
+
+class _LackingError(Exception):
+    """A mesh that is only seen cannot be had, which has been reported already."""
 
 
 def volume_m3(geometry: GeometryRecipe) -> float | None:

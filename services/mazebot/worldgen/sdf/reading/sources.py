@@ -124,7 +124,7 @@ class Sources:
                 data = self._expanded(path)
             root = tree_of(data)
         except UnreadableError as error:
-            raise SourceError("FILE_READ", f"{shown} {error}") from None
+            raise SourceError("FILE_READ", f"{shown} {error}", error.line) from None
         if local_name(root.tag) == "robot":
             root = sdf_of(root)
         return Source(path, shown, through_xacro, root, _version(root, shown))

@@ -12,7 +12,7 @@ def _words(text: str) -> frozenset[str]:
 
 _ONCE: dict[str, frozenset[str]] = {
     "sdf": _words("world model include light"),
-    "world": _words("scene"),
+    "world": _words("scene state"),
     "model": _words("pose static"),
     "include": _words("uri name pose static placement_frame"),
     "link": _words("pose inertial"),
@@ -58,7 +58,7 @@ _NOT_SIMULATED: dict[str, frozenset[str]] = {
     "sdf": _words("actor"),
     "world": _words(
         "actor atmosphere audio gravity gui magnetic_field physics plugin population road "
-        "spherical_coordinates state wind"
+        "spherical_coordinates wind"
     ),
     "model": _words("allow_auto_disable enable_wind gripper plugin self_collide"),
     "include": _words("plugin"),
