@@ -72,6 +72,10 @@ _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 _BETTER_FIT = 0.03
 _UNUSUAL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
+_DISCORD = 0.25
+"""Of `Refined.discord`, what scans show that err as `scan_match_std_m` has it: half of this standard
+deviation is the lidar's noise, by which returns differ; the rest they have in common.
+"""
 _SURE_SHARE = 0.15
 """Where a smaller share of the returns constrains a direction, and against odometry, odometry is
 believed: a person walks ahead of the robot in a corridor.
@@ -80,6 +84,8 @@ _DOUBTED = np.outer([1.0, 1.0, 0.1], [1.0, 1.0, 0.1])
 """What is left of odometry's information where another pose fits better. Its turns err: wheels slip
 in them, and stamps differ. Of its ways it is believed: see above.
 """
+_ALIKE = 10.0
+"""Returns that fit or do not fit together, as neighbours do."""
 _TURNS = (-2.0, -1.0, 1.0, 2.0)
 """Standard deviations of the heading from which a doubtful match is tried again."""
 _LARGE_MOVE_M, _LARGE_TURN_RAD = 0.3, 0.35
@@ -125,6 +131,8 @@ class Slam:
         """Whether the robot came next to another node."""
         self._drift = np.zeros((2, 2))
         """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
+        self._usual_discord = _DISCORD
+        """Running mean of how much the parts of the scans contradict each other."""
         self._usual_fit = 1.0
         """Running mean of the share of returns that fit."""
         self._wheels = OdometryQuality()
@@ -400,30 +408,36 @@ class Slam:
         p = self._params
         if len(returns) < _FEW_RETURNS or not p.use_scan_matching:
             return None
+        std_m = p.scan_match_std_m * math.sqrt(self._scatter)
         local = self._local_map()
         prior = information_of(self._covariance.matrix())
-        found = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m)
+        found = refine(local, self._pose, prior, returns, sensor, std_m)
         expected = max(self._usual_fit - _UNUSUAL, p.link_match_minimum_response_fine)
         far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
         doubtful = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD or found.fit < expected
         contradicted = self._is_far(found, prior)
         if contradicted and not found.open_direction:
             sure = refine(
-                local, self._pose, prior, returns, sensor, p.scan_match_std_m,
+                local, self._pose, prior, returns, sensor, std_m,
                 few_share=_SURE_SHARE,
             )  # fmt: skip
             found = sure if sure.open_direction else found
         if contradicted or doubtful:
             doubted = prior * _DOUBTED
             other = refine(
-                local, self._pose, doubted, returns, sensor, p.scan_match_std_m,
+                local, self._pose, doubted, returns, sensor, std_m,
                 found.map_from_base,
             )  # fmt: skip
             if doubtful:
-                other = self._searched(local, doubted, returns, sensor, other)
-            if other.fit > found.fit + (_BETTER_FIT if doubtful else 0.0):
+                other = self._searched(local, prior, returns, sensor, std_m, other)
+                better = self._worth(other, prior, returns) - self._worth(found, prior, returns)
+            else:
+                better = other.fit - found.fit
+            if better > (_BETTER_FIT if doubtful else 0.0):
                 found, prior = other, doubted
         self._usual_fit += _USUAL_GAIN * (found.fit - self._usual_fit)
+        discord = found.discord * self._scatter
+        self._usual_discord += _USUAL_GAIN * (discord - self._usual_discord)
         if found.fit < _LOST_FIT:
             return found.fit
         if not (found.open_direction or doubtful or contradicted):
@@ -437,25 +451,53 @@ class Slam:
         self._covariance = PlanarCovariance.from_matrix(information_of(prior + found.information))
         return found.fit
 
+    @property
+    def _scatter(self) -> float:
+        """Factor of the variances by the parameters, at least 1: how much more the scans contradict
+        the map and themselves than these say.
+        """
+        return max(1.0, self._usual_discord / _DISCORD)
+
+    def _worth(self, found: Refined, prior: Array, returns: Array) -> float:
+        """The share of returns that fit, less what it takes to believe that odometry was so wrong.
+
+        Both are logarithms of likelihoods: a return that fits counts 1, and odometry's errors have
+        long tails, as Student's t distribution with three degrees of freedom.
+        """
+        independent = max(len(returns) / _ALIKE, 1.0)
+        return found.fit - 3.0 * portable.log(1.0 + self._far(found, prior) / 3.0) / independent
+
     def _is_far(self, found: Refined, prior: Array) -> bool:
         """Whether a pose is farther from the predicted one than odometry's errors go."""
+        return self._far(found, prior) > CHI2_99
+
+    def _far(self, found: Refined, prior: Array) -> float:
+        """Squared Mahalanobis distance of a pose from the predicted one."""
         there, here = found.map_from_base, self._pose
         yaw_rad = wrap_angle(there.yaw_rad - here.yaw_rad)
         off = np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
-        return float(portable.product(off, prior, off)) > CHI2_99
+        return float(portable.product(off, prior, off))
 
     def _searched(
-        self, local: LocalMap, prior: Array, returns: Array, sensor: SE2, found: Refined
+        self,
+        local: LocalMap,
+        prior: Array,
+        returns: Array,
+        sensor: SE2,
+        std_m: float,
+        found: Refined,
     ) -> Refined:
         """What fits clearly better in a window around the prediction, or what was found."""
         p = self._params
+        doubted = prior * _DOUBTED
         deviation_rad = math.sqrt(self._covariance.yaw_yaw)
-        best = found
+        best, worth = found, self._worth(found, prior, returns)
         for turns in _TURNS:
             turned = self._pose @ SE2(0.0, 0.0, turns * deviation_rad)
-            other = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m, turned)
-            if other.fit > best.fit + _BETTER_FIT:
-                best = other
+            other = refine(local, self._pose, doubted, returns, sensor, std_m, turned)
+            others = self._worth(other, prior, returns)
+            if others > worth + _BETTER_FIT:
+                best, worth = other, others
         if best.fit >= self._usual_fit - _UNUSUAL:
             return best
         coarse = correlate(
@@ -463,10 +505,8 @@ class Slam:
             p.correlation_search_space_dimension / 2.0, p.coarse_search_angle_offset,
             p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
         )  # fmt: skip
-        other = refine(
-            local, self._pose, prior, returns, sensor, p.scan_match_std_m, coarse.map_from_base
-        )
-        return other if other.fit > best.fit + _BETTER_FIT else best
+        other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse.map_from_base)
+        return other if self._worth(other, prior, returns) > worth + _BETTER_FIT else best
 
     def _local_map(self) -> LocalMap:
         """The map around the pose."""
@@ -477,7 +517,11 @@ class Slam:
         graph = self._graph
         if self._reference < 0:
             self._reference = int(np.argmin(self._away_m(np.arange(len(graph.poses)))))
-        trusted, _ = graph.trusted_and_candidates(self._reference, p.link_scan_maximum_distance)
+        radius_m = graph.radius_m(
+            self._reference, p.link_scan_maximum_distance, self._seen[self._reference].reach_m,
+            p.scan_buffer_size,
+        )  # fmt: skip
+        trusted, _ = graph.trusted_and_candidates(self._reference, radius_m)
         away_m = self._away_m(trusted)
         nodes = trusted[np.argsort(away_m, kind="stable")][: p.scan_buffer_size]
         if int(nodes[0]) != self._reference:
@@ -532,7 +576,9 @@ class Slam:
                     SCAN_MATCH if matched else ODOMETRY, source, node,
                     of_source.inverse() @ self._pose, covariance * len(links),
                 )  # fmt: skip
-        self._covariance = PlanarCovariance(x_x=1e-6, y_y=1e-6, yaw_yaw=2.5e-7)
+        self._covariance = PlanarCovariance(
+            x_x=1e-6 * self._scatter, y_y=1e-6 * self._scatter, yaw_yaw=2.5e-7 * self._scatter
+        )
         self._drift = np.zeros((2, 2))
         self._reference = node
         self._local = None
@@ -546,8 +592,9 @@ class Slam:
         if self.fixed or not self._params.do_loop_closing or node in self._tried:
             return
         self._tried.add(node)
-        sensors = [seen.sensor for seen in self._seen]
-        candidate = find_loop(self._graph, self._clouds, sensors, node, self._params)
+        candidate = find_loop(
+            self._graph, self._clouds, self._seen, node, self._params, self._scatter
+        )
         if candidate is None:
             return
         before = self._graph.pose(self._reference)
@@ -576,7 +623,7 @@ class Slam:
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         covariance = portable.product(turn, self._covariance.matrix(), turn.T)
         covariance[:2, :2] += portable.product(turn[:2, :2], self._drift, turn[:2, :2].T)
-        covariance[0, 0] += _LINK_STD_M * _LINK_STD_M
-        covariance[1, 1] += _LINK_STD_M * _LINK_STD_M
-        covariance[2, 2] += _LINK_STD_RAD * _LINK_STD_RAD
+        covariance[0, 0] += self._scatter * _LINK_STD_M * _LINK_STD_M
+        covariance[1, 1] += self._scatter * _LINK_STD_M * _LINK_STD_M
+        covariance[2, 2] += self._scatter * _LINK_STD_RAD * _LINK_STD_RAD
         return covariance

@@ -208,6 +208,19 @@ class Graph:
         trusted = ways_m <= ratio * straight_m + slack_m
         return near[trusted], near[~trusted]
 
+    def radius_m(self, node: int, least_m: float, reach_m: float, most: int) -> float:
+        """How far from a node to look for what is seen from there: as far as its `most` nearest
+        trusted neighbours stand within `reach_m`, at least `least_m`. So few keyframes far apart
+        give as much of a map as many near ones.
+        """
+        if reach_m <= least_m:
+            return least_m
+        near, _ = self.trusted_and_candidates(node, reach_m)
+        if len(near) < most:
+            return reach_m
+        x, y = (self._poses[near[most - 1], :2] - self._poses[node, :2]).tolist()
+        return max(least_m, math.hypot(x, y))
+
     def _make_roads(self) -> _Roads:
         edges = self.edges
         used = np.flatnonzero(edges.kind != MARKER)

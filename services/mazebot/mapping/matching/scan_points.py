@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ _LEAST_OPEN_RAD = 0.08
 on glass or on something black, and would clear what is behind a wall.
 """
 
+_REACH_SHARE = 0.9
+
 
 @dataclass(frozen=True)
 class ScanPoints:
@@ -31,6 +34,19 @@ class ScanPoints:
     """(m, 2) how far beams without a return saw free space."""
     sensor: SE2
     """base_from_scan"""
+
+    @cached_property
+    def reach_m(self) -> float:
+        """How far the lidar saw obstacles here, the farthest tenth left out; 0 where it saw none.
+
+        A robot this far away still sees part of what is seen from here.
+        """
+        if not len(self.points_m):
+            return 0.0
+        away_m = portable.hypot_each(
+            self.points_m[:, 0] - self.sensor.x_m, self.points_m[:, 1] - self.sensor.y_m
+        )
+        return float(np.sort(away_m)[int(_REACH_SHARE * (len(away_m) - 1))])
 
 
 def scan_points(scan: Scan, max_range_m: float) -> ScanPoints:
