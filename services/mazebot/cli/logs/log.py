@@ -60,7 +60,11 @@ class Log:
     entries: list[Entry]
     base_from_scan: SE2 | None = None
     skipped: int = 0
-    """Lines left out: their time is not after that of the line before, or the last is cut off."""
+    """Lines left out: the last one, where it is cut off."""
+    retimed: int = 0
+    """Scans whose time is not later than that of the ones before: they follow them in the file's
+    order, at times that are made up.
+    """
 
     def steps(self) -> Iterator[Entry]:
         """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
