@@ -8,8 +8,10 @@ no trusted one is near, so that neither the graph nor the time of a step grows i
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +45,11 @@ _SPACING_M = 0.01
 _MOST_RETURNS = 720
 _FEW_RETURNS = 10
 """A scan with fewer returns does not correct the pose."""
-_JUMP_M, _JUMP_M_S = 1.0, 5.0
-"""Odometry that moves by more at once, and faster, has jumped: the robot stayed where it was."""
+_JUMP_M, _JUMP_M_S, _FASTER = 1.0, 5.0, 5.0
+"""Odometry that moves by more at once, and faster, or so much faster than usual, may have jumped."""
+_JUMPED_FIT = 0.2
+"""The robot stayed where it was if the scan fits there by so much better."""
+_STILL_M = 0.01
 _JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
 _FLOOR_STD_M, _FLOOR_STD_RAD = 1e-3, 5e-4
 """What a scan adds to the pose's uncertainty, at least: matches of one place share their errors."""
@@ -70,7 +75,7 @@ _FAR = SE2(math.inf, 0.0, 0.0)
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
 _BETTER_FIT = 0.03
-_UNUSUAL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
+_DOUBTFUL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
 _DISCORD = 0.25
 """Of `Refined.discord`, what scans show that err as `scan_match_std_m` has it: half of this standard
@@ -95,6 +100,20 @@ _MARKER_NODE_M = 1.0
 """A sighting is attached to a keyframe within this."""
 _ROUND_RAD = 5.5
 """A lidar that sees more than this sees the same in whatever direction the robot faces."""
+
+
+NO_ODOMETRY = "without odometry at their time"
+NOT_FINITE = "with angles or a range that are not finite"
+NOT_LATER = "not later than the one before"
+TOO_SOON = "within minimum_time_interval"
+
+
+class Jump(NamedTuple):
+    """A step of odometry between two scans that the second one contradicts."""
+
+    from_ns: int
+    to_ns: int
+    moved: SE2
 
 
 class Slam:
@@ -133,6 +152,8 @@ class Slam:
         """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
         self._usual_discord = _DISCORD
         """Running mean of how much the parts of the scans contradict each other."""
+        self._usual_speed_m_s = math.inf
+        """Running mean by odometry, in motion."""
         self._usual_fit = 1.0
         """Running mean of the share of returns that fit."""
         self._wheels = OdometryQuality()
@@ -142,6 +163,10 @@ class Slam:
         self._closer = LoopCloser(self._graph)
         self._tried: set[int] = set()
         """Nodes at which a loop was looked for since the last one was found."""
+        self.left_out: Counter[str] = Counter()
+        """Scans that were not used, by what they lack."""
+        self.jumps: list[Jump] = []
+        """Steps of odometry that were not believed."""
         self.fixed = False
         """The map stays as it is: scans only correct the pose."""
         self.map_version = 0
@@ -263,20 +288,23 @@ class Slam:
         p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
         if odom_from_base is None:
+            self.left_out[NO_ODOMETRY] += 1
             return False
         described = (scan.angle_min_rad, scan.angle_increment_rad, *scan.base_from_scan)
         if not all(map(math.isfinite, described)) or math.isnan(scan.range_max_m):
+            self.left_out[NOT_FINITE] += 1
             return False
         if self._scanned is not None:
             elapsed_s = (stamp_ns - self._scanned[0]) * 1e-9
             if elapsed_s <= 0.0 or elapsed_s < p.minimum_time_interval:
+                self.left_out[NOT_LATER if elapsed_s <= 0.0 else TOO_SOON] += 1
                 return False
         if p.min_laser_range >= 0.0:
             scan = replace(scan, range_min_m=p.min_laser_range)
         seen = scan_points(scan, p.max_laser_range)
         sees_round = abs(scan.angle_increment_rad) * len(scan.ranges_m) > _ROUND_RAD
         returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
-        motion = self._predict(stamp_ns, odom_from_base)
+        motion = self._predict(stamp_ns, odom_from_base, returns, seen.sensor)
         if not self._seen:
             self._scanned = (stamp_ns, odom_from_base)
             if not self.fixed:
@@ -291,7 +319,7 @@ class Slam:
             self._local_map()
         elif self._wants_keyframe(fit, sees_round):
             self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
-        elif fit is not None and fit >= max(self._usual_fit - _UNUSUAL, _SURE_FIT):
+        elif fit is not None and fit >= max(self._usual_fit - _DOUBTFUL, _SURE_FIT):
             self._enrich(returns, seen.sensor)
         if self._visited:
             self._visited = False
@@ -361,7 +389,9 @@ class Slam:
         if self._scans_of[node] % _REBUILD_SCANS == 0:
             self._local = None
 
-    def _predict(self, stamp_ns: int, odom_from_base: SE2) -> SE2:
+    def _predict(
+        self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2
+    ) -> SE2:
         """Move the pose as odometry moved; that motion."""
         p = self._params
         if self._scanned is None:
@@ -371,12 +401,13 @@ class Slam:
         moved = before.inverse() @ odom_from_base
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         elapsed_s = (stamp_ns - before_ns) * 1e-9
-        jumped = far_m > max(_JUMP_M, _JUMP_M_S * elapsed_s)
-        if jumped:
+        if self._jumped(moved, far_m / elapsed_s, returns, sensor):
+            self.jumps.append(Jump(before_ns, stamp_ns, moved))
             moved, far_m = SE2(0.0, 0.0, 0.0), 0.0
             along = across = _JUMP_STD_M * _JUMP_STD_M
             turn = _JUMP_STD_RAD * _JUMP_STD_RAD
         else:
+            self._learn_speed(far_m, elapsed_s)
             # Both wheels err on the way that they roll, also in a turn on the spot.
             rolled_m = far_m + _HALF_TRACK_M * abs(moved.yaw_rad)
             along = (
@@ -401,6 +432,34 @@ class Slam:
         self._pose = pose
         return moved
 
+    def _jumped(self, moved: SE2, speed_m_s: float, returns: Array, sensor: SE2) -> bool:
+        """Whether odometry jumped, and the robot stayed about where it was.
+
+        Logs are sparse, and their clocks wrong: of an unusual step the scan decides.
+        """
+        far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
+        limit_m_s = min(_JUMP_M_S, _FASTER * self._usual_speed_m_s)
+        if far_m <= _JUMP_M or speed_m_s <= limit_m_s:
+            return False
+        p = self._params
+        if len(returns) < _FEW_RETURNS or not p.use_scan_matching or not self._seen:
+            return speed_m_s > _JUMP_M_S
+        local = self._local_map()
+        loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
+        stayed, went = (
+            refine(local, pose, loose, returns, sensor, p.scan_match_std_m).fit
+            for pose in (self._pose, self._pose @ moved)
+        )
+        return stayed > went + _JUMPED_FIT
+
+    def _learn_speed(self, far_m: float, elapsed_s: float) -> None:
+        if far_m <= _STILL_M:
+            return
+        speed_m_s = far_m / elapsed_s
+        if math.isinf(self._usual_speed_m_s):
+            self._usual_speed_m_s = speed_m_s
+        self._usual_speed_m_s += _USUAL_GAIN * (speed_m_s - self._usual_speed_m_s)
+
     def _match(self, returns: Array, sensor: SE2, moved: SE2) -> float | None:
         """Correct the predicted pose by a scan; the share of returns that fit, None if it was not
         used.
@@ -412,7 +471,7 @@ class Slam:
         local = self._local_map()
         prior = information_of(self._covariance.matrix())
         found = refine(local, self._pose, prior, returns, sensor, std_m)
-        expected = max(self._usual_fit - _UNUSUAL, p.link_match_minimum_response_fine)
+        expected = max(self._usual_fit - _DOUBTFUL, p.link_match_minimum_response_fine)
         far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
         doubtful = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD or found.fit < expected
         contradicted = self._is_far(found, prior)
@@ -498,7 +557,7 @@ class Slam:
             others = self._worth(other, prior, returns)
             if others > worth + _BETTER_FIT:
                 best, worth = other, others
-        if best.fit >= self._usual_fit - _UNUSUAL:
+        if best.fit >= self._usual_fit - _DOUBTFUL:
             return best
         coarse = correlate(
             local, self._pose, thinned(returns, p.correlation_search_space_resolution, 180),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 MAP, GRAPH = "map", "pose_graph.json"
 TRAJECTORY, TRAJECTORY_TUM = "trajectory.csv", "trajectory.tum"
+_JUMPS_SHOWN = 5
 
 
 def build(
@@ -90,13 +92,14 @@ def build(
                 f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
             ),
         )  # fmt: skip
+    _check_used(log_file, built)
     errors = None if known is None else relation_errors(built.times_s, built.poses, known)
     files = _write(out, built)
     if draw is not None:
         from mazebot.cli.map.build_drawing import draw_built  # noqa: PLC0415 - loads OpenCV
 
         draw_built(draw, built)
-    figures = {**built.figures(), "scans_left_out": log.skipped}
+    figures = {**built.figures(), "scans_retimed": log.retimed, "lines_left_out": log.skipped}
     if errors is not None:
         figures["relations"] = errors.document()
     if as_json:
@@ -126,6 +129,24 @@ def _check_folder(out: Path) -> None:
         raise ConfigError(f"--out: {out}: cannot be written: Permission denied")
 
 
+def _check_used(log_file: Path, built: Built) -> None:
+    """Raises ConfigError where most scans could not be used: a map of a small part of a log is not
+    the map that was asked for.
+    """
+    from mazebot.mapping.slam import TOO_SOON  # noqa: PLC0415 - loads Numba
+
+    used, wanted = len(built.times_s), built.scans - built.slam.left_out[TOO_SOON]
+    if 2 * used < wanted:
+        raise ConfigError(
+            f"--log: {log_file}: {used} of {wanted} scans could be used, "
+            f"{_reasons(built.slam.left_out)}: must be at least half of them"
+        )
+
+
+def _reasons(left_out: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count)
+
+
 def _write(out: Path, built: Built) -> list[Path]:
     from mazebot.common.files.folder_writing import write_file  # noqa: PLC0415
     from mazebot.common.world.map_files import write_map  # noqa: PLC0415
@@ -145,12 +166,35 @@ def _write(out: Path, built: Built) -> list[Path]:
     return [written, written.with_suffix(".pgm"), *(out / name for name in texts)]
 
 
+def _remarks(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """What of the log was not used, or not as it is."""
+    rows = []
+    if reasons := _reasons(figures["left_out_reasons"]):
+        rows.append(("left out", f"scans: {reasons}"))
+    if figures["lines_left_out"]:
+        rows.append(("left out", "the last line, which is cut off"))
+    if retimed := figures["scans_retimed"]:
+        rows.append(
+            ("times", f"{retimed} of {figures['scans']} scans are not later than those before: "
+             "they follow in the file's order, at times that are made up")
+        )  # fmt: skip
+    jumps = figures["odometry_jumps"]
+    for jump in jumps[:_JUMPS_SHOWN]:
+        rows.append(
+            ("jump", f"odometry by {jump['moved_m']:.2f} m and {jump['turned_rad']:.2f} rad, "
+             f"{jump['from_s']:.3f} to {jump['to_s']:.3f} s: the scans show that the robot stayed")
+        )  # fmt: skip
+    if len(jumps) > _JUMPS_SHOWN:
+        rows.append(("jump", f"and {len(jumps) - _JUMPS_SHOWN} more"))
+    return rows
+
+
 def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]) -> list[str]:
     scan_ms, size = figures["scan_ms"], figures["map"]
-    left_out = figures["scans_left_out"]
     rows = [
         ("log", f"{figures['scans']} scans in {figures['log_s']:.0f} s, "
-         f"{figures['driven_m']:.0f} m by odometry" + (f", {left_out} left out" * bool(left_out))),
+         f"{figures['driven_m']:.0f} m by odometry"),
+        *_remarks(figures),
         ("map", f"{size['columns']} x {size['rows']} cells of {size['resolution_m']:g} m, "
          f"{size['known_m2']:.0f} m2 known"),
         ("keyframes", f"{figures['keyframes']}"),

@@ -70,6 +70,17 @@ class Built:
         return {
             "scans": self.scans,
             "scans_used": len(self.times_s),
+            "scans_left_out": sum(self.slam.left_out.values()),
+            "left_out_reasons": dict(self.slam.left_out),
+            "odometry_jumps": [
+                {
+                    "from_s": jump.from_ns * 1e-9,
+                    "to_s": jump.to_ns * 1e-9,
+                    "moved_m": round(math.hypot(jump.moved.x_m, jump.moved.y_m), 3),
+                    "turned_rad": round(jump.moved.yaw_rad, 3),
+                }
+                for jump in self.slam.jumps
+            ],
             "log_s": round(self.log_s, 3),
             "driven_m": round(self.driven_m, 2),
             "keyframes": len(self.graph.nodes),
