@@ -192,12 +192,17 @@ class Graph:
         return lengths_m
 
     def trusted_and_candidates(
-        self, node: int, radius_m: float, ratio: float = 2.0, slack_m: float = 2.0
+        self,
+        node: int,
+        radius_m: float,
+        ratio: float = 2.0,
+        slack_m: float = 2.0,
+        detour_m: float = 6.0,
     ) -> tuple[Ints, Ints]:
         """The nodes within a radius of a node, the nearest first, in two parts: trusted neighbours,
         to which the way through the graph is at most `ratio` times the straight one plus
-        `slack_m`, so that little error has gathered on it (the node itself is one); and candidates
-        for a loop, which are near by estimate only.
+        `slack_m`, and longer than it by `detour_m` at most, so that little error has gathered on it
+        (the node itself is one); and candidates for a loop, which are near by estimate only.
         """
         here = self._poses[node]
         near = self.nodes_near(float(here[0]), float(here[1]), radius_m)
@@ -205,7 +210,7 @@ class Graph:
         straight_m = portable.hypot_each(
             self._poses[near, 0] - here[0], self._poses[near, 1] - here[1]
         )
-        trusted = ways_m <= ratio * straight_m + slack_m
+        trusted = ways_m <= np.minimum(ratio * straight_m + slack_m, straight_m + detour_m)
         return near[trusted], near[~trusted]
 
     def radius_m(self, node: int, least_m: float, reach_m: float, most: int) -> float:
