@@ -45,10 +45,14 @@ _SPACING_M = 0.01
 _MOST_RETURNS = 720
 _FEW_RETURNS = 10
 """A scan with fewer returns does not correct the pose."""
-_JUMP_M, _JUMP_M_S, _FASTER = 1.0, 5.0, 5.0
-"""Odometry that moves by more at once, and faster, or so much faster than usual, may have jumped."""
+_JUMP_M, _JUMP_M_S = 1.0, 5.0
+"""Odometry that moves by more at once, and faster, may have jumped..."""
+_FASTER = 2.0
+"""...where the robot usually moves at less than this part of it: logs are sparse, and their clocks
+wrong.
+"""
 _JUMPED_FIT = 0.2
-"""The robot stayed where it was if the scan fits there by so much better."""
+"""The robot stayed about where it was if the scan fits there by so much better."""
 _STILL_M = 0.01
 _JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
 _FLOOR_STD_M, _FLOOR_STD_RAD = 1e-3, 5e-4
@@ -74,6 +78,8 @@ _LOST_FIT = 0.3
 _FAR = SE2(math.inf, 0.0, 0.0)
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
+_WINDOW, _MOST_WINDOW_M, _MOST_WINDOW_RAD = 2.0, 1.5, 0.8
+"""Standard deviations of the prediction that are searched, and the half of the window at most."""
 _BETTER_FIT = 0.03
 _DOUBTFUL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
@@ -152,7 +158,7 @@ class Slam:
         """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
         self._usual_discord = _DISCORD
         """Running mean of how much the parts of the scans contradict each other."""
-        self._usual_speed_m_s = math.inf
+        self._usual_speed_m_s = _JUMP_M_S / _FASTER
         """Running mean by odometry, in motion."""
         self._usual_fit = 1.0
         """Running mean of the share of returns that fit."""
@@ -401,10 +407,11 @@ class Slam:
         moved = before.inverse() @ odom_from_base
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         elapsed_s = (stamp_ns - before_ns) * 1e-9
-        if self._jumped(moved, far_m / elapsed_s, returns, sensor):
+        if self._jumped(moved, elapsed_s, returns, sensor):
             self.jumps.append(Jump(before_ns, stamp_ns, moved))
             moved, far_m = SE2(0.0, 0.0, 0.0), 0.0
-            along = across = _JUMP_STD_M * _JUMP_STD_M
+            std_m = max(_JUMP_STD_M, self._usual_speed_m_s * elapsed_s)
+            along = across = std_m * std_m
             turn = _JUMP_STD_RAD * _JUMP_STD_RAD
         else:
             self._learn_speed(far_m, elapsed_s)
@@ -432,33 +439,48 @@ class Slam:
         self._pose = pose
         return moved
 
-    def _jumped(self, moved: SE2, speed_m_s: float, returns: Array, sensor: SE2) -> bool:
-        """Whether odometry jumped, and the robot stayed about where it was.
-
-        Logs are sparse, and their clocks wrong: of an unusual step the scan decides.
+    def _jumped(self, moved: SE2, elapsed_s: float, returns: Array, sensor: SE2) -> bool:
+        """Whether odometry jumped, and the robot moved as usual: of an unusual step the scan
+        decides.
         """
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
-        limit_m_s = min(_JUMP_M_S, _FASTER * self._usual_speed_m_s)
-        if far_m <= _JUMP_M or speed_m_s <= limit_m_s:
+        speed_m_s = far_m / elapsed_s
+        if far_m <= _JUMP_M or speed_m_s <= _FASTER * self._usual_speed_m_s:
             return False
         p = self._params
         if len(returns) < _FEW_RETURNS or not p.use_scan_matching or not self._seen:
             return speed_m_s > _JUMP_M_S
-        local = self._local_map()
-        loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
-        stayed, went = (
-            refine(local, pose, loose, returns, sensor, p.scan_match_std_m).fit
-            for pose in (self._pose, self._pose @ moved)
+        usual_m = self._usual_speed_m_s * elapsed_s
+        stayed = self._fit_around(self._pose, usual_m, returns, sensor)
+        went = self._fit_around(
+            self._pose @ moved, 2.0 * p.odometry_translation_ratio * far_m, returns, sensor
         )
         return stayed > went + _JUMPED_FIT
 
+    def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
+        """The share of returns that fit where they fit best around a pose."""
+        local = self._local_map()
+        coarse = self._correlated(local, pose, returns, window_m, 0.0)
+        loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
+        std_m = self._params.scan_match_std_m
+        return refine(local, coarse, loose, returns, sensor, std_m).fit
+
+    def _correlated(
+        self, local: LocalMap, pose: SE2, returns: Array, window_m: float, window_rad: float
+    ) -> SE2:
+        """Where a scan fits best in a window, which is at least as large as the parameters say."""
+        p = self._params
+        least_m = p.correlation_search_space_dimension / 2.0
+        return correlate(
+            local, pose, thinned(returns, p.correlation_search_space_resolution, 180),
+            max(least_m, min(window_m, _MOST_WINDOW_M)),
+            max(p.coarse_search_angle_offset, min(window_rad, _MOST_WINDOW_RAD)),
+            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
+        ).map_from_base  # fmt: skip
+
     def _learn_speed(self, far_m: float, elapsed_s: float) -> None:
-        if far_m <= _STILL_M:
-            return
-        speed_m_s = far_m / elapsed_s
-        if math.isinf(self._usual_speed_m_s):
-            self._usual_speed_m_s = speed_m_s
-        self._usual_speed_m_s += _USUAL_GAIN * (speed_m_s - self._usual_speed_m_s)
+        if far_m > _STILL_M:
+            self._usual_speed_m_s += _USUAL_GAIN * (far_m / elapsed_s - self._usual_speed_m_s)
 
     def _match(self, returns: Array, sensor: SE2, moved: SE2) -> float | None:
         """Correct the predicted pose by a scan; the share of returns that fit, None if it was not
@@ -559,12 +581,11 @@ class Slam:
                 best, worth = other, others
         if best.fit >= self._usual_fit - _DOUBTFUL:
             return best
-        coarse = correlate(
-            local, self._pose, thinned(returns, p.correlation_search_space_resolution, 180),
-            p.correlation_search_space_dimension / 2.0, p.coarse_search_angle_offset,
-            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
-        )  # fmt: skip
-        other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse.map_from_base)
+        deviation_m = math.sqrt(max(self._covariance.x_x, self._covariance.y_y))
+        coarse = self._correlated(
+            local, self._pose, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
+        )
+        other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse)
         return other if self._worth(other, prior, returns) > worth + _BETTER_FIT else best
 
     def _local_map(self) -> LocalMap:
