@@ -46,13 +46,15 @@ _MOST_RETURNS = 720
 _FEW_RETURNS = 10
 """A scan with fewer returns does not correct the pose."""
 _JUMP_M, _JUMP_M_S = 1.0, 5.0
-"""Odometry that moves by more at once, and faster, may have jumped..."""
-_FASTER = 2.0
-"""...where the robot usually moves at less than this part of it: logs are sparse, and their clocks
-wrong.
+"""Odometry that moves by more at once may have jumped: the scan decides. Where it cannot, what is
+faster has jumped.
 """
-_JUMPED_FIT = 0.2
-"""The robot stayed about where it was if the scan fits there by so much better."""
+_FASTER = 2.0
+"""A speed is unusual at so much more than usual: logs are sparse, and their clocks wrong."""
+_JUMPED_FIT, _JUMPED_FIT_USUAL = 0.2, 0.5
+"""The robot stayed about where it was if the scan fits there by so much better; the second where
+its speed was not unusual: scans may be missing, and corridors look alike.
+"""
 _STILL_M = 0.01
 _JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
 _FLOOR_STD_M, _FLOOR_STD_RAD = 1e-3, 5e-4
@@ -445,28 +447,44 @@ class Slam:
         """
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         speed_m_s = far_m / elapsed_s
-        if far_m <= _JUMP_M or speed_m_s <= _FASTER * self._usual_speed_m_s:
+        if far_m <= _JUMP_M:
             return False
         p = self._params
         if len(returns) < _FEW_RETURNS or not p.use_scan_matching or not self._seen:
             return speed_m_s > _JUMP_M_S
         usual_m = self._usual_speed_m_s * elapsed_s
-        stayed = self._fit_around(self._pose, usual_m, returns, sensor)
-        went = self._fit_around(
-            self._pose @ moved, 2.0 * p.odometry_translation_ratio * far_m, returns, sensor
+        usual = far_m <= _FASTER * usual_m
+        there = self._pose @ moved
+        if usual and self._fit_around(there, 0.0, returns, sensor) >= self._usual_fit - _ODD:
+            return False
+        reach_m = _WINDOW * p.odometry_translation_ratio * far_m
+        went = self._fit_around(there, reach_m, returns, sensor)
+        turned = self._pose @ SE2(0.0, 0.0, moved.yaw_rad)
+        stayed = max(
+            self._fit_around(pose, _WINDOW * usual_m, returns, sensor)
+            for pose in (self._pose, turned)
         )
-        return stayed > went + _JUMPED_FIT
+        return stayed > went + (_JUMPED_FIT_USUAL if usual else _JUMPED_FIT)
 
     def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
-        """The share of returns that fit where they fit best around a pose."""
+        """The share of returns that fit where they fit best around a pose, found from there alone if
+        the window is 0.
+        """
         local = self._local_map()
-        coarse = self._correlated(local, pose, returns, window_m, 0.0)
         loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
+        if window_m > 0.0:
+            pose = self._correlated(local, pose, loose, returns, window_m, 0.0)
         std_m = self._params.scan_match_std_m
-        return refine(local, coarse, loose, returns, sensor, std_m).fit
+        return refine(local, pose, loose, returns, sensor, std_m).fit
 
     def _correlated(
-        self, local: LocalMap, pose: SE2, returns: Array, window_m: float, window_rad: float
+        self,
+        local: LocalMap,
+        pose: SE2,
+        prior: Array,
+        returns: Array,
+        window_m: float,
+        window_rad: float,
     ) -> SE2:
         """Where a scan fits best in a window, which is at least as large as the parameters say."""
         p = self._params
@@ -475,7 +493,8 @@ class Slam:
             local, pose, thinned(returns, p.correlation_search_space_resolution, 180),
             max(least_m, min(window_m, _MOST_WINDOW_M)),
             max(p.coarse_search_angle_offset, min(window_rad, _MOST_WINDOW_RAD)),
-            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
+            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation, prior,
+            3.0 / _independent(returns),
         ).map_from_base  # fmt: skip
 
     def _learn_speed(self, far_m: float, elapsed_s: float) -> None:
@@ -545,8 +564,8 @@ class Slam:
         Both are logarithms of likelihoods: a return that fits counts 1, and odometry's errors have
         long tails, as Student's t distribution with three degrees of freedom.
         """
-        independent = max(len(returns) / _ALIKE, 1.0)
-        return found.fit - 3.0 * portable.log(1.0 + self._far(found, prior) / 3.0) / independent
+        unlikely = portable.log(1.0 + self._far(found, prior) / 3.0)
+        return found.fit - 3.0 * unlikely / _independent(returns)
 
     def _is_far(self, found: Refined, prior: Array) -> bool:
         """Whether a pose is farther from the predicted one than odometry's errors go."""
@@ -583,7 +602,7 @@ class Slam:
             return best
         deviation_m = math.sqrt(max(self._covariance.x_x, self._covariance.y_y))
         coarse = self._correlated(
-            local, self._pose, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
+            local, self._pose, prior, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
         )
         other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse)
         return other if self._worth(other, prior, returns) > worth + _BETTER_FIT else best
@@ -707,3 +726,8 @@ class Slam:
         covariance[1, 1] += self._scatter * _LINK_STD_M * _LINK_STD_M
         covariance[2, 2] += self._scatter * _LINK_STD_RAD * _LINK_STD_RAD
         return covariance
+
+
+def _independent(returns: Array) -> float:
+    """So many returns say as much, each for itself."""
+    return max(len(returns) / _ALIKE, 1.0)
