@@ -66,6 +66,18 @@ class Log:
     order, at times that are made up.
     """
 
+    @property
+    def scans(self) -> int:
+        """How many scans there are."""
+        return sum(entry.scan is not None for entry in self.entries)
+
+    def remark(self) -> str:
+        """What to say of the times, if some are made up."""
+        return (
+            f"{self.retimed} of {self.scans} scans are not later than those before: they follow in "
+            "the file's order, at times that are made up"
+        )
+
     def steps(self) -> Iterator[Entry]:
         """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
         lies between two then.
@@ -79,6 +91,7 @@ class Log:
             if entry.odom_from_base is not None:
                 yield from waiting
                 waiting = []
+        yield from waiting
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazebot.cli.drive.progress import ProgressLine
-from mazebot.cli.logs.log import Topics
+from mazebot.cli.logs.log import Log, Topics
 from mazebot.cli.logs.options import (
     AngleIncrement,
     AngleMin,
@@ -93,7 +93,9 @@ def build(
             ),
         )  # fmt: skip
     _check_used(log_file, built)
-    errors = None if known is None else relation_errors(built.times_s, built.poses, known)
+    errors = None
+    if known is not None:
+        errors = relation_errors(built.times_s, built.poses, known, built.odometry)
     files = _write(out, built)
     if draw is not None:
         from mazebot.cli.map.build_drawing import draw_built  # noqa: PLC0415 - loads OpenCV
@@ -105,7 +107,7 @@ def build(
     if as_json:
         print_json({**figures, "files": [str(file) for file in files]})
     else:
-        sys.stdout.write("".join(f"{line}\n" for line in _lines(figures, errors, files)))
+        sys.stdout.write("".join(f"{line}\n" for line in _lines(log, figures, errors, files)))
 
 
 def _params(path: Path | None) -> SlamParams:
@@ -166,18 +168,15 @@ def _write(out: Path, built: Built) -> list[Path]:
     return [written, written.with_suffix(".pgm"), *(out / name for name in texts)]
 
 
-def _remarks(figures: dict[str, Any]) -> list[tuple[str, str]]:
+def _remarks(log: Log, figures: dict[str, Any]) -> list[tuple[str, str]]:
     """What of the log was not used, or not as it is."""
     rows = []
     if reasons := _reasons(figures["left_out_reasons"]):
         rows.append(("left out", f"scans: {reasons}"))
     if figures["lines_left_out"]:
         rows.append(("left out", "the last line, which is cut off"))
-    if retimed := figures["scans_retimed"]:
-        rows.append(
-            ("times", f"{retimed} of {figures['scans']} scans are not later than those before: "
-             "they follow in the file's order, at times that are made up")
-        )  # fmt: skip
+    if log.retimed:
+        rows.append(("times", log.remark()))
     jumps = figures["odometry_jumps"]
     for jump in jumps[:_JUMPS_SHOWN]:
         rows.append(
@@ -189,12 +188,14 @@ def _remarks(figures: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]) -> list[str]:
+def _lines(
+    log: Log, figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]
+) -> list[str]:
     scan_ms, size = figures["scan_ms"], figures["map"]
     rows = [
         ("log", f"{figures['scans']} scans in {figures['log_s']:.0f} s, "
          f"{figures['driven_m']:.0f} m by odometry"),
-        *_remarks(figures),
+        *_remarks(log, figures),
         ("map", f"{size['columns']} x {size['rows']} cells of {size['resolution_m']:g} m, "
          f"{size['known_m2']:.0f} m2 known"),
         ("keyframes", f"{figures['keyframes']}"),
@@ -210,7 +211,8 @@ def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[P
         (m, m_std), (deg, deg_std) = errors.translation_m, errors.rotation_deg
         (m2, m2_std), (deg2, deg2_std) = errors.translation_squared_m2, errors.rotation_squared_deg2
         rows += [
-            ("relations", f"{errors.used} used, {errors.left_out} outside of the log"),
+            ("relations", f"{errors.used} used, {errors.left_out} outside of the log"
+             + f", {errors.between} between scans, by odometry" * bool(errors.between)),
             ("translation", f"{m:.4f} +- {m_std:.4f} m, squared {m2:.5f} +- {m2_std:.5f} m2"),
             ("rotation", f"{deg:.3f} +- {deg_std:.3f} deg, "
              f"squared {deg2:.3f} +- {deg2_std:.3f} deg2"),

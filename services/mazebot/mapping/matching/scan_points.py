@@ -54,14 +54,14 @@ def scan_points(scan: Scan, max_range_m: float) -> ScanPoints:
 
     Ranges in [range_min, range_max) are returns, up to `max_range_m`; farther ones show only
     that it is free up to there. The same holds for ranges of `range_max` and more, infinite ones
-    included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min` and
-    NaN, are ignored, as in REP 117.
+    included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min`, 0
+    and NaN, are ignored, as in REP 117; drivers write 0 for no return, and a `range_min` of 0.
     """
     base_from_scan = scan.base_from_scan
     distances_m = np.asarray(scan.ranges_m, np.float64).reshape(-1)
     limit_m = min(scan.range_max_m, _FAR_M)
     reach_m = min(limit_m, max_range_m)
-    in_range = (distances_m >= scan.range_min_m) & (distances_m < limit_m)
+    in_range = (distances_m >= scan.range_min_m) & (distances_m > 0.0) & (distances_m < limit_m)
     returned = in_range & (distances_m < reach_m)
     misses = distances_m >= limit_m
     if misses.any():
