@@ -86,8 +86,8 @@ _BETTER_FIT = 0.03
 _DOUBTFUL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
 _DISCORD = 0.25
-"""Of `Refined.discord`, what scans show that err as `scan_match_std_m` has it: half of this standard
-deviation is the lidar's noise, by which returns differ; the rest they have in common.
+"""`Refined.discord` of scans that err as `scan_match_std_m` has it: half of this standard deviation
+is the lidar's noise, by which returns differ; the rest they have in common.
 """
 _SURE_SHARE = 0.15
 """Where a smaller share of the returns constrains a direction, and against odometry, odometry is
@@ -158,12 +158,16 @@ class Slam:
         """Whether the robot came next to another node."""
         self._drift = np.zeros((2, 2))
         """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
-        self._usual_discord = _DISCORD
+        self._usual_discord = 0.0
         """Running mean of how much the parts of the scans contradict each other."""
         self._usual_speed_m_s = _JUMP_M_S / _FASTER
         """Running mean by odometry, in motion."""
         self._usual_fit = 1.0
         """Running mean of the share of returns that fit."""
+        self._surprise: Array | None = None
+        """(3, 3) square of how far the last scan was from where odometry had it, if too far: a
+        scan that was paired with odometry of another time makes the next step err as much.
+        """
         self._wheels = OdometryQuality()
         self._reference = -1
         """The trusted node next to the robot."""
@@ -397,9 +401,7 @@ class Slam:
         if self._scans_of[node] % _REBUILD_SCANS == 0:
             self._local = None
 
-    def _predict(
-        self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2
-    ) -> SE2:
+    def _predict(self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2) -> SE2:
         """Move the pose as odometry moved; that motion."""
         p = self._params
         if self._scanned is None:
@@ -438,6 +440,10 @@ class Slam:
             .spread(across, -s, c, 0.0)
             .spread(turn, 0.0, 0.0, 1.0)
         )
+        if self._surprise is not None:
+            matrix = self._covariance.matrix() + self._surprise
+            self._covariance = PlanarCovariance.from_matrix(matrix)
+            self._surprise = None
         self._pose = pose
         return moved
 
@@ -467,8 +473,8 @@ class Slam:
         return stayed > went + (_JUMPED_FIT_USUAL if usual else _JUMPED_FIT)
 
     def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
-        """The share of returns that fit where they fit best around a pose, found from there alone if
-        the window is 0.
+        """The share of returns that fit where they fit best around a pose; without a window, found
+        from there alone.
         """
         local = self._local_map()
         loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
@@ -514,7 +520,10 @@ class Slam:
         found = refine(local, self._pose, prior, returns, sensor, std_m)
         expected = max(self._usual_fit - _DOUBTFUL, p.link_match_minimum_response_fine)
         far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
-        doubtful = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD or found.fit < expected
+        far = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD
+        doubtful = far or found.fit < expected
+        # Of a short step the window alone is a limit: slip and stamps err more than it is long.
+        by_odometry, likely = prior, prior if far else np.zeros((3, 3))
         contradicted = self._is_far(found, prior)
         if contradicted and not found.open_direction:
             sure = refine(
@@ -529,8 +538,8 @@ class Slam:
                 found.map_from_base,
             )  # fmt: skip
             if doubtful:
-                other = self._searched(local, prior, returns, sensor, std_m, other)
-                better = self._worth(other, prior, returns) - self._worth(found, prior, returns)
+                other = self._searched(local, prior, likely, returns, sensor, std_m, other)
+                better = self._worth(other, likely, returns) - self._worth(found, likely, returns)
             else:
                 better = other.fit - found.fit
             if better > (_BETTER_FIT if doubtful else 0.0):
@@ -547,6 +556,9 @@ class Slam:
             trace = float(xy_information[0, 0] + xy_information[1, 1])
             open_share = np.eye(2) - xy_information / trace if trace > 0.0 else np.eye(2)
             self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * open_share
+        if far and self._is_far(found, by_odometry):
+            off = self._off(found)
+            self._surprise = np.outer(off, off)
         self._pose = found.map_from_base
         self._covariance = PlanarCovariance.from_matrix(information_of(prior + found.information))
         return found.fit
@@ -573,39 +585,46 @@ class Slam:
 
     def _far(self, found: Refined, prior: Array) -> float:
         """Squared Mahalanobis distance of a pose from the predicted one."""
+        off = self._off(found)
+        return float(portable.product(off, prior, off))
+
+    def _off(self, found: Refined) -> Array:
+        """x, y and yaw of a pose less those of the predicted one."""
         there, here = found.map_from_base, self._pose
         yaw_rad = wrap_angle(there.yaw_rad - here.yaw_rad)
-        off = np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
-        return float(portable.product(off, prior, off))
+        return np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
 
     def _searched(
         self,
         local: LocalMap,
         prior: Array,
+        likely: Array,
         returns: Array,
         sensor: SE2,
         std_m: float,
         found: Refined,
     ) -> Refined:
-        """What fits clearly better in a window around the prediction, or what was found."""
-        p = self._params
+        """What fits clearly better in a window around the prediction, or what was found.
+
+        `likely`: (3, 3) information by which what is farther counts for less.
+        """
         doubted = prior * _DOUBTED
         deviation_rad = math.sqrt(self._covariance.yaw_yaw)
-        best, worth = found, self._worth(found, prior, returns)
+        best, worth = found, self._worth(found, likely, returns)
         for turns in _TURNS:
             turned = self._pose @ SE2(0.0, 0.0, turns * deviation_rad)
             other = refine(local, self._pose, doubted, returns, sensor, std_m, turned)
-            others = self._worth(other, prior, returns)
+            others = self._worth(other, likely, returns)
             if others > worth + _BETTER_FIT:
                 best, worth = other, others
         if best.fit >= self._usual_fit - _DOUBTFUL:
             return best
         deviation_m = math.sqrt(max(self._covariance.x_x, self._covariance.y_y))
         coarse = self._correlated(
-            local, self._pose, prior, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
+            local, self._pose, likely, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
         )
         other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse)
-        return other if self._worth(other, prior, returns) > worth + _BETTER_FIT else best
+        return other if self._worth(other, likely, returns) > worth + _BETTER_FIT else best
 
     def _local_map(self) -> LocalMap:
         """The map around the pose."""

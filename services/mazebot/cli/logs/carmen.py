@@ -41,7 +41,7 @@ _MADE_UP_S = 1.0
 
 
 _Times = tuple[float, float]
-"""The IPC's time, of the measurement, and the logger's, s; the latter for both where it is alone."""
+"""The IPC's, of the measurement, and the logger's, s; one for both where the other is missing."""
 
 
 @dataclass(frozen=True)

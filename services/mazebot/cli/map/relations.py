@@ -116,7 +116,9 @@ def relation_errors(
             f"{times_s[0]:.3f} to "
             f"{times_s[-1]:.3f} s: must be at least 2"
         )
-    a, b = (_at(times_s, poses, one[within], odometry) for one in (relations.from_s, relations.to_s))
+    a, b = (
+        _at(times_s, poses, one[within], odometry) for one in (relations.from_s, relations.to_s)
+    )
     away_s = np.max([_from_scan_s(times_s, one[within]) for one in both], axis=0)
     error = _joined(_joined(_inverse(a), b), _inverse(relations.relative[within]))
     translation = np.hypot(error[:, 0], error[:, 1])

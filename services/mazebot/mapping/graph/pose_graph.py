@@ -29,6 +29,9 @@ KINDS = ("odometry", "scan_match", "loop", "marker")
 PLAIN, HUBER, CAUCHY = range(3)
 """Robust kernels of edges: none; linear beyond its width; logarithmic beyond it."""
 
+_FARTHER = 1.25
+"""A lidar that sees less than so much farther than the least radius gains nothing by more of it."""
+
 
 class Edges(NamedTuple):
     """Edges, as views of a graph's arrays: not to be written to."""
@@ -218,7 +221,7 @@ class Graph:
         trusted neighbours stand within `reach_m`, at least `least_m`. So few keyframes far apart
         give as much of a map as many near ones.
         """
-        if reach_m <= least_m:
+        if reach_m <= _FARTHER * least_m:
             return least_m
         near, _ = self.trusted_and_candidates(node, reach_m)
         if len(near) < most:
