@@ -477,7 +477,7 @@ class Slam:
         from there alone.
         """
         local = self._local_map()
-        loose = np.diag([_JUMP_STD_M**-2, _JUMP_STD_M**-2, _JUMP_STD_RAD**-2])
+        loose = np.diag([1.0 / (std * std) for std in (_JUMP_STD_M, _JUMP_STD_M, _JUMP_STD_RAD)])
         if window_m > 0.0:
             pose = self._correlated(local, pose, loose, returns, window_m, 0.0)
         std_m = self._params.scan_match_std_m
