@@ -159,20 +159,63 @@ class TestCarmen:
         assert [entry.odom_from_base for entry in log.entries] == at
         assert log.skipped == 0
 
-    def test_times_that_repeat_or_go_back_are_left_out_and_counted(self, tmp_path: Path) -> None:
+    def test_times_that_repeat_or_go_back_lie_between_the_others(self, tmp_path: Path) -> None:
         times = [10.0, 11.0, 11.0, 10.5, 12.0]
         lines = [flaser(time_s, SE2(0.1 * i, 0, 0)) for i, time_s in enumerate(times)]
         log = read(written(tmp_path, *lines))
-        assert log.skipped == 2
+        assert (log.skipped, log.retimed) == (0, 2)
         ways = [entry.odom_from_base.x_m for entry in log.entries if entry.odom_from_base]
-        assert ways == pytest.approx([0.0, 0.1, 0.4])
+        assert ways == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+        seconds = [entry.stamp_ns * 1e-9 for entry in log.entries]
+        assert seconds == pytest.approx([10.0, 11.0, 11.0 + 1.0 / 3.0, 11.0 + 2.0 / 3.0, 12.0])
+
+    @pytest.mark.parametrize(
+        ("times", "seconds", "retimed"),
+        [
+            ([0.0] * 4, [0.0, 1.0, 2.0, 3.0], 3),
+            # Six digits of a time.
+            ([1.01893e9] * 3 + [1.01894e9], [1.01893e9 + i for i in range(3)] + [1.01894e9], 2),
+            ([7.0, 7.0, 8.0, 8.0, 8.0], [7.0, 7.5, 8.0, 9.0, 10.0], 3),
+            # A clock that ran over, and one that was not set for one scan.
+            ([9998.0, 9999.0, 0.0, 1.0], [9998.0, 9999.0, 10000.0, 10001.0], 0),
+            ([50.0, 51.0, 0.0, 52.0], [50.0, 51.0, 51.5, 52.0], 1),
+        ],
+    )
+    def test_no_scan_is_lost_for_its_time(
+        self, tmp_path: Path, times: list[float], seconds: list[float], retimed: int
+    ) -> None:
+        at = [SE2(0.3 * i, 0, 0) for i in range(len(times))]
+        lines = [
+            f"{flaser(time_s, pose).rsplit(maxsplit=3)[0]} {time_s} h {time_s}"
+            for time_s, pose in zip(times, at, strict=True)
+        ]
+        log = read(written(tmp_path, *lines))
+        assert [entry.odom_from_base for entry in log.entries] == at
+        assert [entry.stamp_ns * 1e-9 for entry in log.entries] == pytest.approx(seconds, abs=1e-6)
+        assert (log.skipped, log.retimed) == (0, retimed)
+
+    def test_the_loggers_times_where_the_others_are_all_one(self, tmp_path: Path) -> None:
+        lines = [f"{flaser(5.0).rsplit(maxsplit=3)[0]} 1e9 h {0.5 * i}" for i in range(4)]
+        log = read(written(tmp_path, *lines))
+        assert [entry.stamp_ns for entry in log.entries] == [0, 5 * 10**8, 10**9, 15 * 10**8]
+        assert log.retimed == 0
+
+    def test_lines_without_times_are_joined_to_the_odometry_around(self, tmp_path: Path) -> None:
+        lines = []
+        for i in range(3):
+            lines.append(f"ODOM {i} 0 0 0 0 0 0 h 0")
+            lines.append("RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3 0 0 h 0")
+        log = read(written(tmp_path, *lines, "ODOM 3 0 0 0 0 0 0 h 0"))
+        order = [entry.scan is not None for entry in log.entries]
+        assert order == [False, True, False, True, False, True, False]
+        assert log.retimed == 2
 
     def test_a_clock_that_was_set_back_loses_no_scans(self, tmp_path: Path) -> None:
         times = [5000.0, 5001.0, 100.0, 101.0]
         lines = [flaser(time_s, SE2(0.1 * i, 0, 0)) for i, time_s in enumerate(times)]
         log = read(written(tmp_path, *lines))
         seconds = [entry.stamp_ns * 1e-9 for entry in log.entries]
-        assert seconds == pytest.approx([5000.0, 5001.0, 5001.1, 5002.1])
+        assert seconds == pytest.approx([5000.0, 5001.0, 5002.0, 5003.0])
 
     def test_the_loggers_time_where_the_other_is_not_set(self, tmp_path: Path) -> None:
         line = flaser(0.0).rsplit(maxsplit=1)[0]

@@ -136,6 +136,57 @@ class TestMap:
         assert figures["map"]["resolution_m"] == 0.1
 
 
+class TestLogsAsTheyAre:
+    """What of a log is not as it should be is said, and its map is whole, or an error."""
+
+    def lines(self, hall: Hall, every: int = 6) -> list[list[str]]:
+        """FLASER lines of the hall, as words."""
+        lines = [line.split() for line in hall.carmen.read_text().splitlines()]
+        return [words for words in lines if words[0] == "FLASER"][:180:every]
+
+    def written(self, tmp_path: Path, lines: list[list[str]]) -> Path:
+        log = tmp_path / "robot.log"
+        log.write_text("".join(" ".join(words) + "\n" for words in lines))
+        return log
+
+    def test_times_that_are_all_one(self, hall: Hall, tmp_path: Path) -> None:
+        lines = [[*words[:-3], "1.01893e+09", "host", "0"] for words in self.lines(hall)]
+        log = self.written(tmp_path, lines)
+        text = told("--log", str(log), "--out", str(tmp_path / "out"))
+        assert "29 of 30 scans are not later than those before" in text
+        assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum")) == 30
+
+    def test_a_jump_is_told_where(self, hall: Hall, tmp_path: Path) -> None:
+        lines = self.lines(hall)
+        for words in lines[20:]:
+            for i in (-9, -6):
+                words[i] = str(float(words[i]) + 4.0)
+        log = self.written(tmp_path, lines)
+        text = told("--log", str(log), "--out", str(tmp_path / "out"))
+        (jump,) = (line for line in text.splitlines() if line.startswith("jump"))
+        assert f"{float(lines[19][-3]):.3f} to {float(lines[20][-3]):.3f} s" in jump
+
+    def test_a_map_of_a_small_part_is_an_error(self, tmp_path: Path) -> None:
+        # Odometry ends early.
+        rows = [f"{i},{0.1 * i},0,0,2,2,2,2" for i in range(4)]
+        log = tmp_path / "log.csv"
+        header = "time_s,odom_x_m,odom_y_m,odom_yaw_rad,range_0,range_1,range_2,range_3"
+        log.write_text("\n".join([header, *rows]) + "\n")
+        params = tmp_path / "p.yaml"
+        params.write_text("minimum_time_interval: 3\n")
+        # Left out on purpose: no error.
+        options = ("--log", str(log), "--out", str(tmp_path / "out"))
+        assert "2 within minimum_time_interval" in told(*options, "--params", str(params))
+        rows = [f"RAWLASER1 0 -1.5 3.0 1.5 8 0.01 0 3 1 2 3 0 {i} h {i}" for i in range(1, 9)]
+        odometry = [f"ODOM {0.1 * i} 0 0 0 0 0 {i} h {i}" for i in range(1, 4)]
+        carmen = tmp_path / "raw.log"
+        carmen.write_text("\n".join([*odometry, *rows]) + "\n")
+        with pytest.raises(ConfigError) as error:
+            told("--log", str(carmen), "--out", str(tmp_path / "out"))
+        assert str(error.value).startswith(f"--log: {carmen}: 3 of 8 scans could be used")
+        assert "5 without odometry at their time" in str(error.value)
+
+
 def _away_m(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
     a, b = segment[:2], segment[2:]
     along = b - a

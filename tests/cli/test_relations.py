@@ -59,6 +59,18 @@ class TestErrors:
         assert errors.translation_m[0] == pytest.approx(0.0, abs=1e-12)
         assert errors.rotation_deg[0] == pytest.approx(0.0, abs=1e-9)
 
+    def test_between_scans_the_pose_moves_as_odometry_does_and_is_counted(self) -> None:
+        # Ahead, and back at the end; the map is turned against odometry, which is 10 % too long.
+        odom_x = np.array([0.0, 1.1, 2.2, 1.1, 0.0])
+        odometry = np.stack([np.arange(5.0), odom_x, np.zeros(5), np.zeros(5)], axis=1)
+        poses = np.array([[5.0, 5.0, QUARTER], [5.0, 5.0, QUARTER]])
+        errors = relation_errors(
+            np.array([0.0, 4.0]), poses,
+            relations((0, 1, 1.1, 0, 0), (1, 2, 1.1, 0, 0), (0, 4, 0, 0, 0)), odometry,
+        )  # fmt: skip
+        assert errors.translation_m[0] == pytest.approx(0.0, abs=1e-12)
+        assert (errors.used, errors.between) == (3, 2)
+
     def test_relations_outside_of_the_log_are_left_out(self) -> None:
         inside = (10.0, 11.0, 1.0, 0.0, 0.0)
         errors = relation_errors(TIMES, POSES, relations(inside, inside, (10, 14, 0, 0, 0)))

@@ -63,7 +63,7 @@ POSES = {
     "mapping/node.py": 1,
     "mapping/matching/occupancy.py": 1,
     "mapping/graph/optimizer.py": 2,
-    "mapping/slam.py": 14,
+    "mapping/slam.py": 16,
     "navigation/control/mppi/mppi.py": 1,
     "navigation/control/mppi/mppi_kernels.py": 2,
     "localization/particle_set.py": 1,

@@ -1,11 +1,12 @@
+import math
 import time
 
 import numpy as np
 import pytest
 
 from mazebot.common.maths.frames import SE2
-from mazebot.mapping.graph.optimizer import Candidate, Covariances, close_loop
-from mazebot.mapping.graph.pose_graph import LOOP, Graph
+from mazebot.mapping.graph.optimizer import CHI2_99, Candidate, Covariances, close_loop
+from mazebot.mapping.graph.pose_graph import LOOP, ODOMETRY, Graph
 from mazebot.mapping.loops.loop_closer import LoopCloser
 from tests.mapping.synthetic import (
     LOOP_COVARIANCE,
@@ -66,6 +67,31 @@ def test_without_it_the_false_loop_stays_and_the_right_ones_do_not_come_in() -> 
     accepted = [close_loop(world.graph, world.right(pair)).accepted for pair in world.pairs[3::3]]
     assert sum(accepted) < 0.6 * len(accepted)
     assert errors_m(world.graph, world.truth).mean() > 0.6
+
+
+def test_loops_that_agree_are_closed_together_where_the_graph_is_too_sure() -> None:
+    """A way whose steps all err to one side, by more than their covariances say of the sum."""
+    graph = Graph()
+    count = 80
+    truth = [SE2(math.cos(t), math.sin(t), t + math.pi / 2) for t in np.linspace(0, 6.2, count)]
+    truth = [SE2(6.0 * x, 6.0 * y, yaw) for x, y, yaw in truth]
+    pose = truth[0]
+    graph.add_node(pose)
+    for i in range(1, count):
+        step = truth[i - 1].inverse() @ truth[i]
+        pose = pose @ SE2(step.x_m * 1.02, step.y_m, step.yaw_rad + 0.0025)
+        graph.add_node(pose)
+        covariance = np.diag([1e-4, 1e-4, 2e-5])
+        graph.add_edge(ODOMETRY, i - 1, i, graph.pose(i - 1).inverse() @ pose, covariance)
+    closer = LoopCloser(graph)
+    verdicts = [
+        closer.close(Candidate(i, j, truth[i].inverse() @ truth[j], np.diag([1e-4, 1e-4, 2e-5])))
+        for i, j in ((0, 77), (1, 78), (2, 79))
+    ]
+    assert [verdict.accepted for verdict in verdicts] == [False, False, True]
+    assert all(verdict.innovation > CHI2_99 for verdict in verdicts)
+    assert (closer.closed, closer.rejected) == (3, 0)
+    assert errors_m(graph, truth).max() < 0.3
 
 
 @pytest.mark.parametrize("seed", range(2))

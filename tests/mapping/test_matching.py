@@ -53,6 +53,20 @@ def test_refining_finds_the_pose_from_near_it(off: tuple[float, float, float]) -
     assert np.linalg.eigvalsh(found.information).min() > 1e4
 
 
+def test_parts_of_a_scan_that_pull_apart_tell_that_it_is_less_sure() -> None:
+    true = SE2(1.2, 1.7, 0.5)
+    points = returns(ROOM, true, 9)
+    away_m = np.hypot(points[:, 0], points[:, 1])
+    # Twenty neighbours at a time are 3 cm too near or too far, as by a turn's time.
+    signs = np.where(np.arange(len(points)) // 20 % 2, 1.0, -1.0)
+    torn = points * (1.0 + 0.03 * signs / away_m)[:, None]
+    clean, other = (
+        refine(room(), true, LOOSE, one, LDS.base_from_scan, 0.02) for one in (points, torn)
+    )
+    assert clean.discord < 0.25
+    assert other.discord > 4.0 * clean.discord
+
+
 def test_refining_is_not_drawn_by_what_is_not_in_the_map() -> None:
     true = SE2(1.2, 1.7, 0.5)
     with_box = np.concatenate([ROOM, box(1.5, 2.2, 1.8, 2.5), box(0.3, 0.8, 0.6, 1.1)])
@@ -107,6 +121,22 @@ def test_correlating_finds_the_best_of_all_poses_in_the_window() -> None:
         beside = SE2(pose.x_m + shift[0], pose.y_m + shift[1], pose.yaw_rad)
         near = correlate(room(), beside, points, 0.01, 0.0, 0.02, 0.05)
         assert near.score <= found.score + 1e-9
+
+
+def test_of_places_that_look_alike_correlating_finds_the_likelier_one() -> None:
+    # Niches 0.6 m apart.
+    niches = [wall(0.6 * i, 1.4, 0.6 * i, 1.5) for i in range(-8, 9)]
+    corridor = np.concatenate([np.array([[-20.0, 0.0, 20.0, 0.0]]), *niches])
+    here = SE2(0.0, 0.75, 0.0)
+    poses = [SE2(0.6 * i, 0.75, 0.0) for i in range(-4, 5)]
+    clouds = [surface_cloud(returns(corridor, pose), LDS.base_from_scan) for pose in poses]
+    known = local_map(poses, clouds, 0.05)
+    points = thinned(returns(corridor, here, 4), 0.05, 120)
+    for beside_m in (0.25, -0.25):
+        guess = SE2(0.6 + beside_m, 0.75, 0.0)
+        sure = np.diag([0.2**-2, 0.2**-2, 0.1**-2])
+        found = correlate(known, guess, points, 1.0, 0.2, 0.02, 0.05, sure, 0.2)
+        assert found.map_from_base.x_m == pytest.approx(0.6, abs=0.06)
 
 
 def test_the_covariance_of_correlating_is_long_along_a_corridor() -> None:

@@ -54,6 +54,30 @@ def test_near_nodes_of_the_end_of_the_corridor_are_trusted_though_it_turned() ->
     assert len(candidates) == 0
 
 
+def test_far_nodes_are_trusted_along_a_straight_way_only() -> None:
+    graph = corridor_and_back(80)
+    trusted, candidates = graph.trusted_and_candidates(60, 9.0)
+    # The same place on the way there is 20 m away by the graph; the turn is 10 m away.
+    assert {19, 20}.issubset(candidates.tolist())
+    assert {42, 78}.issubset(trusted.tolist())
+    # 2 m beyond the turn and 6 m back would do for a near node.
+    assert {32, 33}.issubset(candidates.tolist())
+
+
+def test_few_nodes_far_apart_are_looked_for_farther_away_than_many() -> None:
+    graph = Graph()
+    for i in range(20):
+        graph.add_node(SE2(1.0 * i, 0.0, 0.0))
+        if i:
+            relative = graph.pose(i - 1).inverse() @ graph.pose(i)
+            graph.add_edge(ODOMETRY, i - 1, i, relative, COVARIANCE)
+    # As far as the seventh, at least 3 m, and no farther than the lidar sees.
+    assert graph.radius_m(0, 3.0, 12.0, 7) == pytest.approx(6.0)
+    assert graph.radius_m(0, 3.0, 12.0, 2) == 3.0
+    assert graph.radius_m(0, 3.0, 4.5, 7) == 4.5
+    assert graph.radius_m(0, 3.0, 2.0, 7) == 3.0
+
+
 def test_ways_do_not_lead_over_markers() -> None:
     graph = Graph()
     for x_m in (0.0, 1.0):

@@ -28,6 +28,13 @@ def test_ranges_that_say_nothing_are_left_out() -> None:
     assert len(found.misses_m) == 0
 
 
+def test_a_range_of_0_is_no_return_though_the_least_range_is_0() -> None:
+    scan = Scan(np.array([0.0, 1.0, 0.0, 2.0], np.float32), 0.0, math.pi / 2, 0.0, 100.0, SENSOR)
+    found = scan_points(scan, 20.0)
+    assert np.allclose(found.points_m, [[-0.064, 1.0], [-0.064, -2.0]])
+    assert len(found.misses_m) == 0
+
+
 def test_a_single_lost_beam_is_not_open_space_and_many_in_a_row_are() -> None:
     ranges = [1.0] * 360
     ranges[40] = math.inf

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.mapping.params import SlamParams
-from mazebot.mapping.slam import Slam
+from mazebot.mapping.slam import NO_ODOMETRY, NOT_LATER, Slam
 from tests.mapping.simulated import (
     LDS,
     SCAN_NS,
@@ -270,6 +270,76 @@ def test_a_pose_that_scans_left_behind_is_found_again() -> None:
     ]
     off = errors(Slam(PARAMS, TOUR[0]), shifted)
     assert off[105:, 0].max() < 0.03
+
+
+SPARSE_WAY = office_way()[::18]
+"""A scan each 1.1 m or 80 degrees of turn."""
+
+
+def sparse(jump_at: int | None = None, scan_s: float = 1.0) -> list[Step]:
+    """The office by a SICK that scans seldom: 180 m in 170 scans."""
+    steps = log(office(), SPARSE_WAY, SICK, slip=0.02, noise_m_per_sqrt_m=0.01)
+    jump = SE2(3.0, -1.0, 0.4)
+    return [
+        dataclasses.replace(
+            step,
+            stamp_ns=round((i + 1) * scan_s * 1e9),
+            odom=step.odom if jump_at is None or i < jump_at else jump @ step.odom,
+        )
+        for i, step in enumerate(steps)
+    ]
+
+
+@pytest.mark.parametrize("scan_s", [1.0, 0.1])
+def test_scans_far_apart_close_their_loops_whatever_the_clock_says(scan_s: float) -> None:
+    steps = sparse(scan_s=scan_s)
+    assert drifted(steps, SPARSE_WAY[0]) > 2.0
+    slam = slam_of(steps, lidar=SICK)
+    assert slam.loops >= 1
+    assert slam.jumps == []
+    true = {step.stamp_ns: step.true for step in steps}
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in slam.document(0).nodes]
+    assert np.mean(off) < 0.1
+
+
+def test_a_jump_between_scans_far_apart_is_told_and_not_believed() -> None:
+    steps = sparse(jump_at=60)
+    slam = slam_of(steps, lidar=SICK)
+    assert [jump.to_ns for jump in slam.jumps] == [steps[60].stamp_ns]
+    true = {step.stamp_ns: step.true for step in steps}
+    off = [node.pose.se2().distance_m(true[node.stamp_ns]) for node in slam.document(0).nodes]
+    assert np.mean(off) < 0.15
+
+
+def test_a_lidar_whose_beams_change_from_scan_to_scan_maps_as_well() -> None:
+    """As the LDS-02's driver has it: 230 to 274 beams, gaps of NaN and 0, and no least range."""
+    random = np.random.default_rng(2)
+    slam = Slam(PARAMS, TOUR[0])
+    off = []
+    for i, step in enumerate(log(ROOM, TOUR, slip=0.05)):
+        beams = int(random.integers(230, 275))
+        lidar = Lidar(beams, float(random.uniform(0, 0.03)), math.tau / beams, 0.0, 100.0)
+        ranges = scan(ROOM, step.true, lidar, random)
+        ranges[random.random(beams) < 0.05] = np.nan
+        ranges[random.random(beams) < 0.05] = 0.0
+        slam.odometry(step.stamp_ns, step.odom)
+        seen = Scan(
+            ranges, lidar.angle_min_rad, lidar.increment_rad, 0.0, 100.0, lidar.base_from_scan,
+            step.stamp_ns,
+        )  # fmt: skip
+        assert slam.scan(seen), i
+        off.append(slam.pose()[0].distance_m(step.true))
+    assert np.percentile(off, 95) < 0.01
+
+
+def test_scans_that_are_not_used_are_counted_by_their_reason() -> None:
+    steps = log(ROOM, TOUR[:20])
+    slam = slam_of(steps)
+    last = steps[-1]
+    for stamp_ns in (last.stamp_ns, last.stamp_ns + 10**10):
+        sensor = LDS.base_from_scan
+        slam.scan(Scan(last.ranges_m, 0.0, LDS.increment_rad, 0.12, 3.5, sensor, stamp_ns))
+    assert dict(slam.left_out) == {NOT_LATER: 1, NO_ODOMETRY: 1}
 
 
 @pytest.mark.slow

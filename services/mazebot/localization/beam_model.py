@@ -124,12 +124,12 @@ def scan_view(scan: Scan, max_beams: int) -> ScanView:
     """Evenly thinned beams of a scan: up to `max_beams` with a return and as many without.
 
     Ranges in [range_min, range_max) are returns; those beyond it, infinite ones included, are beams
-    without one. Ranges below range_min and NaN are ignored, as in REP 117.
+    without one. Ranges below range_min, 0 and NaN are ignored, as in REP 117.
     """
     base_from_scan = scan.base_from_scan
     distances_m = np.asarray(scan.ranges_m, np.float64)
     limit_m = min(scan.range_max_m, _FAR_M)
-    returned = (distances_m >= scan.range_min_m) & (distances_m < limit_m)
+    returned = (distances_m >= scan.range_min_m) & (distances_m > 0.0) & (distances_m < limit_m)
     hits, hit_stride = _thinned(np.flatnonzero(returned), max_beams)
     misses, miss_stride = _thinned(np.flatnonzero(distances_m >= limit_m), max_beams)
     beams = np.concatenate([hits, misses])

@@ -41,13 +41,19 @@ class SlamParams(BaseModel):
         "in the correlation's window",
     )
     link_scan_maximum_distance: float = Field(
-        3.0, gt=0, description="m; keyframes nearer than this are matched against"
+        3.0,
+        gt=0,
+        description="m; keyframes nearer than this are matched against, and where they stand far "
+        "apart, those as far away as the lidar sees",
     )
     scan_buffer_size: int = Field(
         40, ge=1, description="keyframes at most that a scan is matched against, the nearest ones"
     )
     correlation_search_space_dimension: float = Field(
-        0.5, gt=0, description="m; side of the window that is searched where a scan fits badly"
+        0.5,
+        gt=0,
+        description="m; least side of the window that is searched where a scan fits badly; larger "
+        "after a long step of odometry",
     )
     correlation_search_space_resolution: float = Field(
         0.05, ge=0.01, le=0.5, description="m; side of the cells that hold the lines of walls"
@@ -56,7 +62,7 @@ class SlamParams(BaseModel):
         0.08, gt=0, description="m; how far from a line a return still counts in the search"
     )
     coarse_search_angle_offset: float = Field(
-        0.35, ge=0, description="rad; the window's half in heading"
+        0.35, ge=0, description="rad; least half of the window in heading"
     )
     coarse_angle_resolution: float = Field(
         0.026, gt=0, description="rad; steps of heading in the window"
@@ -64,8 +70,8 @@ class SlamParams(BaseModel):
     scan_match_std_m: float = Field(
         0.02,
         gt=0,
-        description="scatter of a return about its line, lidar's noise and the share of errors "
-        "that neighbouring returns have in common",
+        description="least scatter of a return about its line, lidar's noise and the share of "
+        "errors that neighbouring returns have in common; more where the scans show more",
     )
     odometry_translation_ratio: float = Field(
         0.1, ge=0, description="standard deviation of odometry's distance, as a share of it"

@@ -8,8 +8,10 @@ no trusted one is near, so that neither the graph nor the time of a step grows i
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +46,16 @@ _MOST_RETURNS = 720
 _FEW_RETURNS = 10
 """A scan with fewer returns does not correct the pose."""
 _JUMP_M, _JUMP_M_S = 1.0, 5.0
-"""Odometry that moves by more at once, and faster, has jumped: the robot stayed where it was."""
+"""Odometry that moves by more at once may have jumped: the scan decides. Where it cannot, what is
+faster has jumped.
+"""
+_FASTER = 2.0
+"""A speed is unusual at so much more than usual: logs are sparse, and their clocks wrong."""
+_JUMPED_FIT, _JUMPED_FIT_USUAL = 0.2, 0.5
+"""The robot stayed about where it was if the scan fits there by so much better; the second where
+its speed was not unusual: scans may be missing, and corridors look alike.
+"""
+_STILL_M = 0.01
 _JUMP_STD_M, _JUMP_STD_RAD = 0.3, 0.3
 _FLOOR_STD_M, _FLOOR_STD_RAD = 1e-3, 5e-4
 """What a scan adds to the pose's uncertainty, at least: matches of one place share their errors."""
@@ -69,9 +80,15 @@ _LOST_FIT = 0.3
 _FAR = SE2(math.inf, 0.0, 0.0)
 _BEGIN_STD_M, _BEGIN_STD_RAD = 0.1, 0.1
 """Of the pose of a robot that comes to a map made before."""
+_WINDOW, _MOST_WINDOW_M, _MOST_WINDOW_RAD = 2.0, 1.5, 0.8
+"""Standard deviations of the prediction that are searched, and the half of the window at most."""
 _BETTER_FIT = 0.03
-_UNUSUAL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
+_DOUBTFUL, _ODD, _USUAL_GAIN = 0.1, 0.2, 0.05
 """A fit so much below the usual one is doubtful; below that, no base for a keyframe."""
+_DISCORD = 0.25
+"""`Refined.discord` of scans that err as `scan_match_std_m` has it: half of this standard deviation
+is the lidar's noise, by which returns differ; the rest they have in common.
+"""
 _SURE_SHARE = 0.15
 """Where a smaller share of the returns constrains a direction, and against odometry, odometry is
 believed: a person walks ahead of the robot in a corridor.
@@ -80,6 +97,8 @@ _DOUBTED = np.outer([1.0, 1.0, 0.1], [1.0, 1.0, 0.1])
 """What is left of odometry's information where another pose fits better. Its turns err: wheels slip
 in them, and stamps differ. Of its ways it is believed: see above.
 """
+_ALIKE = 10.0
+"""Returns that fit or do not fit together, as neighbours do."""
 _TURNS = (-2.0, -1.0, 1.0, 2.0)
 """Standard deviations of the heading from which a doubtful match is tried again."""
 _LARGE_MOVE_M, _LARGE_TURN_RAD = 0.3, 0.35
@@ -89,6 +108,20 @@ _MARKER_NODE_M = 1.0
 """A sighting is attached to a keyframe within this."""
 _ROUND_RAD = 5.5
 """A lidar that sees more than this sees the same in whatever direction the robot faces."""
+
+
+NO_ODOMETRY = "without odometry at their time"
+NOT_FINITE = "with angles or a range that are not finite"
+NOT_LATER = "not later than the one before"
+TOO_SOON = "within minimum_time_interval"
+
+
+class Jump(NamedTuple):
+    """A step of odometry between two scans that the second one contradicts."""
+
+    from_ns: int
+    to_ns: int
+    moved: SE2
 
 
 class Slam:
@@ -125,8 +158,16 @@ class Slam:
         """Whether the robot came next to another node."""
         self._drift = np.zeros((2, 2))
         """Covariance in the map, since the last keyframe, of ways that odometry alone measured."""
+        self._usual_discord = 0.0
+        """Running mean of how much the parts of the scans contradict each other."""
+        self._usual_speed_m_s = _JUMP_M_S / _FASTER
+        """Running mean by odometry, in motion."""
         self._usual_fit = 1.0
         """Running mean of the share of returns that fit."""
+        self._surprise: Array | None = None
+        """(3, 3) square of how far the last scan was from where odometry had it, if too far: a
+        scan that was paired with odometry of another time makes the next step err as much.
+        """
         self._wheels = OdometryQuality()
         self._reference = -1
         """The trusted node next to the robot."""
@@ -134,6 +175,10 @@ class Slam:
         self._closer = LoopCloser(self._graph)
         self._tried: set[int] = set()
         """Nodes at which a loop was looked for since the last one was found."""
+        self.left_out: Counter[str] = Counter()
+        """Scans that were not used, by what they lack."""
+        self.jumps: list[Jump] = []
+        """Steps of odometry that were not believed."""
         self.fixed = False
         """The map stays as it is: scans only correct the pose."""
         self.map_version = 0
@@ -255,20 +300,23 @@ class Slam:
         p, stamp_ns = self._params, scan.stamp_ns
         odom_from_base = self._history.at(stamp_ns)
         if odom_from_base is None:
+            self.left_out[NO_ODOMETRY] += 1
             return False
         described = (scan.angle_min_rad, scan.angle_increment_rad, *scan.base_from_scan)
         if not all(map(math.isfinite, described)) or math.isnan(scan.range_max_m):
+            self.left_out[NOT_FINITE] += 1
             return False
         if self._scanned is not None:
             elapsed_s = (stamp_ns - self._scanned[0]) * 1e-9
             if elapsed_s <= 0.0 or elapsed_s < p.minimum_time_interval:
+                self.left_out[NOT_LATER if elapsed_s <= 0.0 else TOO_SOON] += 1
                 return False
         if p.min_laser_range >= 0.0:
             scan = replace(scan, range_min_m=p.min_laser_range)
         seen = scan_points(scan, p.max_laser_range)
         sees_round = abs(scan.angle_increment_rad) * len(scan.ranges_m) > _ROUND_RAD
         returns = thinned(seen.points_m, _SPACING_M, _MOST_RETURNS)
-        motion = self._predict(stamp_ns, odom_from_base)
+        motion = self._predict(stamp_ns, odom_from_base, returns, seen.sensor)
         if not self._seen:
             self._scanned = (stamp_ns, odom_from_base)
             if not self.fixed:
@@ -283,7 +331,7 @@ class Slam:
             self._local_map()
         elif self._wants_keyframe(fit, sees_round):
             self._add_keyframe(stamp_ns, seen, returns, fit is not None and fit >= _LOST_FIT)
-        elif fit is not None and fit >= max(self._usual_fit - _UNUSUAL, _SURE_FIT):
+        elif fit is not None and fit >= max(self._usual_fit - _DOUBTFUL, _SURE_FIT):
             self._enrich(returns, seen.sensor)
         if self._visited:
             self._visited = False
@@ -353,7 +401,7 @@ class Slam:
         if self._scans_of[node] % _REBUILD_SCANS == 0:
             self._local = None
 
-    def _predict(self, stamp_ns: int, odom_from_base: SE2) -> SE2:
+    def _predict(self, stamp_ns: int, odom_from_base: SE2, returns: Array, sensor: SE2) -> SE2:
         """Move the pose as odometry moved; that motion."""
         p = self._params
         if self._scanned is None:
@@ -363,12 +411,14 @@ class Slam:
         moved = before.inverse() @ odom_from_base
         far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
         elapsed_s = (stamp_ns - before_ns) * 1e-9
-        jumped = far_m > max(_JUMP_M, _JUMP_M_S * elapsed_s)
-        if jumped:
+        if self._jumped(moved, elapsed_s, returns, sensor):
+            self.jumps.append(Jump(before_ns, stamp_ns, moved))
             moved, far_m = SE2(0.0, 0.0, 0.0), 0.0
-            along = across = _JUMP_STD_M * _JUMP_STD_M
+            std_m = max(_JUMP_STD_M, self._usual_speed_m_s * elapsed_s)
+            along = across = std_m * std_m
             turn = _JUMP_STD_RAD * _JUMP_STD_RAD
         else:
+            self._learn_speed(far_m, elapsed_s)
             # Both wheels err on the way that they roll, also in a turn on the spot.
             rolled_m = far_m + _HALF_TRACK_M * abs(moved.yaw_rad)
             along = (
@@ -390,8 +440,72 @@ class Slam:
             .spread(across, -s, c, 0.0)
             .spread(turn, 0.0, 0.0, 1.0)
         )
+        if self._surprise is not None:
+            matrix = self._covariance.matrix() + self._surprise
+            self._covariance = PlanarCovariance.from_matrix(matrix)
+            self._surprise = None
         self._pose = pose
         return moved
+
+    def _jumped(self, moved: SE2, elapsed_s: float, returns: Array, sensor: SE2) -> bool:
+        """Whether odometry jumped, and the robot moved as usual: of an unusual step the scan
+        decides.
+        """
+        far_m = moved.distance_m(SE2(0.0, 0.0, 0.0))
+        speed_m_s = far_m / elapsed_s
+        if far_m <= _JUMP_M:
+            return False
+        p = self._params
+        if len(returns) < _FEW_RETURNS or not p.use_scan_matching or not self._seen:
+            return speed_m_s > _JUMP_M_S
+        usual_m = self._usual_speed_m_s * elapsed_s
+        usual = far_m <= _FASTER * usual_m
+        there = self._pose @ moved
+        if usual and self._fit_around(there, 0.0, returns, sensor) >= self._usual_fit - _ODD:
+            return False
+        reach_m = _WINDOW * p.odometry_translation_ratio * far_m
+        went = self._fit_around(there, reach_m, returns, sensor)
+        turned = self._pose @ SE2(0.0, 0.0, moved.yaw_rad)
+        stayed = max(
+            self._fit_around(pose, _WINDOW * usual_m, returns, sensor)
+            for pose in (self._pose, turned)
+        )
+        return stayed > went + (_JUMPED_FIT_USUAL if usual else _JUMPED_FIT)
+
+    def _fit_around(self, pose: SE2, window_m: float, returns: Array, sensor: SE2) -> float:
+        """The share of returns that fit where they fit best around a pose; without a window, found
+        from there alone.
+        """
+        local = self._local_map()
+        loose = np.diag([1.0 / (std * std) for std in (_JUMP_STD_M, _JUMP_STD_M, _JUMP_STD_RAD)])
+        if window_m > 0.0:
+            pose = self._correlated(local, pose, loose, returns, window_m, 0.0)
+        std_m = self._params.scan_match_std_m
+        return refine(local, pose, loose, returns, sensor, std_m).fit
+
+    def _correlated(
+        self,
+        local: LocalMap,
+        pose: SE2,
+        prior: Array,
+        returns: Array,
+        window_m: float,
+        window_rad: float,
+    ) -> SE2:
+        """Where a scan fits best in a window, which is at least as large as the parameters say."""
+        p = self._params
+        least_m = p.correlation_search_space_dimension / 2.0
+        return correlate(
+            local, pose, thinned(returns, p.correlation_search_space_resolution, 180),
+            max(least_m, min(window_m, _MOST_WINDOW_M)),
+            max(p.coarse_search_angle_offset, min(window_rad, _MOST_WINDOW_RAD)),
+            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation, prior,
+            3.0 / _independent(returns),
+        ).map_from_base  # fmt: skip
+
+    def _learn_speed(self, far_m: float, elapsed_s: float) -> None:
+        if far_m > _STILL_M:
+            self._usual_speed_m_s += _USUAL_GAIN * (far_m / elapsed_s - self._usual_speed_m_s)
 
     def _match(self, returns: Array, sensor: SE2, moved: SE2) -> float | None:
         """Correct the predicted pose by a scan; the share of returns that fit, None if it was not
@@ -400,30 +514,39 @@ class Slam:
         p = self._params
         if len(returns) < _FEW_RETURNS or not p.use_scan_matching:
             return None
+        std_m = p.scan_match_std_m * math.sqrt(self._scatter)
         local = self._local_map()
         prior = information_of(self._covariance.matrix())
-        found = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m)
-        expected = max(self._usual_fit - _UNUSUAL, p.link_match_minimum_response_fine)
+        found = refine(local, self._pose, prior, returns, sensor, std_m)
+        expected = max(self._usual_fit - _DOUBTFUL, p.link_match_minimum_response_fine)
         far = moved.distance_m(SE2(0.0, 0.0, 0.0)) > _LARGE_MOVE_M
-        doubtful = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD or found.fit < expected
+        far = far or abs(moved.yaw_rad) > _LARGE_TURN_RAD
+        doubtful = far or found.fit < expected
+        # Of a short step the window alone is a limit: slip and stamps err more than it is long.
+        by_odometry, likely = prior, prior if far else np.zeros((3, 3))
         contradicted = self._is_far(found, prior)
         if contradicted and not found.open_direction:
             sure = refine(
-                local, self._pose, prior, returns, sensor, p.scan_match_std_m,
+                local, self._pose, prior, returns, sensor, std_m,
                 few_share=_SURE_SHARE,
             )  # fmt: skip
             found = sure if sure.open_direction else found
         if contradicted or doubtful:
             doubted = prior * _DOUBTED
             other = refine(
-                local, self._pose, doubted, returns, sensor, p.scan_match_std_m,
+                local, self._pose, doubted, returns, sensor, std_m,
                 found.map_from_base,
             )  # fmt: skip
             if doubtful:
-                other = self._searched(local, doubted, returns, sensor, other)
-            if other.fit > found.fit + (_BETTER_FIT if doubtful else 0.0):
+                other = self._searched(local, prior, likely, returns, sensor, std_m, other)
+                better = self._worth(other, likely, returns) - self._worth(found, likely, returns)
+            else:
+                better = other.fit - found.fit
+            if better > (_BETTER_FIT if doubtful else 0.0):
                 found, prior = other, doubted
         self._usual_fit += _USUAL_GAIN * (found.fit - self._usual_fit)
+        discord = found.discord * self._scatter
+        self._usual_discord += _USUAL_GAIN * (discord - self._usual_discord)
         if found.fit < _LOST_FIT:
             return found.fit
         if not (found.open_direction or doubtful or contradicted):
@@ -433,40 +556,75 @@ class Slam:
             trace = float(xy_information[0, 0] + xy_information[1, 1])
             open_share = np.eye(2) - xy_information / trace if trace > 0.0 else np.eye(2)
             self._drift += _DRIFT_M2_PER_M * moved.distance_m(SE2(0.0, 0.0, 0.0)) * open_share
+        if far and self._is_far(found, by_odometry):
+            off = self._off(found)
+            self._surprise = np.outer(off, off)
         self._pose = found.map_from_base
         self._covariance = PlanarCovariance.from_matrix(information_of(prior + found.information))
         return found.fit
 
+    @property
+    def _scatter(self) -> float:
+        """Factor of the variances by the parameters, at least 1: how much more the scans contradict
+        the map and themselves than these say.
+        """
+        return max(1.0, self._usual_discord / _DISCORD)
+
+    def _worth(self, found: Refined, prior: Array, returns: Array) -> float:
+        """The share of returns that fit, less what it takes to believe that odometry was so wrong.
+
+        Both are logarithms of likelihoods: a return that fits counts 1, and odometry's errors have
+        long tails, as Student's t distribution with three degrees of freedom.
+        """
+        unlikely = portable.log(1.0 + self._far(found, prior) / 3.0)
+        return found.fit - 3.0 * unlikely / _independent(returns)
+
     def _is_far(self, found: Refined, prior: Array) -> bool:
         """Whether a pose is farther from the predicted one than odometry's errors go."""
+        return self._far(found, prior) > CHI2_99
+
+    def _far(self, found: Refined, prior: Array) -> float:
+        """Squared Mahalanobis distance of a pose from the predicted one."""
+        off = self._off(found)
+        return float(portable.product(off, prior, off))
+
+    def _off(self, found: Refined) -> Array:
+        """x, y and yaw of a pose less those of the predicted one."""
         there, here = found.map_from_base, self._pose
         yaw_rad = wrap_angle(there.yaw_rad - here.yaw_rad)
-        off = np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
-        return float(portable.product(off, prior, off)) > CHI2_99
+        return np.array([there.x_m - here.x_m, there.y_m - here.y_m, yaw_rad])
 
     def _searched(
-        self, local: LocalMap, prior: Array, returns: Array, sensor: SE2, found: Refined
+        self,
+        local: LocalMap,
+        prior: Array,
+        likely: Array,
+        returns: Array,
+        sensor: SE2,
+        std_m: float,
+        found: Refined,
     ) -> Refined:
-        """What fits clearly better in a window around the prediction, or what was found."""
-        p = self._params
+        """What fits clearly better in a window around the prediction, or what was found.
+
+        `likely`: (3, 3) information by which what is farther counts for less.
+        """
+        doubted = prior * _DOUBTED
         deviation_rad = math.sqrt(self._covariance.yaw_yaw)
-        best = found
+        best, worth = found, self._worth(found, likely, returns)
         for turns in _TURNS:
             turned = self._pose @ SE2(0.0, 0.0, turns * deviation_rad)
-            other = refine(local, self._pose, prior, returns, sensor, p.scan_match_std_m, turned)
-            if other.fit > best.fit + _BETTER_FIT:
-                best = other
-        if best.fit >= self._usual_fit - _UNUSUAL:
+            other = refine(local, self._pose, doubted, returns, sensor, std_m, turned)
+            others = self._worth(other, likely, returns)
+            if others > worth + _BETTER_FIT:
+                best, worth = other, others
+        if best.fit >= self._usual_fit - _DOUBTFUL:
             return best
-        coarse = correlate(
-            local, self._pose, thinned(returns, p.correlation_search_space_resolution, 180),
-            p.correlation_search_space_dimension / 2.0, p.coarse_search_angle_offset,
-            p.coarse_angle_resolution, p.correlation_search_space_smear_deviation,
-        )  # fmt: skip
-        other = refine(
-            local, self._pose, prior, returns, sensor, p.scan_match_std_m, coarse.map_from_base
+        deviation_m = math.sqrt(max(self._covariance.x_x, self._covariance.y_y))
+        coarse = self._correlated(
+            local, self._pose, likely, returns, _WINDOW * deviation_m, _WINDOW * deviation_rad
         )
-        return other if other.fit > best.fit + _BETTER_FIT else best
+        other = refine(local, self._pose, doubted, returns, sensor, std_m, coarse)
+        return other if self._worth(other, likely, returns) > worth + _BETTER_FIT else best
 
     def _local_map(self) -> LocalMap:
         """The map around the pose."""
@@ -477,7 +635,11 @@ class Slam:
         graph = self._graph
         if self._reference < 0:
             self._reference = int(np.argmin(self._away_m(np.arange(len(graph.poses)))))
-        trusted, _ = graph.trusted_and_candidates(self._reference, p.link_scan_maximum_distance)
+        radius_m = graph.radius_m(
+            self._reference, p.link_scan_maximum_distance, self._seen[self._reference].reach_m,
+            p.scan_buffer_size,
+        )  # fmt: skip
+        trusted, _ = graph.trusted_and_candidates(self._reference, radius_m)
         away_m = self._away_m(trusted)
         nodes = trusted[np.argsort(away_m, kind="stable")][: p.scan_buffer_size]
         if int(nodes[0]) != self._reference:
@@ -532,7 +694,9 @@ class Slam:
                     SCAN_MATCH if matched else ODOMETRY, source, node,
                     of_source.inverse() @ self._pose, covariance * len(links),
                 )  # fmt: skip
-        self._covariance = PlanarCovariance(x_x=1e-6, y_y=1e-6, yaw_yaw=2.5e-7)
+        self._covariance = PlanarCovariance(
+            x_x=1e-6 * self._scatter, y_y=1e-6 * self._scatter, yaw_yaw=2.5e-7 * self._scatter
+        )
         self._drift = np.zeros((2, 2))
         self._reference = node
         self._local = None
@@ -546,8 +710,9 @@ class Slam:
         if self.fixed or not self._params.do_loop_closing or node in self._tried:
             return
         self._tried.add(node)
-        sensors = [seen.sensor for seen in self._seen]
-        candidate = find_loop(self._graph, self._clouds, sensors, node, self._params)
+        candidate = find_loop(
+            self._graph, self._clouds, self._seen, node, self._params, self._scatter
+        )
         if candidate is None:
             return
         before = self._graph.pose(self._reference)
@@ -576,7 +741,12 @@ class Slam:
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         covariance = portable.product(turn, self._covariance.matrix(), turn.T)
         covariance[:2, :2] += portable.product(turn[:2, :2], self._drift, turn[:2, :2].T)
-        covariance[0, 0] += _LINK_STD_M * _LINK_STD_M
-        covariance[1, 1] += _LINK_STD_M * _LINK_STD_M
-        covariance[2, 2] += _LINK_STD_RAD * _LINK_STD_RAD
+        covariance[0, 0] += self._scatter * _LINK_STD_M * _LINK_STD_M
+        covariance[1, 1] += self._scatter * _LINK_STD_M * _LINK_STD_M
+        covariance[2, 2] += self._scatter * _LINK_STD_RAD * _LINK_STD_RAD
         return covariance
+
+
+def _independent(returns: Array) -> float:
+    """So many returns say as much, each for itself."""
+    return max(len(returns) / _ALIKE, 1.0)

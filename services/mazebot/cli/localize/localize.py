@@ -101,6 +101,8 @@ def localize(
     if draw is not None and not draw.parent.is_dir():
         raise ConfigError(f"--draw: {draw}: {draw.parent} is not a folder")
     log = read_log(log_file, form, Topics(scan_topic, odom_topic))
+    if log.retimed:
+        sys.stderr.write(f"{log_file}: {log.remark()}\n")
     fixes = list(run(chart, log, begin, base_from_scan, seed))
     if not fixes:
         raise ConfigError(f"--log: {log_file}: has no scan with odometry at its time")

@@ -35,12 +35,19 @@ _TOP_SHARE = 0.01
 """So many of all readings within so little of the longest one are a code, not walls."""
 _SAME_OFFSET = 0.01
 _CLOCK_SET_S = 10.0
-_AFTER_CLOCK_SET_S = 0.1
+"""A clock that goes back by more, and on from there, was set or has run over."""
+_MADE_UP_S = 1.0
+"""At most, between scans that have no time of their own: slower than any robot."""
+
+
+_Times = tuple[float, float]
+"""The IPC's, of the measurement, and the logger's, s; one for both where the other is missing."""
 
 
 @dataclass(frozen=True)
 class _Sweep:
-    time_s: float
+    line: int
+    times_s: _Times
     ranges_m: NDArray[np.float32]
     start_rad: float
     step_rad: float
@@ -54,7 +61,8 @@ class _Found:
     """What the lines say."""
 
     sweeps: dict[str, list[_Sweep]] = field(default_factory=lambda: {kind: [] for kind in _SCANS})
-    odometry: list[tuple[float, SE2]] = field(default_factory=list)
+    odometry: list[tuple[int, _Times, SE2]] = field(default_factory=list)
+    """Line, times and pose."""
     offset_m: float | None = None
 
 
@@ -68,10 +76,11 @@ def is_carmen(text: str) -> bool:
 
 
 def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
-    """Read a log; a last line that is cut off is left out, and scans whose time has been are.
+    """Read a log; a last line that is cut off is left out.
 
     The scans of some logs are not in the order of their times. They are sorted where the odometry
-    is a shorter way then; else the file's order holds.
+    is a shorter way then; else the file's order holds, also where times are equal, rounded or not
+    set: they get times between those of the lines around, and are counted.
 
     Raises ConfigError with one line that names file, line and value, and what is wrong.
     """
@@ -93,8 +102,9 @@ def read(path: Path, lines: Iterable[str], form: ScanForm) -> Log:
     sweeps = found.sweeps[kind]
     if kind == "RAWLASER1" and not found.odometry:
         raise ConfigError(f"--log: {path}: has RAWLASER1 without ODOM: must have both")
-    entries, skipped = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry)
-    return Log(entries, _base_from_scan(sweeps, found.offset_m), skipped + (damage is not None))
+    entries, retimed = _in_time(sweeps, form, [] if sweeps[0].robot else found.odometry)
+    place = _base_from_scan(sweeps, found.offset_m)
+    return Log(entries, place, int(damage is not None), retimed)
 
 
 def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
@@ -103,14 +113,14 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
         (found.offset_m,) = _numbers(where, _OFFSET, words[2:3])
     elif keyword == "ODOM":
         pose = _pose(where, "pose", words[1:4])
-        found.odometry.append((_time_s(where, words[7:10], whole), pose))
+        found.odometry.append((where.line, _times_s(where, words[7:10], whole), pose))
     elif keyword == "FLASER":
         ranges, rest = _readings(where, words, 1)
         step, fov = _sick_form(len(ranges))
         laser, robot = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
-        time_s = _time_s(where, rest[6:9], whole)
+        times_s = _times_s(where, rest[6:9], whole)
         found.sweeps[keyword].append(
-            _Sweep(time_s, ranges, -fov / 2.0, step, _FARTHEST_M, laser, robot)
+            _Sweep(where.line, times_s, ranges, -fov / 2.0, step, _FARTHEST_M, laser, robot)
         )
     elif keyword in _SCANS:
         start, fov, step, farthest = _numbers(where, "laser", words[2:6], 4)
@@ -121,12 +131,14 @@ def _add(found: _Found, where: Where, words: list[str], whole: bool) -> None:
         if keyword == "ROBOTLASER1":
             poses = _pose(where, "laser", rest[:3]), _pose(where, "robot", rest[3:6])
             rest = rest[11:]
-        time_s = _time_s(where, rest[:3], whole)
+        times_s = _times_s(where, rest[:3], whole)
         if step <= 0.0:
             step = fov / max(1, len(ranges) - 1)
         if not 0.0 < step <= math.pi:
             raise where.wrong(f"angular_resolution: {words[4]!r:.40}: must be radians > 0")
-        found.sweeps[keyword].append(_Sweep(time_s, ranges, start, step, farthest, *poses))
+        found.sweeps[keyword].append(
+            _Sweep(where.line, times_s, ranges, start, step, farthest, *poses)
+        )
 
 
 def _sick_form(beams: int) -> tuple[float, float]:
@@ -160,14 +172,15 @@ def _pose(where: Where, name: str, texts: list[str]) -> SE2:
     return SE2(x_m, y_m, wrap_angle(yaw_rad))
 
 
-def _time_s(where: Where, texts: list[str], whole: bool) -> float:
-    """The IPC's time, of the measurement; the logger's where the former is not set."""
+def _times_s(where: Where, texts: list[str], whole: bool) -> _Times:
+    """The IPC's time and the logger's; one for both where the other is missing or not set."""
     if len(texts) < 3 and not whole:
         raise where.wrong(f"timestamp: {' '.join(texts)!r:.40}: must have a host and a time after")
     (time_s,) = _numbers(where, "ipc_timestamp", texts[:1])
-    if time_s <= 0.0 and len(texts) > 2:
-        (time_s,) = _numbers(where, "logger_timestamp", texts[2:3])
-    return time_s
+    if len(texts) < 3:
+        return time_s, time_s
+    (logged_s,) = _numbers(where, "logger_timestamp", texts[2:3])
+    return time_s if time_s > 0.0 else logged_s, logged_s
 
 
 def _numbers(where: Where, name: str, texts: Sequence[str], count: int = 1) -> list[float]:
@@ -191,28 +204,84 @@ def _is_number(text: str) -> bool:
 
 
 def _in_time(
-    sweeps: list[_Sweep], form: ScanForm, odometry: list[tuple[float, SE2]]
+    sweeps: list[_Sweep], form: ScanForm, odometry: list[tuple[int, _Times, SE2]]
 ) -> tuple[list[Entry], int]:
-    """Entries with times that grow, and how many scans were left out for it."""
-    ordered = sorted(sweeps, key=lambda sweep: sweep.time_s)
-    if ordered != sweeps and _way(ordered) > _way(sweeps):
+    """Entries with times that grow, and how many scans have no time of their own."""
+    by_ipc, by_logger = (_steps_on(sweeps, clock) for clock in (0, 1))
+    clock = 1 if 2 * by_ipc < len(sweeps) - 1 and by_logger > by_ipc else 0
+    ordered = sorted(sweeps, key=lambda sweep: sweep.times_s[clock])
+    if ordered != sweeps and (_way(ordered) > _way(sweeps) or _clock_was_set(sweeps, clock)):
         ordered = sweeps
     limit_m = _no_return_m(ordered)
-    entries = []
-    last_s, offset_s, skipped = -math.inf, 0.0, 0
-    for sweep in ordered:
-        time_s = sweep.time_s + offset_s
-        if time_s < last_s - _CLOCK_SET_S:
-            offset_s += last_s + _AFTER_CLOCK_SET_S - time_s
-            time_s = sweep.time_s + offset_s
-        if time_s <= last_s:
-            skipped += 1
-            continue
-        last_s = time_s
-        entries.append(Entry(round(time_s * 1e9), sweep.robot, _scan(sweep, limit_m, form)))
-    entries += [Entry(round(time_s * 1e9), pose, None) for time_s, pose in odometry]
+    scans = [_scan(sweep, limit_m, form) for sweep in ordered]
+    times_s, retimed = _growing([sweep.times_s[clock] for sweep in ordered])
+    odometry_s, _ = _growing([both[clock] for _, both, _ in odometry])
+    if odometry and 2 * retimed > len(sweeps):
+        # Without times, the order of the lines says which odometry a scan lies between.
+        lines = [sweep.line for sweep in ordered] + [line for line, _, _ in odometry]
+        raw_s = [sweep.times_s[clock] for sweep in ordered] + [t[clock] for _, t, _ in odometry]
+        order = sorted(range(len(lines)), key=lines.__getitem__)
+        together, _ = _growing([raw_s[i] for i in order])
+        placed = dict(zip(order, together, strict=True))
+        times_s = [placed[i] for i in range(len(ordered))]
+        odometry_s = [placed[i] for i in range(len(ordered), len(lines))]
+    entries = [
+        Entry(round(time_s * 1e9), sweep.robot, scan)
+        for time_s, sweep, scan in zip(times_s, ordered, scans, strict=True)
+    ]
+    entries += [
+        Entry(round(time_s * 1e9), pose, None)
+        for time_s, (_, _, pose) in zip(odometry_s, odometry, strict=True)
+    ]
     entries.sort(key=lambda entry: (entry.stamp_ns, entry.scan is not None))
-    return entries, skipped
+    return entries, retimed
+
+
+def _steps_on(sweeps: list[_Sweep], clock: int) -> int:
+    """How many scans are later than the one before, by one of the two clocks."""
+    times_s = np.array([sweep.times_s[clock] for sweep in sweeps])
+    return int(np.count_nonzero(np.diff(times_s) > 0.0))
+
+
+def _clock_was_set(sweeps: list[_Sweep], clock: int) -> bool:
+    """Whether scans without poses are much later in the file than by their times."""
+    if sweeps[0].robot is not None:
+        return False
+    times_s = np.array([sweep.times_s[clock] for sweep in sweeps])
+    return bool(np.any(np.diff(times_s) < -_CLOCK_SET_S))
+
+
+def _growing(times_s: list[float]) -> tuple[list[float], int]:
+    """Times in the same order that grow, and how many of them had to be made up.
+
+    A time that is not later than those before is put between them and the next later one. Where a
+    clock was set back, or has run over, all later times are moved.
+    """
+    grown: list[float] = []
+    moved_s, made_up, waiting = 0.0, 0, 0
+    for i, own_s in enumerate(times_s):
+        time_s = own_s + moved_s
+        if grown:
+            back_s = grown[-1] - _CLOCK_SET_S
+            after_s = times_s[i + 1] + moved_s if i + 1 < len(times_s) else -math.inf
+            if time_s < after_s < back_s:
+                moved_s += grown[-1] + (waiting + 1) * _MADE_UP_S - time_s
+                time_s = own_s + moved_s
+            if time_s <= grown[-1]:
+                waiting += 1
+                continue
+            grown += _between(grown[-1], time_s, waiting)
+        made_up += waiting
+        waiting = 0
+        grown.append(time_s)
+    if grown:
+        grown += _between(grown[-1], math.inf, waiting)
+    return grown, made_up + waiting
+
+
+def _between(begin_s: float, end_s: float, count: int) -> list[float]:
+    step_s = min((end_s - begin_s) / (count + 1), _MADE_UP_S)
+    return [begin_s + (i + 1) * step_s for i in range(count)]
 
 
 def _way(sweeps: list[_Sweep]) -> float:

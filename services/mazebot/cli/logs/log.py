@@ -60,7 +60,23 @@ class Log:
     entries: list[Entry]
     base_from_scan: SE2 | None = None
     skipped: int = 0
-    """Lines left out: their time is not after that of the line before, or the last is cut off."""
+    """Lines left out: the last one, where it is cut off."""
+    retimed: int = 0
+    """Scans whose time is not later than that of the ones before: they follow them in the file's
+    order, at times that are made up.
+    """
+
+    @property
+    def scans(self) -> int:
+        """How many scans there are."""
+        return sum(entry.scan is not None for entry in self.entries)
+
+    def remark(self) -> str:
+        """What to say of the times, if some are made up."""
+        return (
+            f"{self.retimed} of {self.scans} scans are not later than those before: they follow in "
+            "the file's order, at times that are made up"
+        )
 
     def steps(self) -> Iterator[Entry]:
         """Odometry and scans one at a time, a scan after the odometry that follows it: its own time
@@ -75,6 +91,7 @@ class Log:
             if entry.odom_from_base is not None:
                 yield from waiting
                 waiting = []
+        yield from waiting
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mazebot.cli.drive.progress import ProgressLine
-from mazebot.cli.logs.log import Topics
+from mazebot.cli.logs.log import Log, Topics
 from mazebot.cli.logs.options import (
     AngleIncrement,
     AngleMin,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 MAP, GRAPH = "map", "pose_graph.json"
 TRAJECTORY, TRAJECTORY_TUM = "trajectory.csv", "trajectory.tum"
+_JUMPS_SHOWN = 5
 
 
 def build(
@@ -90,19 +92,22 @@ def build(
                 f"{done} of {scans} scans, {slam.keyframes} keyframes, {slam.loops} loops"
             ),
         )  # fmt: skip
-    errors = None if known is None else relation_errors(built.times_s, built.poses, known)
+    _check_used(log_file, built)
+    errors = None
+    if known is not None:
+        errors = relation_errors(built.times_s, built.poses, known, built.odometry)
     files = _write(out, built)
     if draw is not None:
         from mazebot.cli.map.build_drawing import draw_built  # noqa: PLC0415 - loads OpenCV
 
         draw_built(draw, built)
-    figures = {**built.figures(), "scans_left_out": log.skipped}
+    figures = {**built.figures(), "scans_retimed": log.retimed, "lines_left_out": log.skipped}
     if errors is not None:
         figures["relations"] = errors.document()
     if as_json:
         print_json({**figures, "files": [str(file) for file in files]})
     else:
-        sys.stdout.write("".join(f"{line}\n" for line in _lines(figures, errors, files)))
+        sys.stdout.write("".join(f"{line}\n" for line in _lines(log, figures, errors, files)))
 
 
 def _params(path: Path | None) -> SlamParams:
@@ -126,6 +131,24 @@ def _check_folder(out: Path) -> None:
         raise ConfigError(f"--out: {out}: cannot be written: Permission denied")
 
 
+def _check_used(log_file: Path, built: Built) -> None:
+    """Raises ConfigError where most scans could not be used: a map of a small part of a log is not
+    the map that was asked for.
+    """
+    from mazebot.mapping.slam import TOO_SOON  # noqa: PLC0415 - loads Numba
+
+    used, wanted = len(built.times_s), built.scans - built.slam.left_out[TOO_SOON]
+    if 2 * used < wanted:
+        raise ConfigError(
+            f"--log: {log_file}: {used} of {wanted} scans could be used, "
+            f"{_reasons(built.slam.left_out)}: must be at least half of them"
+        )
+
+
+def _reasons(left_out: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count)
+
+
 def _write(out: Path, built: Built) -> list[Path]:
     from mazebot.common.files.folder_writing import write_file  # noqa: PLC0415
     from mazebot.common.world.map_files import write_map  # noqa: PLC0415
@@ -145,12 +168,34 @@ def _write(out: Path, built: Built) -> list[Path]:
     return [written, written.with_suffix(".pgm"), *(out / name for name in texts)]
 
 
-def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]) -> list[str]:
+def _remarks(log: Log, figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """What of the log was not used, or not as it is."""
+    rows = []
+    if reasons := _reasons(figures["left_out_reasons"]):
+        rows.append(("left out", f"scans: {reasons}"))
+    if figures["lines_left_out"]:
+        rows.append(("left out", "the last line, which is cut off"))
+    if log.retimed:
+        rows.append(("times", log.remark()))
+    jumps = figures["odometry_jumps"]
+    for jump in jumps[:_JUMPS_SHOWN]:
+        rows.append(
+            ("jump", f"odometry by {jump['moved_m']:.2f} m and {jump['turned_rad']:.2f} rad, "
+             f"{jump['from_s']:.3f} to {jump['to_s']:.3f} s: the scans show that the robot stayed")
+        )  # fmt: skip
+    if len(jumps) > _JUMPS_SHOWN:
+        rows.append(("jump", f"and {len(jumps) - _JUMPS_SHOWN} more"))
+    return rows
+
+
+def _lines(
+    log: Log, figures: dict[str, Any], errors: RelationErrors | None, files: list[Path]
+) -> list[str]:
     scan_ms, size = figures["scan_ms"], figures["map"]
-    left_out = figures["scans_left_out"]
     rows = [
         ("log", f"{figures['scans']} scans in {figures['log_s']:.0f} s, "
-         f"{figures['driven_m']:.0f} m by odometry" + (f", {left_out} left out" * bool(left_out))),
+         f"{figures['driven_m']:.0f} m by odometry"),
+        *_remarks(log, figures),
         ("map", f"{size['columns']} x {size['rows']} cells of {size['resolution_m']:g} m, "
          f"{size['known_m2']:.0f} m2 known"),
         ("keyframes", f"{figures['keyframes']}"),
@@ -166,7 +211,8 @@ def _lines(figures: dict[str, Any], errors: RelationErrors | None, files: list[P
         (m, m_std), (deg, deg_std) = errors.translation_m, errors.rotation_deg
         (m2, m2_std), (deg2, deg2_std) = errors.translation_squared_m2, errors.rotation_squared_deg2
         rows += [
-            ("relations", f"{errors.used} used, {errors.left_out} outside of the log"),
+            ("relations", f"{errors.used} used, {errors.left_out} outside of the log"
+             + f", {errors.between} between scans, by odometry" * bool(errors.between)),
             ("translation", f"{m:.4f} +- {m_std:.4f} m, squared {m2:.5f} +- {m2_std:.5f} m2"),
             ("rotation", f"{deg:.3f} +- {deg_std:.3f} deg, "
              f"squared {deg2:.3f} +- {deg2_std:.3f} deg2"),

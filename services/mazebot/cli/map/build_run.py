@@ -40,6 +40,8 @@ class Built:
     elapsed_s: float
     driven_m: float
     """By odometry."""
+    odometry: Array
+    """(k, 4) time and odom_from_base of the log."""
 
     @property
     def log_s(self) -> float:
@@ -70,6 +72,17 @@ class Built:
         return {
             "scans": self.scans,
             "scans_used": len(self.times_s),
+            "scans_left_out": sum(self.slam.left_out.values()),
+            "left_out_reasons": dict(self.slam.left_out),
+            "odometry_jumps": [
+                {
+                    "from_s": jump.from_ns * 1e-9,
+                    "to_s": jump.to_ns * 1e-9,
+                    "moved_m": round(math.hypot(jump.moved.x_m, jump.moved.y_m), 3),
+                    "turned_rad": round(jump.moved.yaw_rad, 3),
+                }
+                for jump in self.slam.jumps
+            ],
             "log_s": round(self.log_s, 3),
             "driven_m": round(self.driven_m, 2),
             "keyframes": len(self.graph.nodes),
@@ -110,8 +123,9 @@ def run(
 
     slam = Slam(params, SE2(0.0, 0.0, 0.0))
     place = base_from_scan or log.base_from_scan or BASE_FROM_SCAN
-    scans = sum(entry.scan is not None for entry in log.entries)
+    scans = log.scans
     stamps_ns, anchors, step_ms = [], [], []
+    odometry = []
     done, driven_m = 0, 0.0
     last: SE2 | None = None
     began = time.perf_counter()
@@ -120,6 +134,7 @@ def run(
             slam.odometry(step.stamp_ns, step.odom_from_base)
             driven_m += 0.0 if last is None else last.distance_m(step.odom_from_base)
             last = step.odom_from_base
+            odometry.append((step.stamp_ns * 1e-9, *last))
         if step.scan is None:
             continue
         begin = time.perf_counter()
@@ -137,4 +152,7 @@ def run(
     elapsed_s = time.perf_counter() - began
     poses = np.array([slam.graph.pose(node) @ of_node for node, of_node in anchors])
     times_s = np.array(stamps_ns, np.float64) * 1e-9
-    return Built(slam, graph, times_s, poses, scans, np.array(step_ms), elapsed_s, driven_m)
+    return Built(
+        slam, graph, times_s, poses, scans, np.array(step_ms), elapsed_s, driven_m,
+        np.array(odometry),
+    )  # fmt: skip

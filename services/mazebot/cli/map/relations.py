@@ -21,6 +21,9 @@ _COLUMNS = 8
 _OUTSIDE_S = 0.5
 """A relation this far beyond the trajectory's ends is held against the pose at the end."""
 
+_AT_SCAN_S = 0.05
+"""A time this near to a scan's is the scan's."""
+
 
 @dataclass(frozen=True)
 class Relations:
@@ -39,6 +42,8 @@ class RelationErrors:
     used: int
     left_out: int
     """Relations at times that the trajectory does not have."""
+    between: int
+    """Of the used, those at times between scans: the pose there is odometry's from scan to scan."""
     translation_m: tuple[float, float]
     translation_squared_m2: tuple[float, float]
     rotation_deg: tuple[float, float]
@@ -49,6 +54,7 @@ class RelationErrors:
         return {
             "used": self.used,
             "left_out": self.left_out,
+            "between_scans": self.between,
             **{
                 name: {"mean": mean, "std": std}
                 for name, (mean, std) in (
@@ -91,11 +97,14 @@ def read_relations(path: Path) -> Relations:
     return Relations(table[:, 0], table[:, 1], table[:, [2, 3, 7]])
 
 
-def relation_errors(times_s: Array, poses: Array, relations: Relations) -> RelationErrors:
+def relation_errors(
+    times_s: Array, poses: Array, relations: Relations, odometry: Array | None = None
+) -> RelationErrors:
     """The errors of a trajectory: (n,) growing times and (n, 3) poses x, y, yaw.
 
-    Poses between two are interpolated. Raises ConfigError where fewer than two relations lie within
-    the trajectory's times.
+    `odometry`: (k, 4) growing times and poses of odometry. A pose between two of the trajectory
+    moves as odometry does, or evenly without it. Raises ConfigError where fewer than two relations
+    lie within the trajectory's times.
     """
     begin, end = times_s[0] - _OUTSIDE_S, times_s[-1] + _OUTSIDE_S
     both = np.stack([relations.from_s, relations.to_s])
@@ -107,14 +116,17 @@ def relation_errors(times_s: Array, poses: Array, relations: Relations) -> Relat
             f"{times_s[0]:.3f} to "
             f"{times_s[-1]:.3f} s: must be at least 2"
         )
-    a = _at(times_s, poses, relations.from_s[within])
-    b = _at(times_s, poses, relations.to_s[within])
+    a, b = (
+        _at(times_s, poses, one[within], odometry) for one in (relations.from_s, relations.to_s)
+    )
+    away_s = np.max([_from_scan_s(times_s, one[within]) for one in both], axis=0)
     error = _joined(_joined(_inverse(a), b), _inverse(relations.relative[within]))
     translation = np.hypot(error[:, 0], error[:, 1])
     rotation = np.degrees(np.abs(_wrapped(error[:, 2])))
     return RelationErrors(
         used,
         len(within) - used,
+        int((away_s > _AT_SCAN_S).sum()),
         _mean_and_std(translation),
         _mean_and_std(translation**2),
         _mean_and_std(rotation),
@@ -122,7 +134,34 @@ def relation_errors(times_s: Array, poses: Array, relations: Relations) -> Relat
     )
 
 
-def _at(times_s: Array, poses: Array, wanted_s: Array) -> Array:
+def _from_scan_s(times_s: Array, wanted_s: Array) -> Array:
+    """(m,) how far each time is from the nearest of the trajectory's."""
+    after = np.searchsorted(times_s, wanted_s).clip(1, max(len(times_s) - 1, 1))
+    nearest = times_s[np.stack([after - 1, after.clip(0, len(times_s) - 1)])]
+    return np.asarray(np.abs(nearest - wanted_s).min(axis=0))
+
+
+def _at(times_s: Array, poses: Array, wanted_s: Array, odometry: Array | None) -> Array:
+    """(m, 3) poses at times."""
+    if odometry is None or len(times_s) < 2:
+        return _evenly(times_s, poses, wanted_s)
+    wanted_s = wanted_s.clip(times_s[0], times_s[-1])
+    after = np.searchsorted(times_s, wanted_s).clip(1, len(times_s) - 1)
+    before = after - 1
+    odom = [
+        _evenly(odometry[:, 0], odometry[:, 1:], one)
+        for one in (times_s[before], wanted_s, times_s[after])
+    ]
+    # What odometry says from the scan before and from the one after, the nearer counts more.
+    ahead = _joined(poses[before], _joined(_inverse(odom[0]), odom[1]))
+    back = _joined(poses[after], _joined(_inverse(odom[2]), odom[1]))
+    share = ((wanted_s - times_s[before]) / (times_s[after] - times_s[before]))[:, None]
+    off = back - ahead
+    off[:, 2] = _wrapped(off[:, 2])
+    return np.asarray(ahead + share * off)
+
+
+def _evenly(times_s: Array, poses: Array, wanted_s: Array) -> Array:
     yaws = np.unwrap(poses[:, 2])
     columns = (poses[:, 0], poses[:, 1], yaws)
     return np.stack([np.interp(wanted_s, times_s, column) for column in columns], axis=1)

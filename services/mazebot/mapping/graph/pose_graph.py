@@ -29,6 +29,9 @@ KINDS = ("odometry", "scan_match", "loop", "marker")
 PLAIN, HUBER, CAUCHY = range(3)
 """Robust kernels of edges: none; linear beyond its width; logarithmic beyond it."""
 
+_FARTHER = 1.25
+"""A lidar that sees less than so much farther than the least radius gains nothing by more of it."""
+
 
 class Edges(NamedTuple):
     """Edges, as views of a graph's arrays: not to be written to."""
@@ -192,12 +195,17 @@ class Graph:
         return lengths_m
 
     def trusted_and_candidates(
-        self, node: int, radius_m: float, ratio: float = 2.0, slack_m: float = 2.0
+        self,
+        node: int,
+        radius_m: float,
+        ratio: float = 2.0,
+        slack_m: float = 2.0,
+        detour_m: float = 6.0,
     ) -> tuple[Ints, Ints]:
         """The nodes within a radius of a node, the nearest first, in two parts: trusted neighbours,
         to which the way through the graph is at most `ratio` times the straight one plus
-        `slack_m`, so that little error has gathered on it (the node itself is one); and candidates
-        for a loop, which are near by estimate only.
+        `slack_m`, and longer than it by `detour_m` at most, so that little error has gathered on it
+        (the node itself is one); and candidates for a loop, which are near by estimate only.
         """
         here = self._poses[node]
         near = self.nodes_near(float(here[0]), float(here[1]), radius_m)
@@ -205,8 +213,21 @@ class Graph:
         straight_m = portable.hypot_each(
             self._poses[near, 0] - here[0], self._poses[near, 1] - here[1]
         )
-        trusted = ways_m <= ratio * straight_m + slack_m
+        trusted = ways_m <= np.minimum(ratio * straight_m + slack_m, straight_m + detour_m)
         return near[trusted], near[~trusted]
+
+    def radius_m(self, node: int, least_m: float, reach_m: float, most: int) -> float:
+        """How far from a node to look for what is seen from there: as far as its `most` nearest
+        trusted neighbours stand within `reach_m`, at least `least_m`. So few keyframes far apart
+        give as much of a map as many near ones.
+        """
+        if reach_m <= _FARTHER * least_m:
+            return least_m
+        near, _ = self.trusted_and_candidates(node, reach_m)
+        if len(near) < most:
+            return reach_m
+        x, y = (self._poses[near[most - 1], :2] - self._poses[node, :2]).tolist()
+        return max(least_m, math.hypot(x, y))
 
     def _make_roads(self) -> _Roads:
         edges = self.edges

@@ -2,7 +2,7 @@
 
 A gate is only as good as the poses before: a false loop that comes first, while they are still
 uncertain, lets itself in and keeps the right ones out. The rejected are therefore remembered, and
-stand together against single accepted ones.
+stand together against single accepted ones, and against poses that seem surer than they are.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from mazebot.mapping.graph.pose_graph import LOOP, Graph
 _REMEMBERED = 12
 _VOTES = 3
 """So many rejected loops, of different nodes, outweigh one accepted one."""
+_TOGETHER = 5.0
+"""Factor of the limit for so many that agree."""
 _ALIKE_M, _ALIKE_RAD = 0.7, 0.2
 """Rejected loops that differ by more have nothing to do with each other."""
 _SUSPECTS = 4
@@ -59,8 +61,10 @@ class LoopCloser:
         if len(tried) != 1 or tried[0].kind != LOOP:
             return verdict
         self._rejected.append(tried[0])
-        alike = {one.target for one in self._rejected if self._alike(one, tried[0])}
-        return (self._exchanged() if len(alike) >= _VOTES else None) or verdict
+        alike = {one.target: one for one in self._rejected if self._alike(one, tried[0])}
+        if len(alike) < _VOTES:
+            return verdict
+        return self._exchanged() or self._agreed(list(alike.values())) or verdict
 
     def _alike(self, one: Candidate, other: Candidate) -> bool:
         """Whether two rejected loops would move the place of the second about alike."""
@@ -107,6 +111,19 @@ class LoopCloser:
                 return verdict
             graph.restore(saved)
         return None
+
+    def _agreed(self, alike: list[Candidate]) -> LoopVerdict | None:
+        """Close rejected loops together that agree with each other: what they contradict may be
+        surer of itself than it should be, as where the same error adds up all along a way.
+        """
+        verdict = close_loop(self._graph, alike, _TOGETHER * self._limit)
+        if not verdict.accepted:
+            return None
+        used = {id(one) for one in alike}
+        self._rejected = deque((one for one in self._rejected if id(one) not in used), _REMEMBERED)
+        self.closed += len(alike)
+        self.rejected -= len(alike)
+        return verdict
 
     def _suspects(self, newest: Candidate) -> list[int]:
         """Accepted loops whose ends are the nearest, in the order of nodes, to the rejected one's:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ from mazebot.mapping.graph.pose_graph import Graph, Ints, information_of
 from mazebot.mapping.loops.loop_search import loop_search, search_map
 from mazebot.mapping.matching.local_map import local_map
 from mazebot.mapping.matching.refine import refine
-from mazebot.mapping.matching.scan_points import moved, thinned
+from mazebot.mapping.matching.scan_points import ScanPoints, moved, thinned
 from mazebot.mapping.params import SlamParams
 
 _SIGMAS = 3.5
@@ -34,21 +35,33 @@ _STD_M, _STD_RAD = 5e-3, 3e-3
 
 
 def find_loop(
-    graph: Graph, clouds: Sequence[Array], sensors: Sequence[SE2], node: int, params: SlamParams
+    graph: Graph,
+    clouds: Sequence[Array],
+    seen: Sequence[ScanPoints],
+    node: int,
+    params: SlamParams,
+    scatter: float,
 ) -> Candidate | None:
     """A loop from a node to an older part of the map, if the scans there fit.
 
-    `clouds`: of each node, as `local_map` takes them; `sensors`: base_from_scan.
+    `clouds`: of each node, as `local_map` takes them; `seen`: the scan that made it one.
+    `scatter`: factor of the variances by the parameters, as the scans show it.
     """
     p = params
-    trusted, candidates = graph.trusted_and_candidates(node, p.loop_search_maximum_distance)
-    if len(candidates) < p.loop_match_minimum_chain_size:
+    _, candidates = graph.trusted_and_candidates(node, p.loop_search_maximum_distance)
+    if not len(candidates):
         return None
     near = int(candidates[0])
-    old, _ = graph.trusted_and_candidates(near, p.link_scan_maximum_distance)
+    old_radius_m, new_radius_m = (
+        graph.radius_m(one, p.link_scan_maximum_distance, seen[one].reach_m, p.scan_buffer_size)
+        for one in (near, node)
+    )
+    around_m = max(p.loop_search_maximum_distance, old_radius_m, new_radius_m)
+    trusted, candidates = graph.trusted_and_candidates(node, around_m)
+    old, _ = graph.trusted_and_candidates(near, old_radius_m)
     old = old[~np.isin(old, trusted)][: p.scan_buffer_size]
-    new = trusted[_within(graph, trusted, node, p.link_scan_maximum_distance / 2.0)][:_NEWEST]
-    if len(old) < p.loop_match_minimum_chain_size or len(new) < p.loop_match_minimum_chain_size:
+    new = trusted[_within(graph, trusted, node, new_radius_m / 2.0)][:_NEWEST]
+    if min(len(candidates), len(old), len(new)) < p.loop_match_minimum_chain_size:
         return None
     covariance = relative_covariance(graph, near, node)
     window_m = _SIGMAS * float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
@@ -76,7 +89,8 @@ def find_loop(
             start = found.pose
     fitted = refine(
         local_map(old_poses, old_clouds, p.correlation_search_space_resolution),
-        start, _LOOSE, cloud, sensors[node], p.scan_match_std_m,
+        start, _LOOSE, cloud, seen[node].sensor,
+        p.scan_match_std_m * math.sqrt(scatter),
     )  # fmt: skip
     if fitted.fit < p.loop_match_minimum_response_fine:
         return None
@@ -87,7 +101,7 @@ def find_loop(
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     of_map = information_of(fitted.information + _LOOSE)
     measured = portable.product(turn, of_map, turn.T)
-    measured += np.diag([_STD_M * _STD_M, _STD_M * _STD_M, _STD_RAD * _STD_RAD])
+    measured += scatter * np.diag([_STD_M * _STD_M, _STD_M * _STD_M, _STD_RAD * _STD_RAD])
     return Candidate(near, node, near_pose.inverse() @ fitted.map_from_base, measured)
 
 

@@ -22,6 +22,7 @@ from mazebot.mapping.matching.local_map import LocalMap
 
 _BLOCK = 4
 """Shifts of a block, to each side of a square."""
+NOT_UNLIKELY = np.zeros((3, 3))
 _SHARP = 60.0
 """How fast the likelihood of a pose falls with its score below the best one."""
 
@@ -61,11 +62,14 @@ def correlate(
     window_rad: float,
     step_rad: float,
     smear_deviation_m: float,
+    unlikely: Array = NOT_UNLIKELY,
+    cost: float = 0.0,
 ) -> Correlated:
     """Search x and y within `window_m` and yaw within `window_rad` of a guess, map_from_base, for
     where returns (n, 2), in the base's frame, fit a local map.
 
-    x and y are searched by the local map's cells.
+    x and y are searched by the local map's cells. `unlikely`: (3, 3) information of the guess; a
+    pose at a squared Mahalanobis distance d from it counts `cost` log(1 + d / 3) less.
     """
     none = Correlated(guess, 0.0, np.diag([window_m * window_m] * 2 + [window_rad * window_rad]))
     if len(points_m) == 0 or not local.has_surfels:
@@ -76,7 +80,8 @@ def correlate(
     sums = np.zeros(10)
     best = _search(
         fine, coarse, np.ascontiguousarray(points_m), guess.x_m - local.x_m, guess.y_m - local.y_m,
-        guess.yaw_rad, 1.0 / local.cell_m, half, turns, step_rad, sums,
+        guess.yaw_rad, 1.0 / local.cell_m, half, turns, step_rad,
+        np.ascontiguousarray(unlikely, np.float64), cost, sums,
     )  # fmt: skip
     score, row, column, turn = best
     if score <= 0.0:
@@ -127,7 +132,7 @@ def _pool(fine: NDArray[np.float32], coarse: NDArray[np.float32]) -> None:
 
 @kernel(
     "UniTuple(float64, 4)(float32[:, ::1], float32[:, ::1], float64[:, ::1], float64, float64, "
-    "float64, float64, int64, int64, float64, float64[::1])"
+    "float64, float64, int64, int64, float64, float64[:, ::1], float64, float64[::1])"
 )
 def _search(
     fine: NDArray[np.float32],
@@ -140,6 +145,8 @@ def _search(
     half: int,
     turns: int,
     step: float,
+    unlikely: Array,
+    cost: float,
     sums: Array,
 ) -> tuple[float, float, float, float]:
     rows, columns = fine.shape
@@ -191,6 +198,12 @@ def _search(
                     if r >= 0 and k >= 0 and r < rows and k < columns:
                         total += fine[r, k]
                 score = total / n
+                if cost > 0.0 and score > best - slack:
+                    ex, ey, et = column / cells_per_m, row / cells_per_m, (a - turns) * step
+                    q = unlikely
+                    d = q[0, 0] * ex * ex + q[1, 1] * ey * ey + q[2, 2] * et * et
+                    d += 2.0 * (q[0, 1] * ex * ey + q[0, 2] * ex * et + q[1, 2] * ey * et)
+                    score -= cost * portable_kernels.log(1.0 + d / 3.0)
                 if score > best:
                     best, best_row, best_column, best_turn = score, row, column, a - turns
                 if score >= best - slack:

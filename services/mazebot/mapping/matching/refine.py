@@ -34,6 +34,8 @@ FEW_SHARE = 1.0 / 30.0
 """...and this share of those that fit."""
 _POINT_WEIGHT = 0.1
 """Along its line, of a surfel that is none: corners and posts hold a little in both directions."""
+_PARTS = 16
+"""Parts of a scan, of neighbouring returns, whose pulls are compared."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,10 @@ class Refined:
     """Share of the returns that fit the map, 0 to 1."""
     open_direction: bool
     """Whether the lines leave one direction open."""
+    discord: float = 1.0
+    """How much more the parts of the scan pull in different directions than returns would that err
+    by `return_std_m`, each for itself: a factor of the variance of the pose.
+    """
 
 
 def refine(
@@ -79,18 +85,18 @@ def refine(
     information = np.zeros((3, 3))
     if len(points_m) == 0 or not local.has_surfels:
         return Refined(begin, information, 0.0, True)
-    fit, is_open = _refine(
+    fit, is_open, discord = _refine(
         pose, prior, np.ascontiguousarray(prior_information, np.float64),
         np.ascontiguousarray(points_m), sensor.x_m, sensor.y_m, local.surfels, local.nearest,
         local.x_m, local.y_m, 1.0 / local.cell_m, 1.0 / (return_std_m * return_std_m), few_share,
         information,
     )  # fmt: skip
     x_m, y_m, yaw_rad = pose.tolist()
-    return Refined(SE2(x_m, y_m, wrap_angle(yaw_rad)), information, fit, bool(is_open))
+    return Refined(SE2(x_m, y_m, wrap_angle(yaw_rad)), information, fit, bool(is_open), discord)
 
 
 @kernel(
-    "UniTuple(float64, 2)(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64, "
+    "UniTuple(float64, 3)(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64, "
     "float64, float64[:, ::1], int32[:, ::1], float64, float64, float64, float64, float64, "
     "float64[:, ::1])"
 )
@@ -109,19 +115,22 @@ def _refine(
     each: float,
     few_share: float,
     information: Array,
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     rows, columns = nearest.shape
     h = np.zeros((3, 3))
     b = np.zeros(3)
+    pulls = np.zeros((_PARTS, 3))
     weak_x = weak_y = weaker = 0.0
     narrow = False
     left = _WIDE
     fit = 0.0
+    discord = 1.0
     while True:
         scale = _NARROW_M if narrow else _WIDE_M
         c, s = portable_kernels.cos_sin(pose[2])
         h[:] = 0.0
         b[:] = 0.0
+        pulls[:] = 0.0
         fitting = 0
         # The information by lines that clearly face a direction, of each return as 1.
         facing_xx = facing_xy = facing_yy = 0.0
@@ -162,6 +171,10 @@ def _refine(
             b[0] -= weight * nx * off
             b[1] -= weight * ny * off
             b[2] -= weight * gt * off
+            part = pulls[j * _PARTS // points.shape[0]]
+            part[0] -= weight * nx * off
+            part[1] -= weight * ny * off
+            part[2] -= weight * gt * off
             facing_xx += weight * nx * nx
             facing_xy += weight * nx * ny
             facing_yy += weight * ny * ny
@@ -179,6 +192,9 @@ def _refine(
                 b[0] += weight * ny * along
                 b[1] -= weight * nx * along
                 b[2] -= weight * tt * along
+                part[0] += weight * ny * along
+                part[1] -= weight * nx * along
+                part[2] -= weight * tt * along
         fit = fitting / points.shape[0]
         if narrow and left == _NARROW:
             # The direction that the lines face least.
@@ -219,6 +235,8 @@ def _refine(
                 weaker = 1.0 - math.sqrt(constrained / all_weight)
             weak_x, weak_y = ex, ey
         last = narrow and left <= 0
+        if last:
+            discord = _discord(h, pulls, weak_x, weak_y, weaker == 1.0)
         if weaker == 1.0 or (last and weaker > 0.0):
             # S h S with S = 1 - weaker e e^T on x and y.
             hx = h[0, 0] * weak_x + h[0, 1] * weak_y
@@ -270,4 +288,35 @@ def _refine(
             left = _NARROW
     h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
     information[:] = h
-    return fit, 1.0 if weaker == 1.0 else 0.0
+    return fit, 1.0 if weaker == 1.0 else 0.0, discord
+
+
+@kernel("float64(float64[:, ::1], float64[:, ::1], float64, float64, boolean)")
+def _discord(h: Array, pulls: Array, open_x: float, open_y: float, is_open: bool) -> float:
+    """The mean of pull^T h^-1 pull over the directions that are not open, of all parts together.
+
+    The pulls of returns that err each for itself, as the information h has it, make it 1.
+    """
+    a00, a01, a11 = h[0, 0], h[0, 1], h[1, 1]
+    if is_open:
+        # Nothing moves in the open direction.
+        held = 1e3 * (a00 + a11)
+        a00 += held * open_x * open_x
+        a01 += held * open_x * open_y
+        a11 += held * open_y * open_y
+    l00 = math.sqrt(max(a00, 1e-9))
+    l10, l20 = a01 / l00, h[0, 2] / l00
+    l11 = math.sqrt(max(a11 - l10 * l10, 1e-9))
+    l21 = (h[1, 2] - l10 * l20) / l11
+    l22 = math.sqrt(max(h[2, 2] - l20 * l20 - l21 * l21, 1e-9))
+    total = 0.0
+    for k in range(pulls.shape[0]):
+        x, y = pulls[k, 0], pulls[k, 1]
+        if is_open:
+            along = x * open_x + y * open_y
+            x, y = x - along * open_x, y - along * open_y
+        z0 = x / l00
+        z1 = (y - l10 * z0) / l11
+        z2 = (pulls[k, 2] - l20 * z0 - l21 * z1) / l22
+        total += z0 * z0 + z1 * z1 + z2 * z2
+    return total / (2.0 if is_open else 3.0)

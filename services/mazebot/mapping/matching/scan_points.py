@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ _LEAST_OPEN_RAD = 0.08
 on glass or on something black, and would clear what is behind a wall.
 """
 
+_REACH_SHARE = 0.9
+
 
 @dataclass(frozen=True)
 class ScanPoints:
@@ -32,20 +35,33 @@ class ScanPoints:
     sensor: SE2
     """base_from_scan"""
 
+    @cached_property
+    def reach_m(self) -> float:
+        """How far the lidar saw obstacles here, the farthest tenth left out; 0 where it saw none.
+
+        A robot this far away still sees part of what is seen from here.
+        """
+        if not len(self.points_m):
+            return 0.0
+        away_m = portable.hypot_each(
+            self.points_m[:, 0] - self.sensor.x_m, self.points_m[:, 1] - self.sensor.y_m
+        )
+        return float(np.sort(away_m)[int(_REACH_SHARE * (len(away_m) - 1))])
+
 
 def scan_points(scan: Scan, max_range_m: float) -> ScanPoints:
     """The points of a scan.
 
     Ranges in [range_min, range_max) are returns, up to `max_range_m`; farther ones show only
     that it is free up to there. The same holds for ranges of `range_max` and more, infinite ones
-    included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min` and
-    NaN, are ignored, as in REP 117.
+    included, but at least `_LEAST_OPEN_RAD` of them in a row. Others, below `range_min`, 0
+    and NaN, are ignored, as in REP 117; drivers write 0 for no return, and a `range_min` of 0.
     """
     base_from_scan = scan.base_from_scan
     distances_m = np.asarray(scan.ranges_m, np.float64).reshape(-1)
     limit_m = min(scan.range_max_m, _FAR_M)
     reach_m = min(limit_m, max_range_m)
-    in_range = (distances_m >= scan.range_min_m) & (distances_m < limit_m)
+    in_range = (distances_m >= scan.range_min_m) & (distances_m > 0.0) & (distances_m < limit_m)
     returned = in_range & (distances_m < reach_m)
     misses = distances_m >= limit_m
     if misses.any():
