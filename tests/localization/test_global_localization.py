@@ -258,6 +258,7 @@ class TestConsistency:
                 place, place.free_pose(rng), place.localization(seed), rng, slip=slip
             )
             made.loc.initialize(made.pose @ SE2(*(rng.standard_normal(3) * 0.03)), NEAR)
+            made.sense()
             for _ in range(800):
                 made.wander(0.4)
                 assert made.loc.state == "localized", made.loc.reasons

@@ -11,7 +11,7 @@ _MAX_PARTICLES_SHOWN = 500
 
 def cloud_message(now_ns: int, particles: Array) -> msg.PoseArray:
     """At most 500 of the (n, 3) particles: x, y in metres and yaw in radians."""
-    shown = particles[:: -(-len(particles) // _MAX_PARTICLES_SHOWN)]
+    shown = particles[:: max(1, -(-len(particles) // _MAX_PARTICLES_SHOWN))]
     cos, sin = portable_kernels.cos_sin_each(shown[:, 2] / 2.0)
     zeros = [0.0] * len(shown)
     points = map(msg.Point, shown[:, 0].tolist(), shown[:, 1].tolist(), zeros)

@@ -1,4 +1,4 @@
-"""Whether the pose can be believed: its quality against its long mean, and markers against it."""
+"""Whether the pose can be believed: what contradicts it, against the long mean, and markers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mazebot.localization.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
 
 _HOPELESS = 0.4
-"""Below this quality for `_HOPELESS_S` the pose is lost, though no other one is found."""
+"""Below this consistency for `_HOPELESS_S` the pose is lost, though no other one is found."""
 _HOPELESS_S = 3.0
 _SEARCH_AGAIN_S = 2.0
 _GATE = 16.27
@@ -29,15 +29,16 @@ class _Strike:
 
 
 class PoseMonitor:
-    """Running means of the quality, and the time since it is suspect."""
+    """Running means of the quality and of the consistency, and the time since that is suspect."""
 
     def __init__(self, params: LocalizationParams) -> None:
         self._params = params
         self.begin()
 
-    def begin(self) -> None:
-        """Reset, as at a pose that was just set."""
-        self.quality = 1.0
+    def begin(self, quality: float = 0.0) -> None:
+        """Reset, as at a pose that was just set or found, with its quality so far."""
+        self.quality = quality
+        self._consistency = 1.0
         self._slow = 1.0
         self._suspect_ns: int | None = None
         self._hopeless_ns: int | None = None
@@ -46,26 +47,29 @@ class PoseMonitor:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether the quality is far below its long mean."""
+        """Whether far more contradicts the pose than in the long mean."""
         return self._suspect_ns is not None
 
-    def add(self, stamp_ns: int, quality: float) -> None:
-        """Add the quality of a scan at the pose (augmented MCL, Probabilistic Robotics, 8.3)."""
+    def add(self, stamp_ns: int, quality: float, consistency: float) -> None:
+        """Add a scan's quality and consistency at the pose, of which the latter is judged as in
+        augmented MCL (Probabilistic Robotics, 8.3).
+        """
         p = self._params
         self.quality += p.recovery_alpha_fast * (quality - self.quality)
-        suspect = self.quality < p.suspect_quality * self._slow
+        self._consistency += p.recovery_alpha_fast * (consistency - self._consistency)
+        suspect = self._consistency < p.suspect_quality * self._slow
         if not suspect:
-            self._slow += p.recovery_alpha_slow * (quality - self._slow)
+            self._slow += p.recovery_alpha_slow * (consistency - self._slow)
             self._suspect_ns = self._searched_ns = None
         elif self._suspect_ns is None:
             self._suspect_ns = stamp_ns
-        if self.quality >= _HOPELESS:
+        if self._consistency >= _HOPELESS:
             self._hopeless_ns = None
         elif self._hopeless_ns is None:
             self._hopeless_ns = stamp_ns
 
     def is_hopeless(self, stamp_ns: int) -> bool:
-        """Whether next to nothing fits, for long."""
+        """Whether nearly everything contradicts the pose, for long."""
         return self._hopeless_ns is not None and stamp_ns - self._hopeless_ns >= _HOPELESS_S * 1e9
 
     def wants_search(self, stamp_ns: int) -> bool:

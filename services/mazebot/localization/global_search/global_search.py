@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
-from mazebot.localization.beam_model import RayMap, ScanView, in_wall, judge
+from mazebot.localization.beam_model import UNMAPPED, RayMap, ScanView, in_wall, judge
 from mazebot.localization.global_search.scan_matching import refine
 from mazebot.localization.likelihood_field import OCCUPIED
 
@@ -97,13 +97,13 @@ def global_search(
 ) -> tuple[Array, Array, Array]:
     """The poses from which a scan may have been taken, the likeliest first.
 
-    Returns (k, 3) poses in the map, k up to `count`, their (k, 6) counts of beams and their (k,)
+    Returns (k, 3) poses in the map, k up to `count`, their (k, 7) counts of beams and their (k,)
     log-likelihoods, as `judge` gives them. A scan without returns gives none: every pose in the
     open would do.
     """
     empty = np.empty((0, 3))
     if view.returns == 0 or not table.free.any():
-        return empty, np.empty((0, 6)), np.empty(0)
+        return empty, np.empty((0, UNMAPPED + 1)), np.empty(0)
     points_m = _spread(view.points_m, min(_POINTS, _MOST_POINTS))
     turn = 2.0 * math.pi / _HEADINGS
     cos, sin = portable_kernels.cos_sin_each(np.arange(_HEADINGS) * turn)
