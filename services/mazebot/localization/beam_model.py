@@ -202,10 +202,12 @@ def qualities(counts: Array, dynamic_share: float) -> Array:
     """(n,) quality 0 to 1 of poses, by `judge`'s counts: the share of beams that are explained.
 
     A return on a wall is, and so is one before it, up to `dynamic_share` of the beams: something
-    that the map does not have may stand there. Beams through walls weigh thrice. Where the map has
-    no wall in range and nothing returns, nothing contradicts the pose: its quality is 1.
+    that the map does not have may stand there. One from where the map knows nothing is not. Beams
+    through walls weigh thrice. Where the map has no wall in range and nothing returns, nothing
+    contradicts the pose: its quality is 1.
     """
-    judged = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, MISSING]
+    returns = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, UNMAPPED]
+    judged = returns + counts[:, MISSING]
     total = judged + THROUGH_WEIGHT * counts[:, THROUGH]
     short = np.minimum(counts[:, SHORT], dynamic_share * (judged + counts[:, THROUGH]))
     explained = counts[:, HIT] + short

@@ -726,10 +726,14 @@ class Localization:
     def _is_certain(self, verdict: Verdict) -> bool:
         if verdict.certainty < self._params.search_certainty or verdict.quality < _CERTAIN_QUALITY:
             return False
-        return (
-            verdict.markers >= _MARKERS_AGREE
-            or verdict.travel_m >= self._params.search_min_travel_m
-        )
+        if verdict.markers >= _MARKERS_AGREE:
+            return True
+        p = self._params
+        is_open = self._table.is_open(verdict.pose)
+        least_m = p.search_min_travel_m
+        if is_open:
+            least_m = max(least_m, p.search_min_travel_open_m)
+        return verdict.travel_m >= least_m
 
     def _settle_on(self, verdict: Verdict, here: SE2) -> None:
         found = portable.inverse(verdict.information)
