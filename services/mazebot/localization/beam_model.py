@@ -237,11 +237,21 @@ def refutations(counts: Array, likelihood_weight: float) -> Array:
     return np.asarray(loss * likelihood_weight)
 
 
-def mapped_returns(rays: RayMap, pose: SE2, view: ScanView) -> NDArray[np.bool_]:
-    """(k,) which returns of a scan at a pose do not come from where the map knows nothing."""
-    kinds = np.empty((1, len(view.ranges_m)), np.int8)
-    _judged(rays, np.array([pose], np.float64), view, kinds)
-    return np.asarray(kinds[0, : view.returns] != UNMAPPED)
+def mapped_returns(
+    rays: RayMap, pose: SE2, view: ScanView, within_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """(k,) which returns of a scan at a pose do not come from where the map knows nothing, also if
+    the pose is off by `within_m` in any direction: the end of a known wall is no face that holds a
+    robot back.
+    """
+    shifts = [(0.0, 0.0), (within_m, 0.0), (-within_m, 0.0), (0.0, within_m), (0.0, -within_m)]
+    poses = np.array([pose @ SE2(x_m, y_m, 0.0) for x_m, y_m in shifts])
+    kinds = np.empty((len(poses), len(view.ranges_m)), np.int8)
+    _judged(rays, poses, view, kinds)
+    grid = rays.map_from_grid
+    seen = np.empty(len(poses), np.bool_)
+    _in_sight(poses, rays.occupied, rays.cells_per_m, grid.x_m, grid.y_m, grid.yaw_rad, seen)
+    return np.asarray((kinds[seen, : view.returns] != UNMAPPED).all(axis=0))
 
 
 def in_wall(rays: RayMap, poses: Array, clearance_m: float) -> NDArray[np.bool_]:
@@ -318,6 +328,30 @@ def _is_unknown(occupied: NDArray[np.uint8], x: float, y: float) -> bool:
     if row < 0 or column < 0 or row >= rows or column >= columns:
         return True
     return bool(occupied[row, column] == 2)
+
+
+@kernel("void(float64[:, ::1], uint8[:, ::1], float64, float64, float64, float64, boolean[::1])")
+def _in_sight(
+    poses: Array,
+    occupied: NDArray[np.uint8],
+    cells_per_m: float,
+    grid_x: float,
+    grid_y: float,
+    grid_yaw: float,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Whether no wall is between the first pose and each."""
+    c, s = portable_kernels.cos_sin(grid_yaw)
+    x = (c * (poses[0, 0] - grid_x) + s * (poses[0, 1] - grid_y)) * cells_per_m
+    y = (c * (poses[0, 1] - grid_y) - s * (poses[0, 0] - grid_x)) * cells_per_m
+    for i in range(poses.shape[0]):
+        ox, oy = poses[i, 0] - poses[0, 0], poses[i, 1] - poses[0, 1]
+        way = math.sqrt(ox * ox + oy * oy)
+        if way == 0.0:
+            seen[i] = True
+            continue
+        dx, dy = (c * ox + s * oy) / way, (c * oy - s * ox) / way
+        seen[i] = _first_wall(occupied, x, y, dx, dy, way * cells_per_m) > way * cells_per_m
 
 
 @kernel(

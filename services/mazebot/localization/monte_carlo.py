@@ -97,12 +97,10 @@ _VERDICT_SCANS = 5
 """Scans by which an initial pose is confirmed or doubted: the particles need some to converge."""
 _RIVAL = 6.0
 """Advantage in log-likelihood from which on another pose speaks against an initial one."""
-_CARRIED = 9.0
-"""Negative logarithm of the probability that a robot was carried away: so much less likely than
-another pose has what contradicts a pose to make it, before the robot is called lost.
-"""
 _GATE = 16.27
 """99.9 % of chi squared with three degrees of freedom."""
+_BORDER_M, _SIGMAS = 0.3, 3.0
+"""A return this near to where the map ends, by so many standard deviations, is left out."""
 _UNMAPPED_SHARE = 0.5
 _UNMAPPED_STD_M = 1.0
 """Where most of what is seen is not mapped, the pose is lost from this spread on."""
@@ -432,17 +430,12 @@ class Localization:
         # The scan may be older than the last update, or newer.
         if odom_from_base != self._odom_from_base:
             view = moved_view(view, self._odom_from_base.inverse() @ odom_from_base)
-        # A return from where the map knows nothing is as likely at each particle.
-        mapped = mapped_returns(self._rays, self._set.pose, view)
-        enough = int(mapped.sum()) >= self._params.min_returns
+        points_m, before_m = self._mapped_points(view)
+        enough = len(points_m) >= self._params.min_returns
         if used and enough:
             self._set.weigh(
                 pf.scan_log_weights(
-                    self._field,
-                    self._set.poses,
-                    view.points_m[mapped],
-                    view.before_m[mapped],
-                    self._params.beam_weight,
+                    self._field, self._set.poses, points_m, before_m, self._params.beam_weight
                 )
             )
         elif used:
@@ -450,6 +443,17 @@ class Localization:
             self._set.measure_spread()
         self._judge(stamp_ns, odom_from_base, view, enough)
         return used and enough
+
+    def _mapped_points(self, view: ScanView) -> tuple[Array, Array]:
+        """The ends of the beams, and the points before them, without those from where the map knows
+        nothing: such a return is as likely at each particle.
+        """
+        if not self._table.is_open(self._set.pose):
+            return view.points_m, view.before_m
+        variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
+        within_m = max(_BORDER_M, _SIGMAS * math.sqrt(variance_m2))
+        mapped = mapped_returns(self._rays, self._set.pose, view, within_m)
+        return view.points_m[mapped], view.before_m[mapped]
 
     def _judge(self, stamp_ns: int, odom_from_base: SE2, view: ScanView, enough: bool) -> None:
         here = self._poses_to_judge()
@@ -472,11 +476,13 @@ class Localization:
             )
             self._judge_given(self._given, odom_from_base, view, fit)
         else:
-            self._doubt(stamp_ns, view, counts[0], enough)
+            self._doubt(stamp_ns, odom_from_base, view, counts[0], enough)
         if self._hypotheses is not None and self._view is not None:
             self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
 
-    def _doubt(self, stamp_ns: int, view: ScanView, counts: Array, enough: bool) -> None:
+    def _doubt(
+        self, stamp_ns: int, odom_from_base: SE2, view: ScanView, counts: Array, enough: bool
+    ) -> None:
         """Whether a pose that was trusted still is, by the counts (7,) of beams there."""
         if counts[UNMAPPED] > _UNMAPPED_SHARE * max(view.returns, 1):
             share = f"{100.0 * counts[UNMAPPED] / view.returns:.0f} % of the returns"
@@ -485,10 +491,11 @@ class Localization:
             if variance_m2 > portable.square(_UNMAPPED_STD_M):
                 self._give_up(*self._reasons)
             return
-        if not self._monitor.is_suspect:
-            self._reasons = ("the scans match the map",)
-            return
         share = f"{100.0 * self._monitor.quality:.0f} % of the beams are explained by the map"
+        if not self._monitor.is_suspect:
+            fits = self._monitor.quality >= _CERTAIN_QUALITY
+            self._reasons = ("the scans match the map" if fits else f"{share}, none contradict it",)
+            return
         through = int(counts[THROUGH])
         if through:
             share += f", and {through} of {len(view.ranges_m)} pass through walls"
@@ -497,7 +504,7 @@ class Localization:
             self._give_up(share)
         elif enough and self._monitor.wants_search(stamp_ns):
             against = float(refutations(counts[None], view.likelihood_weight)[0])
-            if self._is_better_elsewhere(view, against):
+            if self._is_better_elsewhere(odom_from_base, view, against):
                 self._give_up(share + "; another pose matches better")
 
     def _judge_given(self, given: _Given, odom_from_base: SE2, view: ScanView, fit: _Fit) -> None:
@@ -584,16 +591,15 @@ class Localization:
         poses = self._set.poses
         return np.ascontiguousarray(np.concatenate([mean, poses[:: max(1, len(poses) // _JUDGED)]]))
 
-    def _is_better_elsewhere(self, view: ScanView, against: float) -> bool:
-        """Whether a pose elsewhere matches a scan, and what is `against` the estimate outweighs
-        that hardly any robot is carried away.
+    def _is_better_elsewhere(self, odom_from_base: SE2, view: ScanView, against: float) -> bool:
+        """Whether a pose elsewhere matches a scan, and what is `against` the estimate, there and on
+        the way since it is suspect, outweighs that hardly any robot is carried away.
         """
-        poses, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
-        if not len(poses):
-            return False
+        _, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
         needed = max(self._monitor.quality + self._params.lost_margin, _CERTAIN_QUALITY)
         good = qualities(counts, self._params.dynamic_share) >= needed
-        return bool((good & (BEAM_WEIGHT * (against + likelihoods) >= _CARRIED)).any())
+        advantages = BEAM_WEIGHT * (against + likelihoods[good])
+        return self._monitor.outweighs(odom_from_base, float(advantages.max(initial=0.0)))
 
     def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
         """Whether markers show another pose than the estimate, and the last scan fits it."""

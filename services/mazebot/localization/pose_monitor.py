@@ -15,6 +15,12 @@ _HOPELESS = 0.4
 """Below this consistency for `_HOPELESS_S` the pose is lost, though no other one is found."""
 _HOPELESS_S = 3.0
 _SEARCH_AGAIN_S = 2.0
+_CARRIED = 9.0
+"""Negative logarithm of the probability that a robot was carried away: so much less likely than
+another pose has what contradicts a pose to make it, before the robot is called lost.
+"""
+_MOVED_M, _MOVED_RAD = 0.2, 0.35
+"""Scans nearer to one another than this say the same."""
 _GATE = 16.27
 """99.9 % of chi squared with three degrees of freedom."""
 _STRIKE_S = 2.0
@@ -44,6 +50,8 @@ class PoseMonitor:
         self._hopeless_ns: int | None = None
         self._searched_ns: int | None = None
         self._strike: _Strike | None = None
+        self._advantage = 0.0
+        self._weighed_at: SE2 | None = None
 
     @property
     def is_suspect(self) -> bool:
@@ -60,7 +68,8 @@ class PoseMonitor:
         suspect = self._consistency < p.suspect_quality * self._slow
         if not suspect:
             self._slow += p.recovery_alpha_slow * (consistency - self._slow)
-            self._suspect_ns = self._searched_ns = None
+            self._suspect_ns = self._searched_ns = self._weighed_at = None
+            self._advantage = 0.0
         elif self._suspect_ns is None:
             self._suspect_ns = stamp_ns
         if self._consistency >= _HOPELESS:
@@ -83,6 +92,18 @@ class PoseMonitor:
         self._searched_ns = stamp_ns
         return True
 
+    def outweighs(self, odom_from_base: SE2, advantage: float) -> bool:
+        """Whether the advantage in log-likelihood that another pose has by a scan at this odometry,
+        with those of scans from elsewhere since the pose is suspect, makes the pose lost.
+        """
+        last = self._weighed_at
+        if last is not None and _is_near(last, odom_from_base, _MOVED_M, _MOVED_RAD):
+            self._advantage = max(self._advantage, advantage)
+        else:
+            self._advantage += advantage
+            self._weighed_at = odom_from_base
+        return self._advantage >= _CARRIED
+
     def contradicts(
         self,
         stamp_ns: int,
@@ -104,15 +125,15 @@ class PoseMonitor:
             return False
         # Compared where the robot is: far from odom's origin a small turn is a long way.
         return any(
-            _agree(one @ odom_from_base, other @ odom_from_base)
+            _is_near(one @ odom_from_base, other @ odom_from_base, _AGREE_M, _AGREE_RAD)
             for one in last.poses_in_odom
             for other in strike.poses_in_odom
         )
 
 
-def _agree(one: SE2, other: SE2) -> bool:
+def _is_near(one: SE2, other: SE2, within_m: float, within_rad: float) -> bool:
     turned = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
-    return one.distance_m(other) <= _AGREE_M and turned <= _AGREE_RAD
+    return one.distance_m(other) <= within_m and turned <= within_rad
 
 
 def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array) -> float:
