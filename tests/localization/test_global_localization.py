@@ -275,6 +275,21 @@ class TestBesideLargeThings:
         assert made.error()[0] < 0.2
 
 
+    @pytest.mark.parametrize("seed", range(2))
+    def test_a_right_initial_pose_is_confirmed_where_the_walls_are_seen(self, seed: int) -> None:
+        made = robot(self.PLACE, seed)
+        made.obstacles = boxes_around(made.pose, 0.7)
+        made.loc.initialize(made.pose, NEAR)
+        for _ in range(20):
+            made.drive(0.0, 0.0)
+        assert made.loc.hypotheses()[0, 3] > 0.9
+        while made.loc.state != "localized":
+            assert made.loc.wants_motion
+            made.drive(-0.2, 0.0)
+            assert made.error()[0] < 0.2
+        assert made.loc.reasons == ("the scans match the map",)
+
+
 class TestFirstVerdict:
     """On an initial pose, by the first scans."""
 

@@ -91,6 +91,8 @@ _UNCONTRADICTED = 0.95
 """Consistency of an initial pose that hardly anything speaks against, though things that are not on
 the map hide its walls.
 """
+_CONFIRMING = 0.4
+"""Share of hits that confirms such a pose."""
 _ALL_EXPLAINED = 0.8
 """Share of hits at a pose elsewhere that such an initial pose gives way to."""
 _VERDICT_SCANS = 5
@@ -125,8 +127,10 @@ class _Fit(NamedTuple):
     """Logarithm, as `judge` gives it."""
     is_of_this_map: bool
     """Whether the returns are likelier there than at a place that is not on the map."""
-    returns: float
-    """Those that come from where the map knows something."""
+    is_mapped: bool
+    """Whether most returns come from where the map knows something."""
+    hit_share: float
+    """Of those, the share that end on its walls."""
 
 
 class _Rival(NamedTuple):
@@ -467,12 +471,15 @@ class Localization:
         if self._given is not None:
             returns = float(counts[best, [HIT, SHORT, MISFIT, THROUGH]].sum())
             nowhere = NOWHERE_COST * returns + MISS_COST * float(counts[best, MISSING])
+            mapped = max(self._params.min_returns, (1.0 - _UNMAPPED_SHARE) * view.returns)
+            is_mapped = returns >= mapped
             fit = _Fit(
                 float(quality[best]),
                 float(consistency.max()),
                 float(likelihoods[best]),
-                float(likelihoods[best]) >= -nowhere * view.likelihood_weight,
-                returns,
+                is_mapped and float(likelihoods[best]) >= -nowhere * view.likelihood_weight,
+                is_mapped,
+                float(counts[best, HIT]) / max(returns, 1.0) if is_mapped else 0.0,
             )
             self._judge_given(self._given, odom_from_base, view, fit)
         else:
@@ -516,28 +523,31 @@ class Localization:
             elif given.scans >= _VERDICT_SCANS:
                 self._search("searching", "walls that are in range of the initial pose are unseen")
             return
-        rival = self._rival(given, odom_from_base, view, fit.likelihood)
-        least = max(self._params.min_returns, (1.0 - _UNMAPPED_SHARE) * view.returns)
-        mapped = fit.returns >= least
+        hidden = fit.consistency >= _UNCONTRADICTED
         # Rays that are lost are lost at each pose.
-        fits = mapped and fit.is_of_this_map and fit.consistency > 0.0
+        fits = fit.is_of_this_map and fit.consistency > 0.0
+        fits |= hidden and fit.hit_share >= _CONFIRMING
+        is_due = given.scans % _VERDICT_SCANS == 0
+        if not (fits or is_due):
+            return
+        rival = self._rival(given, odom_from_base, view, fit.likelihood)
+        if rival is not None and hidden and rival.hit_share < _ALL_EXPLAINED:
+            rival = None
         if fits and rival is None:
             self._trust("the scans match the map", fit.quality)
-        elif given.scans < _VERDICT_SCANS:
+        elif not is_due:
             return
         elif rival is not None and rival.is_given:
             # The particles were too few to be near it.
             self._set.begin(rival.pose, np.diag(_FOUND_VARIANCES))
             self._trust("the scans match the map near the initial pose", rival.quality)
-        elif (
-            mapped
-            and fit.consistency >= _UNCONTRADICTED
-            and (rival is None or rival.hit_share < _ALL_EXPLAINED)
-        ):
-            self._trust("nothing contradicts the initial pose", fit.quality)
+        elif rival is None and hidden and fit.is_mapped:
+            # What hides the walls is left behind on the way, or the pose is contradicted there.
+            self._state = "searching"
+            self._reasons = ("nothing contradicts the initial pose, and hardly a wall confirms it",)
         else:
             share = f"{100.0 * fit.quality:.0f} % of the beams are explained at the initial pose"
-            if not mapped:
+            if not fit.is_mapped:
                 share = "the initial pose is where the map shows nothing"
             other = "" if rival is None else "; another pose matches better"
             self._search("searching", share + other)
