@@ -99,6 +99,8 @@ _VERDICT_SCANS = 5
 """Scans by which an initial pose is confirmed or doubted: the particles need some to converge."""
 _RIVAL = 6.0
 """Advantage in log-likelihood from which on another pose speaks against an initial one."""
+_NEAR_RIVAL, _NEAR_M = 2.0, 1.0
+"""The same for one as near as this: of the whole map's many poses, few are."""
 _GATE = 16.27
 """99.9 % of chi squared with three degrees of freedom."""
 _BORDER_M, _SIGMAS = 0.3, 3.0
@@ -558,8 +560,10 @@ class Localization:
         """The best pose on the map for a scan, if it is far likelier than the estimate."""
         poses, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
         quality = qualities(counts, self._params.dynamic_share)
+        off = poses[:, :2] - np.array(self._set.pose[:2])
+        near = portable.hypot_each(off[:, 0], off[:, 1]) <= _NEAR_M
         good = quality >= _CERTAIN_QUALITY
-        good &= BEAM_WEIGHT * (likelihoods - likelihood) >= _RIVAL
+        good &= BEAM_WEIGHT * (likelihoods - likelihood) >= np.where(near, _NEAR_RIVAL, _RIVAL)
         if not good.any():
             return None
         best = int(np.argmax(good))
