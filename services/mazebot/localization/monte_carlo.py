@@ -512,9 +512,8 @@ class Localization:
         if self._monitor.is_hopeless(stamp_ns):
             self._give_up(share)
         elif enough and self._monitor.wants_search(stamp_ns):
-            against = float(refutations(counts[None], view.likelihood_weight)[0])
-            if self._is_better_elsewhere(odom_from_base, view, against):
-                self._give_up(share + "; another pose matches better")
+            if self._is_outweighed(odom_from_base, view, counts):
+                self._give_up(share + "; another pose matches better, or none")
 
     def _judge_given(self, given: _Given, odom_from_base: SE2, view: ScanView, fit: _Fit) -> None:
         """Confirm the initial pose by a scan, or doubt it."""
@@ -605,15 +604,21 @@ class Localization:
         poses = self._set.poses
         return np.ascontiguousarray(np.concatenate([mean, poses[:: max(1, len(poses) // _JUDGED)]]))
 
-    def _is_better_elsewhere(self, odom_from_base: SE2, view: ScanView, against: float) -> bool:
-        """Whether a pose elsewhere matches a scan, and what is `against` the estimate, there and on
-        the way since it is suspect, outweighs that hardly any robot is carried away.
+    def _is_outweighed(self, odom_from_base: SE2, view: ScanView, mine: Array) -> bool:
+        """Whether a pose elsewhere matches a scan, or none does, and what contradicts the estimate,
+        by the counts (7,) of beams there and on the way since it is suspect, outweighs that hardly
+        any robot is carried away.
         """
+        # Rays that are lost are lost at a place that is not on the map, too.
+        echoes = mine.copy()
+        echoes[MISSING] = 0.0
+        against, against_echoes = refutations(np.array([mine, echoes]), view.likelihood_weight)
         _, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
         needed = max(self._monitor.quality + self._params.lost_margin, _CERTAIN_QUALITY)
         good = qualities(counts, self._params.dynamic_share) >= needed
-        advantages = BEAM_WEIGHT * (against + likelihoods[good])
-        return self._monitor.outweighs(odom_from_base, float(advantages.max(initial=0.0)))
+        nowhere = against_echoes - NOWHERE_COST * view.returns * view.likelihood_weight
+        advantage = (against + likelihoods[good]).max(initial=max(0.0, nowhere))
+        return self._monitor.outweighs(odom_from_base, BEAM_WEIGHT * float(advantage))
 
     def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
         """Whether markers show another pose than the estimate, and the last scan fits it."""
@@ -744,7 +749,8 @@ class Localization:
             )
 
     def _is_certain(self, verdict: Verdict) -> bool:
-        if verdict.certainty < self._params.search_certainty or verdict.quality < _CERTAIN_QUALITY:
+        quality = min(verdict.quality, verdict.last_quality)
+        if verdict.certainty < self._params.search_certainty or quality < _CERTAIN_QUALITY:
             return False
         if verdict.markers >= _MARKERS_AGREE:
             return True

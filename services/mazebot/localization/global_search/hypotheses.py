@@ -93,6 +93,8 @@ class Verdict:
     """
     quality: float
     """Of the likeliest pose, the mean over the keyframes."""
+    last_quality: float
+    """Of the same at the last keyframe: one that fits no longer does not fit."""
     travel_m: float
     """Way since the first keyframe, a turn of 1 rad counting 0.25 m."""
     markers: int
@@ -265,6 +267,7 @@ class Hypotheses:
             self._information[best],
             float(weights[near].sum()),
             float(self._qualities[best].mean()),
+            float(self._qualities[best, -1]),
             self._travel_m,
             explained,
         )
