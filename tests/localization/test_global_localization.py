@@ -274,7 +274,6 @@ class TestBesideLargeThings:
             assert made.loc.state == "localized", made.loc.reasons
         assert made.error()[0] < 0.2
 
-
     @pytest.mark.parametrize("seed", range(2))
     def test_a_right_initial_pose_is_confirmed_where_the_walls_are_seen(self, seed: int) -> None:
         made = robot(self.PLACE, seed)
