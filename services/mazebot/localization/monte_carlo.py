@@ -483,7 +483,7 @@ class Localization:
                 is_mapped,
                 float(counts[best, HIT]) / max(returns, 1.0) if is_mapped else 0.0,
             )
-            self._judge_given(self._given, odom_from_base, view, fit)
+            self._judge_given(self._given, view, fit)
         else:
             self._doubt(stamp_ns, odom_from_base, view, counts[0], enough)
         if self._hypotheses is not None and self._view is not None:
@@ -493,7 +493,8 @@ class Localization:
         self, stamp_ns: int, odom_from_base: SE2, view: ScanView, counts: Array, enough: bool
     ) -> None:
         """Whether a pose that was trusted still is, by the counts (7,) of beams there."""
-        if counts[UNMAPPED] > _UNMAPPED_SHARE * max(view.returns, 1):
+        is_mapped = counts[UNMAPPED] <= _UNMAPPED_SHARE * max(view.returns, 1)
+        if not (is_mapped or self._monitor.is_suspect):
             share = f"{100.0 * counts[UNMAPPED] / view.returns:.0f} % of the returns"
             self._reasons = (f"{share} come from where the map shows nothing",)
             variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
@@ -515,7 +516,7 @@ class Localization:
             if self._is_outweighed(odom_from_base, view, counts):
                 self._give_up(share + "; another pose matches better, or none")
 
-    def _judge_given(self, given: _Given, odom_from_base: SE2, view: ScanView, fit: _Fit) -> None:
+    def _judge_given(self, given: _Given, view: ScanView, fit: _Fit) -> None:
         """Confirm the initial pose by a scan, or doubt it."""
         self._given = given = given._replace(scans=given.scans + 1)
         if view.returns < self._params.min_returns:
@@ -531,7 +532,7 @@ class Localization:
         is_due = given.scans % _VERDICT_SCANS == 0
         if not (fits or is_due):
             return
-        rival = self._rival(given, odom_from_base, view, fit.likelihood)
+        rival = self._rival(given, view, fit.likelihood)
         if rival is not None and hidden and rival.hit_share < _ALL_EXPLAINED:
             rival = None
         if fits and rival is None:
@@ -553,10 +554,10 @@ class Localization:
             other = "" if rival is None else "; another pose matches better"
             self._search("searching", share + other)
 
-    def _rival(
-        self, given: _Given, odom_from_base: SE2, view: ScanView, likelihood: float
-    ) -> _Rival | None:
+    def _rival(self, given: _Given, view: ScanView, likelihood: float) -> _Rival | None:
         """The best pose on the map for a scan, if it is far likelier than the estimate."""
+        assert given.map_from_odom is not None
+        assert self._odom_from_base is not None
         poses, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
         quality = qualities(counts, self._params.dynamic_share)
         off = poses[:, :2] - np.array(self._set.pose[:2])
@@ -566,8 +567,7 @@ class Localization:
         if not good.any():
             return None
         best = int(np.argmax(good))
-        assert given.map_from_odom is not None
-        expected = given.map_from_odom @ odom_from_base
+        expected = given.map_from_odom @ self._odom_from_base
         covariance = given.covariance + np.diag(_FOUND_VARIANCES)
         off = poses[best] - np.array(expected)
         off[2] = wrap_angle(float(off[2]))
