@@ -347,6 +347,9 @@ def test_a_right_pose_that_is_given_up_is_a_false_alarm(
     leg = Leg(0.0, 9.0, SE2(1.0, 2.0, 0.5), SE2(0.0, 0.0, 0.0), None)
     assert alarm_count(leg, truth, told) == alarms
     assert alarm_count(leg._replace(end_s=2.0), truth, told) == 0
+    # The claim at that moment is already of the search for another pose.
+    told.claims[29][1] += 2.0
+    assert alarm_count(leg, truth, told) == alarms
     # A pose that was wrong a moment ago is given up with good reason.
     told.claims[25][1] += 2.0
     assert alarm_count(leg, truth, told) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -16,10 +17,13 @@ from mazebot.localization.beam_model import (
     OPEN,
     SHORT,
     THROUGH,
+    UNMAPPED,
     RayMap,
     ScanView,
+    consistencies,
     in_wall,
     judge,
+    mapped_returns,
     moved_view,
     qualities,
     scan_view,
@@ -122,6 +126,31 @@ class TestBeams:
         seen = view(ROOM, here, lost=tuple(i for i in range(360) if i % 10))
         counts = counts_at(ROOM, here, seen)
         assert counts[MISSING] / counts[HIT] == pytest.approx(9.0, rel=0.1)
+
+    def test_large_things_that_are_not_on_the_map_contradict_nothing(self) -> None:
+        here = SE2(0.0, 0.0, 0.0)
+        seen = view(ROOM, here, offline.box_faces(0.0, 0.0, 0.0, 1.4, 1.4))
+        counts = judge(rays(ROOM), np.array([here, BEHIND]), seen)[0]
+        assert counts[0, SHORT] == seen.returns
+        assert consistencies(counts)[0] == 1.0
+        seen = view(ROOM, here)
+        counts = judge(rays(ROOM), np.array([here, BEHIND]), seen)[0]
+        assert consistencies(counts)[1] < 0.4
+
+    def test_returns_from_where_the_map_shows_nothing_say_nothing(self) -> None:
+        cells = LONG.cells.copy()
+        cells[:, 200:] = -1
+        known = dataclasses.replace(LONG, cells=cells)
+        here = SE2(-0.8, 0.0, 0.0)
+        seen = view(LONG, here)
+        counts = judge(rays(known), np.array([here]), seen)[0]
+        assert counts[0, UNMAPPED] > 10
+        assert counts[0, [SHORT, MISFIT, THROUGH, MISSING]].sum() == 0
+        assert consistencies(counts)[0] == 1.0
+        assert qualities(counts, 0.35)[0] == pytest.approx(counts[0, HIT] / seen.returns)
+        mapped = mapped_returns(rays(known), here, seen)
+        assert mapped.sum() == counts[0, HIT]
+        assert seen.points_m[~mapped, 0].min() > 0.3
 
 
 class TestScanView:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from mazebot.common.maths.frames import SE2
 from mazebot.common.messages.scan import Scan
 from mazebot.localization.beam_model import judge, scan_view
 from mazebot.localization.global_search.global_search import global_search, search_map
+from mazebot.localization.messages import cloud_message
 from mazebot.localization.monte_carlo import Localization
 from tests.localization import offline
 from tests.localization.test_beam_model import rays
@@ -247,6 +249,153 @@ class TestKidnapped:
         assert made.error()[0] < 0.06
 
 
+def boxes_around(pose: SE2, gap_m: float) -> np.ndarray:
+    """Faces of three boxes ahead and on both sides of a robot."""
+    faces = []
+    for turn in (0.0, math.pi / 2.0, -math.pi / 2.0):
+        there = pose @ SE2(0.0, 0.0, turn) @ SE2(gap_m + 0.15, 0.0, 0.0)
+        faces.append(offline.box_faces(*there, 0.3, 2.0 * gap_m))
+    return np.concatenate(faces)
+
+
+class TestBesideLargeThings:
+    """A U of boxes that the map does not have, in a hall."""
+
+    PLACE = offline.rectangle(12.0, 9.0, ((-3.0, 0.0),))
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_a_right_pose_is_kept(self, seed: int) -> None:
+        made = at_known_pose(self.PLACE, seed)
+        for _ in range(40):
+            made.wander()
+        made.obstacles = boxes_around(made.pose, 0.6 + 0.15 * seed)
+        for i in range(160):
+            made.drive(0.0, 0.5 * math.sin(0.1 * i))
+            assert made.loc.state == "localized", made.loc.reasons
+        assert made.error()[0] < 0.2
+
+    @pytest.mark.parametrize("seed", range(2))
+    def test_a_right_initial_pose_is_confirmed_where_the_walls_are_seen(self, seed: int) -> None:
+        made = robot(self.PLACE, seed)
+        made.obstacles = boxes_around(made.pose, 0.7)
+        made.loc.initialize(made.pose, NEAR)
+        for _ in range(20):
+            made.drive(0.0, 0.0)
+        assert made.loc.hypotheses()[0, 3] > 0.9
+        while made.loc.state != "localized":
+            assert made.loc.wants_motion
+            made.drive(-0.2, 0.0)
+            assert made.error()[0] < 0.2
+        assert made.loc.reasons == ("the scans match the map",)
+
+
+class TestFirstVerdict:
+    """On an initial pose, by the first scans."""
+
+    def verdict(self, made: offline.Robot, given: SE2) -> str:
+        made.loc.initialize(given, NEAR)
+        assert made.loc.state == "uninitialized"
+        assert not made.loc.wants_motion
+        for _ in range(12):
+            made.drive(0.0, 0.0)
+            if made.loc.state != "uninitialized":
+                break
+        return made.loc.state
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_one_scan_confirms_a_right_one(self, seed: int) -> None:
+        made = robot(house(), seed)
+        made.loc.initialize(made.pose @ SE2(0.04, -0.03, 0.02), NEAR)
+        made.sense()
+        assert made.loc.state == "localized"
+        assert made.loc.reasons == ("the scans match the map",)
+
+    def test_one_that_is_far_off_is_never_called_localized(self) -> None:
+        for seed, off_m in ((1, 0.85), (2, 0.9), (3, 4.8)):
+            made = robot(house(), seed)
+            given = SE2(made.pose.x_m + off_m, made.pose.y_m, made.pose.yaw_rad)
+            assert self.verdict(made, given) == "searching"
+            seconds_until(made, "localized", 20.0)
+            assert made.error()[0] < 0.1
+
+    def test_on_the_map_of_another_world_there_is_none(self) -> None:
+        maze = offline.shipped("maze_rooms")
+        rng = np.random.default_rng(1)
+        made = offline.Robot(house(), house().free_pose(rng), maze.localization(1), rng)
+        assert self.verdict(made, maze.free_pose(rng)) == "searching"
+        for _ in range(80):
+            made.wander()
+            assert made.loc.state == "searching", made.loc.reasons
+
+    def test_a_pose_off_by_what_was_said_is_drawn_to_the_true_one(self) -> None:
+        made = robot(house(), 4)
+        made.loc.initialize(made.pose @ SE2(0.3, -0.3, 0.1), np.diag([0.4, 0.4, 0.1]) ** 2)
+        for _ in range(12):
+            made.drive(0.0, 0.0)
+        assert made.loc.state == "localized"
+        assert made.error()[0] < 0.1
+
+    def test_where_nothing_is_in_range_the_given_pose_holds(self) -> None:
+        made = robot(offline.rectangle(9.0, 9.0), 3)
+        made.loc.initialize(SE2(0.0, 0.0, 0.0), NEAR)
+        made.kidnap(SE2(0.0, 0.0, 0.0))
+        assert made.loc.state == "localized"
+        assert made.loc.reasons[0].startswith("no wall is in range")
+
+
+class TestBeyondTheMap:
+    """A half of the house was cut from the map."""
+
+    def place(self) -> offline.Place:
+        cells = house().cells.copy()
+        cells[:, cells.shape[1] // 2 :] = -1
+        return dataclasses.replace(house(), cells=cells)
+
+    @pytest.mark.parametrize("seed", range(2))
+    def test_no_pose_is_trusted_there(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        here = house().free_pose(rng)
+        while here.x_m < 1.5:
+            here = house().free_pose(rng)
+        made = offline.Robot(house(), here, self.place().localization(seed), rng)
+        made.loc.global_localization()
+        for _ in range(200):
+            made.wander()
+            assert made.loc.state == "searching" or made.error()[0] < 0.1
+
+    def test_what_is_not_mapped_moves_no_particle_and_ends_the_trust(self) -> None:
+        place = offline.rectangle(30.0, 2.0)
+        cells = place.cells.copy()
+        cells[:, 200:] = -1
+        known = dataclasses.replace(place, cells=cells)
+        made = at_known_pose(known, 3)
+        made.pose = SE2(-8.0, 0.0, 0.0)
+        made.loc.initialize(made.pose, NEAR)
+        made.sense()
+        assert made.loc.state == "localized"
+        inside = []
+        while made.loc.state == "localized" and made.pose.x_m < 13.0:
+            made.drive(0.4, 0.0)
+            inside.append(made.squared_mahalanobis() < 7.815)
+        assert np.mean(inside) > 0.85
+        assert 2.0 < made.pose.x_m < 13.0
+        assert "come from where the map shows nothing" in made.loc.reasons[0]
+
+
+class TestNothingToFind:
+    def test_a_map_without_walls_gives_no_pose_and_no_error(self) -> None:
+        empty = dataclasses.replace(house(), cells=np.zeros_like(house().cells))
+        rng = np.random.default_rng(0)
+        made = offline.Robot(house(), house().free_pose(rng), empty.localization(0), rng)
+        made.loc.global_localization()
+        for _ in range(40):
+            made.wander()
+        assert made.loc.state == "searching"
+        assert len(made.loc.particles()) == 0
+        assert len(cloud_message(0, made.loc.particles()).poses) == 0
+        assert made.loc.reasons[1].startswith("no pose on the map matches the scans")
+
+
 class TestConsistency:
     """The truth lies inside the ellipse of 95 % at least nine times of ten."""
 
@@ -258,6 +407,7 @@ class TestConsistency:
                 place, place.free_pose(rng), place.localization(seed), rng, slip=slip
             )
             made.loc.initialize(made.pose @ SE2(*(rng.standard_normal(3) * 0.03)), NEAR)
+            made.sense()
             for _ in range(800):
                 made.wander(0.4)
                 assert made.loc.state == "localized", made.loc.reasons

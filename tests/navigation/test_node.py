@@ -70,6 +70,9 @@ from mazebot.common.world.footprint import wall_corners
 from mazebot.navigation.config import CONTROL_PERIOD_NS, NavigationConfig
 from mazebot.navigation.control.collision import STOP
 from mazebot.navigation.costmap.footprint import WAFFLE
+from mazebot.navigation.costmap.layered_costmap import LETHAL_OBSTACLE
+from mazebot.navigation.drive import Drive
+from mazebot.navigation.errors import NavigationError
 from mazebot.navigation.messages import planar_document
 from mazebot.navigation.node import NavigationNode
 from mazebot.worldgen.map.occupancy import Grid, rasterise
@@ -599,13 +602,14 @@ def test_a_behavior_tree_can_have_the_robot_searched_on_the_whole_map(tmp_path: 
     assert driver.of(LOCALIZATION_STATUS)[-1].state != "localized"
 
 
-def test_tracks_are_forgotten_after_a_jump_of_the_pose() -> None:
+def test_what_was_seen_is_forgotten_after_a_jump_of_the_pose() -> None:
     driver = ready()
     drive = driver.node._drive
     assert drive is not None
     driver.extra_segments = box_segments(START.x_m + 0.6, START.y_m, 0.2)
     driver.run(1.0)
     assert drive.tracker.tracks(driver.now_ns * 1e-9)
+    assert marks(drive) > 2
     there = START @ SE2(0.0, 0.0, 0.5)
     entry = driver.of(TF)[-1].transforms[0]
     turned = msg.planar_transform_stamped(driver.now_ns, "map", "odom", there)
@@ -613,6 +617,37 @@ def test_tracks_are_forgotten_after_a_jump_of_the_pose() -> None:
     driver.deliver(TF, msg.TFMessage(transforms=[turned]))
     driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
     assert not drive.tracker.tracks(driver.now_ns * 1e-9)
+    assert marks(drive) == 0
+
+
+def test_marks_are_forgotten_when_a_pose_is_found_again() -> None:
+    driver = ready()
+    drive = driver.node._drive
+    assert drive is not None
+    driver.extra_segments = box_segments(START.x_m + 0.6, START.y_m, 0.2)
+    driver.run(1.0)
+    said = driver.of(LOCALIZATION_STATUS)[-1]
+    for state, wants_motion, left in (("lost", True, True), ("localized", False, False)):
+        status = said.model_copy(update={"state": state, "wants_motion": wants_motion})
+        driver.deliver(LOCALIZATION_STATUS, status)
+        driver.node.step(driver.now_ns, driver.inbox, driver.outbox)
+        assert bool(marks(drive)) == left, state
+
+
+def marks(drive: Drive) -> int:
+    """Cells of the global costmap that are occupied though the map has nothing there."""
+    costmap = drive.robot.costmap
+    lethal = costmap.master.costs == LETHAL_OBSTACLE
+    return int((lethal & (costmap.static.costs != LETHAL_OBSTACLE)).sum())
+
+
+def test_a_goal_is_accepted_from_a_pose_in_a_wall_which_may_be_wrong() -> None:
+    drive = ready().node._drive
+    assert drive is not None
+    in_a_wall, free = SE2(0.4, 0.55, 0.0), LOCATIONS["location1"]
+    drive.robot.planner_server.check_goals(in_a_wall, [free])
+    with pytest.raises(NavigationError, match="inside an obstacle"):
+        drive.robot.planner_server.check_goals(START, [in_a_wall])
 
 
 def test_the_better_the_pose_is_known_the_nearer_to_walls_things_are_marked() -> None:

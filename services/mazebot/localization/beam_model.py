@@ -36,8 +36,16 @@ _LEAST_BEAMS = 5
 THROUGH_WEIGHT = 3.0
 """Beams through walls weigh so much more: nothing that moves can cause them."""
 
+MISS_COST, THROUGH_COST = 3.0, 5.0
+"""Loss of log-likelihood of a beam that the map does not explain, and of one through a wall."""
+NOWHERE_COST = 0.75
+"""Loss of log-likelihood of a return that no map explains: half of one that a map does not explain.
+The best of all poses of another place explains hardly three returns of four, at twice that loss for
+the others.
+"""
+
 # Columns of the counts of beams.
-HIT, SHORT, MISFIT, THROUGH, MISSING, OPEN = range(6)
+HIT, SHORT, MISFIT, THROUGH, MISSING, OPEN, UNMAPPED = range(7)
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ class RayMap:
     """The map's walls for following beams, in the axes of the grid."""
 
     occupied: NDArray[np.uint8]
-    """(rows, columns), 1 where a wall is."""
+    """(rows, columns), 1 where a wall is, 2 where nothing is known."""
     cells_per_m: float
     inset_m: float
     """How far inside its cell a wall's face lies."""
@@ -109,8 +117,10 @@ class RayMap:
         tolerance_m: float,
     ) -> RayMap:
         """From a map's cells, as `likelihood_field` takes them."""
+        occupied = (cells >= OCCUPIED).astype(np.uint8)
+        occupied[cells < 0] = 2
         return cls(
-            np.ascontiguousarray(cells >= OCCUPIED).astype(np.uint8),
+            np.ascontiguousarray(occupied),
             1.0 / resolution_m,
             wall_inset_cells * resolution_m,
             map_from_grid,
@@ -156,15 +166,23 @@ def _thinned(beams: NDArray[np.int64], most: int) -> tuple[NDArray[np.int64], in
 
 
 def judge(rays: RayMap, poses: Array, view: ScanView) -> tuple[Array, Array]:
-    """(n, 6) counts of beams by kind, and (n,) log-likelihoods, of a scan at poses (n, 3).
+    """(n, 7) counts of beams by kind, and (n,) log-likelihoods, of a scan at poses (n, 3).
 
-    The counts' columns are HIT, SHORT, MISFIT, THROUGH, MISSING and OPEN: a return near a wall, one
-    before the map's first wall, one elsewhere, one behind a wall, none where the map has a wall in
-    range, and none where it has none. A log-likelihood is 0 where every beam is explained. The
+    The counts' columns are HIT, SHORT, MISFIT, THROUGH, MISSING, OPEN and UNMAPPED: a return near a
+    wall, one before the map's first wall, one elsewhere, one behind a wall, none where the map has
+    a wall in range, none where it has none, and a return from where the map knows nothing, which
+    speaks neither for nor against a pose. A log-likelihood is 0 where every beam is explained. The
     beams' terms are those of the beam model (Probabilistic Robotics, 6.3) as constants, with the
     field's Gaussian for hits: sharper ones would punish centimetres.
     """
-    counts = np.zeros((len(poses), 6))
+    return _judged(rays, poses, view, np.empty((0, 0), np.int8))
+
+
+def _judged(
+    rays: RayMap, poses: Array, view: ScanView, kinds: NDArray[np.int8]
+) -> tuple[Array, Array]:
+    """See `judge`; `kinds` (k, m) gets the kinds of the m beams at the first k poses."""
+    counts = np.zeros((len(poses), UNMAPPED + 1))
     log_likelihoods = np.zeros(len(poses))
     field, grid = rays.field, rays.map_from_grid
     field_pose = field.map_from_field
@@ -174,7 +192,7 @@ def judge(rays: RayMap, poses: Array, view: ScanView) -> tuple[Array, Array]:
         min(view.range_max_m, _CAST_AT_MOST_M),
         rays.occupied, rays.cells_per_m, grid.x_m, grid.y_m, grid.yaw_rad, rays.inset_m,
         field.distance_m, 1.0 / field.cell_m, field_pose.x_m, field_pose.y_m, field_pose.yaw_rad,
-        rays.tolerance_m, rays.raster_m, view.miss_weight, counts, log_likelihoods,
+        rays.tolerance_m, rays.raster_m, view.miss_weight, counts, log_likelihoods, kinds,
     )  # fmt: skip
     log_likelihoods *= view.likelihood_weight
     return counts, log_likelihoods
@@ -184,15 +202,56 @@ def qualities(counts: Array, dynamic_share: float) -> Array:
     """(n,) quality 0 to 1 of poses, by `judge`'s counts: the share of beams that are explained.
 
     A return on a wall is, and so is one before it, up to `dynamic_share` of the beams: something
-    that the map does not have may stand there. Beams through walls weigh thrice. Where the map has
-    no wall in range and nothing returns, nothing contradicts the pose: its quality is 1.
+    that the map does not have may stand there. One from where the map knows nothing is not. Beams
+    through walls weigh thrice. Where the map has no wall in range and nothing returns, nothing
+    contradicts the pose: its quality is 1.
     """
-    judged = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, MISSING]
+    returns = counts[:, HIT] + counts[:, SHORT] + counts[:, MISFIT] + counts[:, UNMAPPED]
+    judged = returns + counts[:, MISSING]
     total = judged + THROUGH_WEIGHT * counts[:, THROUGH]
     short = np.minimum(counts[:, SHORT], dynamic_share * (judged + counts[:, THROUGH]))
     explained = counts[:, HIT] + short
     few = total < _LEAST_BEAMS
     return np.asarray(np.where(few, 1.0, explained / np.maximum(total, 1.0)))
+
+
+def consistencies(counts: Array) -> Array:
+    """(n,) 0 to 1, how little contradicts poses, by `judge`'s counts.
+
+    Beams through walls, thrice, those without an echo where the map has a wall, and those just
+    behind one count against a pose; returns from before the map's walls do not, however many: large
+    things that are not on the map may stand around the robot. Where next to nothing can be judged,
+    1.
+    """
+    against = counts[:, MISFIT] + counts[:, MISSING] + THROUGH_WEIGHT * counts[:, THROUGH]
+    total = counts[:, HIT] + counts[:, SHORT] + against
+    return np.asarray(np.where(total < _LEAST_BEAMS, 1.0, 1.0 - against / np.maximum(total, 1.0)))
+
+
+def refutations(counts: Array, likelihood_weight: float) -> Array:
+    """(n,) how much less likely poses are by the beams that contradict them, a log-likelihood of 0
+    or more in the units of `judge`.
+    """
+    against = counts[:, MISFIT] + counts[:, MISSING]
+    loss = MISS_COST * against + THROUGH_COST * counts[:, THROUGH]
+    return np.asarray(loss * likelihood_weight)
+
+
+def mapped_returns(
+    rays: RayMap, pose: SE2, view: ScanView, within_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """(k,) which returns of a scan at a pose do not come from where the map knows nothing, also if
+    the pose is off by `within_m` in any direction: the end of a known wall is no face that holds a
+    robot back.
+    """
+    shifts = [(0.0, 0.0), (within_m, 0.0), (-within_m, 0.0), (0.0, within_m), (0.0, -within_m)]
+    poses = np.array([pose @ SE2(x_m, y_m, 0.0) for x_m, y_m in shifts])
+    kinds = np.empty((len(poses), len(view.ranges_m)), np.int8)
+    _judged(rays, poses, view, kinds)
+    grid = rays.map_from_grid
+    seen = np.empty(len(poses), np.bool_)
+    _in_sight(poses, rays.occupied, rays.cells_per_m, grid.x_m, grid.y_m, grid.yaw_rad, seen)
+    return np.asarray((kinds[seen, : view.returns] != UNMAPPED).all(axis=0))
 
 
 def in_wall(rays: RayMap, poses: Array, clearance_m: float) -> NDArray[np.bool_]:
@@ -249,7 +308,7 @@ def _first_wall(
     along = 0.0
     while along <= most:
         if row >= 0 and column >= 0 and row < rows and column < columns:
-            if occupied[row, column]:
+            if occupied[row, column] == 1:
                 return along
         if next_x < next_y:
             along = next_x
@@ -262,10 +321,44 @@ def _first_wall(
     return 1e12
 
 
+@shared_kernel()
+def _is_unknown(occupied: NDArray[np.uint8], x: float, y: float) -> bool:
+    rows, columns = occupied.shape
+    column, row = math.floor(x), math.floor(y)
+    if row < 0 or column < 0 or row >= rows or column >= columns:
+        return True
+    return bool(occupied[row, column] == 2)
+
+
+@kernel("void(float64[:, ::1], uint8[:, ::1], float64, float64, float64, float64, boolean[::1])")
+def _in_sight(
+    poses: Array,
+    occupied: NDArray[np.uint8],
+    cells_per_m: float,
+    grid_x: float,
+    grid_y: float,
+    grid_yaw: float,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Whether no wall is between the first pose and each."""
+    c, s = portable_kernels.cos_sin(grid_yaw)
+    x = (c * (poses[0, 0] - grid_x) + s * (poses[0, 1] - grid_y)) * cells_per_m
+    y = (c * (poses[0, 1] - grid_y) - s * (poses[0, 0] - grid_x)) * cells_per_m
+    for i in range(poses.shape[0]):
+        ox, oy = poses[i, 0] - poses[0, 0], poses[i, 1] - poses[0, 1]
+        way = math.sqrt(ox * ox + oy * oy)
+        if way == 0.0:
+            seen[i] = True
+            continue
+        dx, dy = (c * ox + s * oy) / way, (c * oy - s * ox) / way
+        seen[i] = _first_wall(occupied, x, y, dx, dy, way * cells_per_m) > way * cells_per_m
+
+
 @kernel(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64, float64, "
     "uint8[:, ::1], float64, float64, float64, float64, float64, float32[:, ::1], float64, "
-    "float64, float64, float64, float64, float64, float64, float64[:, ::1], float64[::1])",
+    "float64, float64, float64, float64, float64, float64, float64[:, ::1], float64[::1], "
+    "int8[:, ::1])",
 )
 def _judge(
     poses: Array,
@@ -290,6 +383,7 @@ def _judge(
     miss_weight: float,
     counts: Array,
     log_likelihoods: Array,
+    kinds: NDArray[np.int8],
 ) -> None:
     rows, columns = distance.shape
     cg, sg = portable_kernels.cos_sin(grid_yaw)
@@ -308,46 +402,50 @@ def _judge(
             dx, dy = cg * ca + sg * sa, cg * sa - sg * ca
             returned = ranges[j] < range_max
             reach = ranges[j] if returned else range_max
-            wall = _first_wall(occupied, gx, gy, dx, dy, reach * cells_per_m) / cells_per_m + inset
+            reach_cells = reach * cells_per_m
+            wall = _first_wall(occupied, gx, gy, dx, dy, reach_cells) / cells_per_m + inset
             behind = wall < reach - _THROUGH_M
             if behind:
-                most = reach * cells_per_m
                 for sign in (-1.0, 1.0):
                     beside = _first_wall(
-                        occupied, gx - sign * side * dy, gy + sign * side * dx, dx, dy, most
+                        occupied, gx - sign * side * dy, gy + sign * side * dx, dx, dy, reach_cells
                     )
                     if beside / cells_per_m + inset >= reach - _THROUGH_M:
                         behind = False
             if not returned:
-                if behind:
-                    counts[i, MISSING] += miss_weight
-                    total -= 3.0 * miss_weight
-                else:
-                    counts[i, OPEN] += miss_weight
-                continue
-            if behind:
-                counts[i, THROUGH] += 1.0
-                total -= 5.0
-                continue
-            ex, ey = x0 + reach * ca - field_x, y0 + reach * sa - field_y
-            u = (cf * ex + sf * ey) * field_cells_per_m
-            v = (cf * ey - sf * ex) * field_cells_per_m
-            off = 10.0
-            if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-                off = abs(distance[int(v), int(u)])
-                u -= BEFORE_M * field_cells_per_m * (cf * ca + sf * sa)
-                v -= BEFORE_M * field_cells_per_m * (cf * sa - sf * ca)
-                if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-                    if distance[int(v), int(u)] < IN_WALL_M:
-                        off += BEFORE_M
-            scaled = max(0.0, off - raster) / _HIT_STD_M
-            total -= min(3.0, 0.5 * scaled * scaled)
-            if off <= tolerance:
-                counts[i, HIT] += 1.0
-            elif wall > reach:
-                counts[i, SHORT] += 1.0
+                kind, loss = (MISSING, MISS_COST) if behind else (OPEN, 0.0)
+                counts[i, kind] += miss_weight
+                total -= loss * miss_weight
+            elif behind:
+                kind = THROUGH
+                counts[i, kind] += 1.0
+                total -= THROUGH_COST
             else:
-                counts[i, MISFIT] += 1.0
+                ex, ey = x0 + reach * ca - field_x, y0 + reach * sa - field_y
+                u = (cf * ex + sf * ey) * field_cells_per_m
+                v = (cf * ey - sf * ex) * field_cells_per_m
+                off = 10.0
+                if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                    off = abs(distance[int(v), int(u)])
+                    u -= BEFORE_M * field_cells_per_m * (cf * ca + sf * sa)
+                    v -= BEFORE_M * field_cells_per_m * (cf * sa - sf * ca)
+                    if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+                        if distance[int(v), int(u)] < IN_WALL_M:
+                            off += BEFORE_M
+                scaled = max(0.0, off - raster) / _HIT_STD_M
+                loss = min(MISS_COST, 0.5 * scaled * scaled)
+                if off <= tolerance:
+                    kind = HIT
+                elif wall <= reach:
+                    kind = MISFIT
+                elif _is_unknown(occupied, gx + reach_cells * dx, gy + reach_cells * dy):
+                    kind, loss = UNMAPPED, min(loss, NOWHERE_COST)
+                else:
+                    kind = SHORT
+                counts[i, kind] += 1.0
+                total -= loss
+            if i < kinds.shape[0]:
+                kinds[i, j] = kind
         log_likelihoods[i] = total
 
 

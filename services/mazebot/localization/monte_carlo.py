@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +25,32 @@ from mazebot.common.messages.scan import Scan
 from mazebot.localization import particle_filter as pf
 from mazebot.localization.beam_model import (
     HIT,
+    MISFIT,
+    MISS_COST,
+    MISSING,
+    NOWHERE_COST,
+    OPEN,
+    SHORT,
     THROUGH,
+    UNMAPPED,
     RayMap,
     ScanView,
+    consistencies,
     in_wall,
     judge,
+    mapped_returns,
     moved_view,
     qualities,
+    refutations,
     scan_view,
 )
 from mazebot.localization.global_search.global_search import global_search, search_map
-from mazebot.localization.global_search.hypotheses import Hypotheses, MarkerSighting, Verdict
+from mazebot.localization.global_search.hypotheses import (
+    BEAM_WEIGHT,
+    Hypotheses,
+    MarkerSighting,
+    Verdict,
+)
 from mazebot.localization.global_search.scan_matching import refine
 from mazebot.localization.likelihood_field import likelihood_field
 from mazebot.localization.marker_model import (
@@ -67,6 +82,68 @@ _SEARCH_COUNT = 100
 _CERTAIN_QUALITY = 0.75
 _MARKERS_AGREE = 2
 _FOUND_STD_M, _FOUND_STD_RAD = 0.06, 0.04
+_FOUND_VARIANCES = (
+    _FOUND_STD_M * _FOUND_STD_M, _FOUND_STD_M * _FOUND_STD_M, _FOUND_STD_RAD * _FOUND_STD_RAD
+)  # fmt: skip
+_OPEN_FLOOR = 0.6
+"""Least consistency of an initial pose where nothing returns."""
+_UNCONTRADICTED = 0.95
+"""Consistency of an initial pose that hardly anything speaks against, though things that are not on
+the map hide its walls.
+"""
+_CONFIRMING = 0.4
+"""Share of hits that confirms such a pose."""
+_ALL_EXPLAINED = 0.8
+"""Share of hits at a pose elsewhere that such an initial pose gives way to."""
+_VERDICT_SCANS = 5
+"""Scans by which an initial pose is confirmed or doubted: the particles need some to converge."""
+_RIVAL = 6.0
+"""Advantage in log-likelihood from which on another pose speaks against an initial one."""
+_NEAR_RIVAL, _NEAR_M = 2.0, 1.0
+"""The same for one as near as this: of the whole map's many poses, few are."""
+_GATE = 16.27
+"""99.9 % of chi squared with three degrees of freedom."""
+_BORDER_M, _SIGMAS = 0.3, 3.0
+"""A return this near to where the map ends, by so many standard deviations, is left out."""
+_UNMAPPED_SHARE = 0.5
+_UNMAPPED_STD_M = 1.0
+"""Where most of what is seen is not mapped, the pose is lost from this spread on."""
+
+
+class _Given(NamedTuple):
+    """An initial pose before the first verdict."""
+
+    map_from_odom: SE2 | None
+    """None: the first odometry comes later; it is at that pose."""
+    covariance: Array
+    scans: int
+    """Scans weighed so far."""
+
+
+class _Fit(NamedTuple):
+    """How a scan fits the estimate."""
+
+    quality: float
+    consistency: float
+    likelihood: float
+    """Logarithm, as `judge` gives it."""
+    is_of_this_map: bool
+    """Whether the returns are likelier there than at a place that is not on the map."""
+    is_mapped: bool
+    """Whether most returns come from where the map knows something."""
+    hit_share: float
+    """Of those, the share that end on its walls."""
+
+
+class _Rival(NamedTuple):
+    """A pose that a scan fits better than the estimate."""
+
+    pose: SE2
+    quality: float
+    hit_share: float
+    """Of the beams that can be judged, those that end on the map's walls."""
+    is_given: bool
+    """Whether the initial pose includes it, by its covariance."""
 
 
 class Localization:
@@ -132,6 +209,8 @@ class Localization:
         """Odometry at the estimate's time; None before odometry is received."""
         self._known = False
         """Whether there is an estimate, right or wrong."""
+        self._given: _Given | None = None
+        """The initial pose until there is a verdict on it."""
         self._match_fast = 1.0
         self._last_scan: tuple[int, SE2] | None = None
         self._last_marker: dict[tuple[float, ...], tuple[int, SE2]] = {}
@@ -150,9 +229,10 @@ class Localization:
 
     @property
     def state(self) -> LocalizationState:
-        """`uninitialized`: no pose was given and none is sought. `localized`: the pose is known, to
-        its covariance. `lost`: it was found wrong, and there is no other one yet. `searching`:
-        poses are being weighed, see `hypotheses`.
+        """`uninitialized`: no pose was given and none is sought, or no scan has confirmed the one
+        that was given. `localized`: the pose is known, to its covariance. `lost`: it was found
+        wrong, and there is no other one yet. `searching`: poses are being weighed, see
+        `hypotheses`.
         """
         return self._state
 
@@ -196,7 +276,9 @@ class Localization:
         return np.array([(*mean, share) for share, mean, _ in self._set.clusters()])
 
     def initialize(self, map_from_base: SE2, covariance: Array) -> None:
-        """Set the robot's current pose with a (3, 3) covariance of (x, y, yaw).
+        """Set the robot's current pose with a (3, 3) covariance of (x, y, yaw). The state is
+        `uninitialized` until scans confirm it, which one does as a rule, or doubt it: then the map
+        is searched.
 
         Raises ValueError if either is not finite or the covariance is not valid.
         """
@@ -208,8 +290,12 @@ class Localization:
         self._set.begin(map_from_base, covariance)
         self._known = True
         self._hypotheses = None
-        self._state, self._reasons = "localized", ("initial pose set",)
+        self._state = "uninitialized"
+        self._reasons = ("no scan has confirmed the initial pose yet",)
         self._begin_at_latest_odometry()
+        before = self._odom_from_base
+        map_from_odom = None if before is None else map_from_base @ before.inverse()
+        self._given = _Given(map_from_odom, covariance, 0)
         self._match_fast = 1.0
 
     def global_localization(self) -> None:
@@ -225,7 +311,10 @@ class Localization:
             return
         if self._odom_from_base is None:
             self._stamp_ns, self._odom_from_base = stamp_ns, odom_from_base
-        elif self._state == "localized":
+            if self._given is not None:
+                map_from_odom = self._set.pose @ odom_from_base.inverse()
+                self._given = self._given._replace(map_from_odom=map_from_odom)
+        elif self._known and self._hypotheses is None:
             last = self._odom_from_base
             turned = abs(wrap_angle(odom_from_base.yaw_rad - last.yaw_rad))
             if odom_from_base.distance_m(last) >= _PREDICT_M or turned >= _PREDICT_RAD:
@@ -240,7 +329,7 @@ class Localization:
         for its stamp. Where the pose is sought, it is weighed at the poses that it may have.
         """
         odom_from_base = self._history.at(scan.stamp_ns)
-        if odom_from_base is None or self._state == "uninitialized":
+        if odom_from_base is None or not self._is_begun:
             return False
         if not (math.isfinite(scan.angle_min_rad) and math.isfinite(scan.angle_increment_rad)):
             return False
@@ -272,7 +361,7 @@ class Localization:
         robot at rest is left out as a scan is.
         """
         odom_from_base = self._history.at(stamp_ns)
-        if odom_from_base is None or self._state == "uninitialized":
+        if odom_from_base is None or not self._is_begun:
             return False
         if not np.isfinite(map_from_marker).all():
             return False
@@ -280,7 +369,7 @@ class Localization:
         if not seen:
             return False
         if self._hypotheses is None and self._is_refuted(stamp_ns, odom_from_base, seen):
-            self._search("lost", "two marker detections contradict the pose")
+            self._give_up("two marker detections contradict the pose")
         key = tuple(float(value) for value in map_from_marker[:3, 3])
         if not self._is_due(self._last_marker.get(key), stamp_ns, odom_from_base):
             return False
@@ -347,15 +436,12 @@ class Localization:
         # The scan may be older than the last update, or newer.
         if odom_from_base != self._odom_from_base:
             view = moved_view(view, self._odom_from_base.inverse() @ odom_from_base)
-        enough = view.returns >= self._params.min_returns
+        points_m, before_m = self._mapped_points(view)
+        enough = len(points_m) >= self._params.min_returns
         if used and enough:
             self._set.weigh(
                 pf.scan_log_weights(
-                    self._field,
-                    self._set.poses,
-                    view.points_m,
-                    view.before_m,
-                    self._params.beam_weight,
+                    self._field, self._set.poses, points_m, before_m, self._params.beam_weight
                 )
             )
         elif used:
@@ -364,30 +450,147 @@ class Localization:
         self._judge(stamp_ns, odom_from_base, view, enough)
         return used and enough
 
+    def _mapped_points(self, view: ScanView) -> tuple[Array, Array]:
+        """The ends of the beams, and the points before them, without those from where the map knows
+        nothing: such a return is as likely at each particle.
+        """
+        if not self._table.is_open(self._set.pose):
+            return view.points_m, view.before_m
+        variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
+        within_m = max(_BORDER_M, _SIGMAS * math.sqrt(variance_m2))
+        mapped = mapped_returns(self._rays, self._set.pose, view, within_m)
+        return view.points_m[mapped], view.before_m[mapped]
+
     def _judge(self, stamp_ns: int, odom_from_base: SE2, view: ScanView, enough: bool) -> None:
         here = self._poses_to_judge()
-        counts, _ = judge(self._rays, here, view)
-        each = qualities(counts, self._params.dynamic_share)
-        each[in_wall(self._rays, here, _WALL_CLEARANCE_M)] = 0.0
-        quality = float(each.max())
-        self._monitor.add(stamp_ns, quality)
+        counts, likelihoods = judge(self._rays, here, view)
+        quality, consistency = self._rated(here, counts)
+        best = int(np.argmax(quality))
+        self._monitor.add(stamp_ns, float(quality[best]), float(consistency.max()))
         if enough:
             near = float(counts[0, HIT]) / view.returns
             self._match_fast += self._params.recovery_alpha_fast * (near - self._match_fast)
-        if not self._monitor.is_suspect:
-            self._reasons = ("the scans match the map",)
+        if self._given is not None:
+            returns = float(counts[best, [HIT, SHORT, MISFIT, THROUGH]].sum())
+            nowhere = NOWHERE_COST * returns + MISS_COST * float(counts[best, MISSING])
+            mapped = max(self._params.min_returns, (1.0 - _UNMAPPED_SHARE) * view.returns)
+            is_mapped = returns >= mapped
+            fit = _Fit(
+                float(quality[best]),
+                float(consistency.max()),
+                float(likelihoods[best]),
+                is_mapped and float(likelihoods[best]) >= -nowhere * view.likelihood_weight,
+                is_mapped,
+                float(counts[best, HIT]) / max(returns, 1.0) if is_mapped else 0.0,
+            )
+            self._judge_given(self._given, view, fit)
+        else:
+            self._doubt(stamp_ns, odom_from_base, view, counts[0], enough)
+        if self._hypotheses is not None and self._view is not None:
+            self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
+
+    def _doubt(
+        self, stamp_ns: int, odom_from_base: SE2, view: ScanView, counts: Array, enough: bool
+    ) -> None:
+        """Whether a pose that was trusted still is, by the counts (7,) of beams there."""
+        is_mapped = counts[UNMAPPED] <= _UNMAPPED_SHARE * max(view.returns, 1)
+        if not (is_mapped or self._monitor.is_suspect):
+            share = f"{100.0 * counts[UNMAPPED] / view.returns:.0f} % of the returns"
+            self._reasons = (f"{share} come from where the map shows nothing",)
+            variance_m2 = max(float(self._set.covariance[0, 0]), float(self._set.covariance[1, 1]))
+            if variance_m2 > portable.square(_UNMAPPED_STD_M):
+                self._give_up(*self._reasons)
             return
         share = f"{100.0 * self._monitor.quality:.0f} % of the beams are explained by the map"
-        through = int(counts[0, THROUGH])
+        if not self._monitor.is_suspect:
+            fits = self._monitor.quality >= _CERTAIN_QUALITY
+            self._reasons = ("the scans match the map" if fits else f"{share}, none contradict it",)
+            return
+        through = int(counts[THROUGH])
         if through:
             share += f", and {through} of {len(view.ranges_m)} pass through walls"
         self._reasons = (share,)
         if self._monitor.is_hopeless(stamp_ns):
-            self._search("lost", share)
-        elif enough and self._monitor.wants_search(stamp_ns) and self._is_better_elsewhere(view):
-            self._search("lost", share + "; another pose matches better")
-        if self._hypotheses is not None and self._view is not None:
-            self._weigh_hypotheses(self._hypotheses, stamp_ns, odom_from_base, self._view[1])
+            self._give_up(share)
+        elif enough and self._monitor.wants_search(stamp_ns):
+            if self._is_outweighed(odom_from_base, view, counts):
+                self._give_up(share + "; another pose matches better, or none")
+
+    def _judge_given(self, given: _Given, view: ScanView, fit: _Fit) -> None:
+        """Confirm the initial pose by a scan, or doubt it."""
+        self._given = given = given._replace(scans=given.scans + 1)
+        if view.returns < self._params.min_returns:
+            if fit.consistency >= _OPEN_FLOOR:
+                self._trust("no wall is in range, and the initial pose says so", fit.quality)
+            elif given.scans >= _VERDICT_SCANS:
+                self._search("searching", "walls that are in range of the initial pose are unseen")
+            return
+        hidden = fit.consistency >= _UNCONTRADICTED
+        # Rays that are lost are lost at each pose.
+        fits = fit.is_of_this_map and fit.consistency > 0.0
+        fits |= hidden and fit.hit_share >= _CONFIRMING
+        is_due = given.scans % _VERDICT_SCANS == 0
+        if not (fits or is_due):
+            return
+        rival = self._rival(given, view, fit.likelihood)
+        if rival is not None and hidden and rival.hit_share < _ALL_EXPLAINED:
+            rival = None
+        if fits and rival is None:
+            self._trust("the scans match the map", fit.quality)
+        elif not is_due:
+            return
+        elif rival is not None and rival.is_given:
+            # The particles were too few to be near it.
+            self._set.begin(rival.pose, np.diag(_FOUND_VARIANCES))
+            self._trust("the scans match the map near the initial pose", rival.quality)
+        elif rival is None and hidden and fit.is_mapped:
+            # What hides the walls is left behind on the way, or the pose is contradicted there.
+            self._state = "searching"
+            self._reasons = ("nothing contradicts the initial pose, and hardly a wall confirms it",)
+        else:
+            share = f"{100.0 * fit.quality:.0f} % of the beams are explained at the initial pose"
+            if not fit.is_mapped:
+                share = "the initial pose is where the map shows nothing"
+            other = "" if rival is None else "; another pose matches better"
+            self._search("searching", share + other)
+
+    def _rival(self, given: _Given, view: ScanView, likelihood: float) -> _Rival | None:
+        """The best pose on the map for a scan, if it is far likelier than the estimate."""
+        assert given.map_from_odom is not None
+        assert self._odom_from_base is not None
+        poses, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
+        quality = qualities(counts, self._params.dynamic_share)
+        off = poses[:, :2] - np.array(self._set.pose[:2])
+        near = portable.hypot_each(off[:, 0], off[:, 1]) <= _NEAR_M
+        good = quality >= _CERTAIN_QUALITY
+        good &= BEAM_WEIGHT * (likelihoods - likelihood) >= np.where(near, _NEAR_RIVAL, _RIVAL)
+        if not good.any():
+            return None
+        best = int(np.argmax(good))
+        expected = given.map_from_odom @ self._odom_from_base
+        covariance = given.covariance + np.diag(_FOUND_VARIANCES)
+        off = poses[best] - np.array(expected)
+        off[2] = wrap_angle(float(off[2]))
+        squared = float(portable.product(off, portable.solve(covariance, off)))
+        judged = float(counts[best].sum() - counts[best, OPEN] - counts[best, UNMAPPED])
+        x_m, y_m, yaw_rad = (float(value) for value in poses[best])
+        return _Rival(
+            SE2(x_m, y_m, yaw_rad),
+            float(quality[best]),
+            float(counts[best, HIT]) / max(judged, 1.0),
+            squared <= _GATE,
+        )
+
+    def _trust(self, reason: str, quality: float) -> None:
+        self._given = None
+        self._state, self._reasons = "localized", (reason,)
+        self._monitor.begin(quality)
+
+    def _rated(self, poses: Array, counts: Array) -> tuple[Array, Array]:
+        """(n,) qualities and consistencies of poses (n, 3): a robot in a wall has none."""
+        inside = in_wall(self._rays, poses, _WALL_CLEARANCE_M)
+        quality, consistency = qualities(counts, self._params.dynamic_share), consistencies(counts)
+        return np.where(inside, 0.0, quality), np.where(inside, 0.0, consistency)
 
     def _poses_to_judge(self) -> Array:
         """(n, 3) the estimate, and where it is uncertain some particles, too: that the mean of many
@@ -401,13 +604,21 @@ class Localization:
         poses = self._set.poses
         return np.ascontiguousarray(np.concatenate([mean, poses[:: max(1, len(poses) // _JUDGED)]]))
 
-    def _is_better_elsewhere(self, view: ScanView) -> bool:
-        poses, counts, _ = global_search(self._table, self._rays, view, _SEARCH_COUNT)
-        if not len(poses):
-            return False
-        best = float(qualities(counts, self._params.dynamic_share).max())
-        needed = self._monitor.quality + self._params.lost_margin
-        return best >= max(needed, _CERTAIN_QUALITY)
+    def _is_outweighed(self, odom_from_base: SE2, view: ScanView, mine: Array) -> bool:
+        """Whether a pose elsewhere matches a scan, or none does, and what contradicts the estimate,
+        by the counts (7,) of beams there and on the way since it is suspect, outweighs that hardly
+        any robot is carried away.
+        """
+        # Rays that are lost are lost at a place that is not on the map, too.
+        echoes = mine.copy()
+        echoes[MISSING] = 0.0
+        against, against_echoes = refutations(np.array([mine, echoes]), view.likelihood_weight)
+        _, counts, likelihoods = global_search(self._table, self._rays, view, _SEARCH_COUNT)
+        needed = max(self._monitor.quality + self._params.lost_margin, _CERTAIN_QUALITY)
+        good = qualities(counts, self._params.dynamic_share) >= needed
+        nowhere = against_echoes - NOWHERE_COST * view.returns * view.likelihood_weight
+        advantage = (against + likelihoods[good]).max(initial=max(0.0, nowhere))
+        return self._monitor.outweighs(odom_from_base, BEAM_WEIGHT * float(advantage))
 
     def _is_refuted(self, stamp_ns: int, odom_from_base: SE2, seen: Sequence[Sighting]) -> bool:
         """Whether markers show another pose than the estimate, and the last scan fits it."""
@@ -457,11 +668,21 @@ class Localization:
 
     # Searching.
 
+    @property
+    def _is_begun(self) -> bool:
+        """Whether a pose was given or is sought."""
+        return self._known or self._hypotheses is not None
+
+    def _give_up(self, reason: str) -> None:
+        """Search the map for the pose; a robot whose pose was never trusted is not lost."""
+        self._search("lost" if self._state == "localized" else "searching", reason)
+
     def _search(self, state: LocalizationState, reason: str) -> None:
         p = self._params
         self._hypotheses = Hypotheses(
             self._rays, self._table, p.max_hypotheses, p.dynamic_share, p.min_returns
         )
+        self._given = None
         self._state, self._reasons, self._cause = state, (reason,), reason
         self._last_marker.clear()
 
@@ -504,7 +725,8 @@ class Localization:
             hypotheses.search()
             verdict = hypotheses.verdict()
         if verdict is None:
-            self._reasons = (self._cause, "no pose matches the scans, or the scans have no returns")
+            why = "no pose on the map matches the scans, or the scans have no returns"
+            self._reasons = (self._cause, why)
             return
         keyframe = hypotheses.keyframe_odometry
         assert keyframe is not None
@@ -527,28 +749,27 @@ class Localization:
             )
 
     def _is_certain(self, verdict: Verdict) -> bool:
-        if verdict.certainty < self._params.search_certainty or verdict.quality < _CERTAIN_QUALITY:
+        quality = min(verdict.quality, verdict.last_quality)
+        if verdict.certainty < self._params.search_certainty or quality < _CERTAIN_QUALITY:
             return False
-        return (
-            verdict.markers >= _MARKERS_AGREE
-            or verdict.travel_m >= self._params.search_min_travel_m
-        )
+        if verdict.markers >= _MARKERS_AGREE:
+            return True
+        p = self._params
+        is_open = self._table.is_open(verdict.pose)
+        least_m = p.search_min_travel_m
+        if is_open:
+            least_m = max(least_m, p.search_min_travel_open_m)
+        return verdict.travel_m >= least_m
 
     def _settle_on(self, verdict: Verdict, here: SE2) -> None:
         found = portable.inverse(verdict.information)
-        spread = np.diag(
-            [
-                portable.square(_FOUND_STD_M),
-                portable.square(_FOUND_STD_M),
-                portable.square(_FOUND_STD_RAD),
-            ]
-        )
-        self._set.begin(here, (found + found.T) / 2.0 + spread)
+        self._set.begin(here, (found + found.T) / 2.0 + np.diag(_FOUND_VARIANCES))
         self._hypotheses = None
         self._state = "localized"
         why = "markers agree" if verdict.markers >= _MARKERS_AGREE else "no other pose matches"
         self._reasons = (f"pose found: {why}",)
         self._begin_at_latest_odometry(forget=False)
+        self._monitor.begin(verdict.quality)
 
     def _begin_at_latest_odometry(self, forget: bool = True) -> None:
         if self._history and forget:
@@ -566,4 +787,5 @@ class Localization:
         off = weighed[:, :3] - weighed[0, :3]
         off[:, 2] = pf.wrapped(off[:, 2])
         least = np.diag([0.01, 0.01, 0.01])
-        return portable.product(off.T * weighed[:, 3], off) + least
+        share = weighed[:, 3] / max(float(weighed[:, 3].sum()), 1e-12)
+        return portable.product(off.T * share, off) + least

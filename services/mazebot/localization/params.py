@@ -164,6 +164,12 @@ class LocalizationParams(BaseModel):
         description="m; least distance driven, a turn of 1 rad counting 0.25 m, before a pose "
         "found by lidar alone is trusted",
     )
+    search_min_travel_open_m: float = Field(
+        4.0,
+        ge=0,
+        description="m; the same where the robot may as well be where the map shows nothing: a "
+        "place there can look like one that it shows",
+    )
     search_certainty: float = Field(
         0.999, gt=0.5, lt=1, description="least probability of a pose that is trusted"
     )

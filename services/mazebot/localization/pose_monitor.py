@@ -1,4 +1,4 @@
-"""Whether the pose can be believed: its quality against its long mean, and markers against it."""
+"""Whether the pose can be believed: what contradicts it, against the long mean, and markers."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from mazebot.localization.marker_model import Sighting
 from mazebot.localization.params import LocalizationParams
 
 _HOPELESS = 0.4
-"""Below this quality for `_HOPELESS_S` the pose is lost, though no other one is found."""
+"""Below this consistency for `_HOPELESS_S` the pose is lost, though no other one is found."""
 _HOPELESS_S = 3.0
 _SEARCH_AGAIN_S = 2.0
+_CARRIED = 9.0
+"""Negative logarithm of the probability that a robot was carried away: so much less likely than
+another pose has what contradicts a pose to make it, before the robot is called lost.
+"""
+_MOVED_M, _MOVED_RAD = 0.2, 0.35
+"""Scans nearer to one another than this say the same."""
 _GATE = 16.27
 """99.9 % of chi squared with three degrees of freedom."""
 _STRIKE_S = 2.0
@@ -29,43 +35,50 @@ class _Strike:
 
 
 class PoseMonitor:
-    """Running means of the quality, and the time since it is suspect."""
+    """Running means of the quality and of the consistency, and the time since that is suspect."""
 
     def __init__(self, params: LocalizationParams) -> None:
         self._params = params
         self.begin()
 
-    def begin(self) -> None:
-        """Reset, as at a pose that was just set."""
-        self.quality = 1.0
+    def begin(self, quality: float = 0.0) -> None:
+        """Reset, as at a pose that was just set or found, with its quality so far."""
+        self.quality = quality
+        self._consistency = 1.0
         self._slow = 1.0
         self._suspect_ns: int | None = None
         self._hopeless_ns: int | None = None
         self._searched_ns: int | None = None
         self._strike: _Strike | None = None
+        self._advantage = 0.0
+        self._weighed_at: SE2 | None = None
 
     @property
     def is_suspect(self) -> bool:
-        """Whether the quality is far below its long mean."""
+        """Whether far more contradicts the pose than in the long mean."""
         return self._suspect_ns is not None
 
-    def add(self, stamp_ns: int, quality: float) -> None:
-        """Add the quality of a scan at the pose (augmented MCL, Probabilistic Robotics, 8.3)."""
+    def add(self, stamp_ns: int, quality: float, consistency: float) -> None:
+        """Add a scan's quality and consistency at the pose, of which the latter is judged as in
+        augmented MCL (Probabilistic Robotics, 8.3).
+        """
         p = self._params
         self.quality += p.recovery_alpha_fast * (quality - self.quality)
-        suspect = self.quality < p.suspect_quality * self._slow
+        self._consistency += p.recovery_alpha_fast * (consistency - self._consistency)
+        suspect = self._consistency < p.suspect_quality * self._slow
         if not suspect:
-            self._slow += p.recovery_alpha_slow * (quality - self._slow)
-            self._suspect_ns = self._searched_ns = None
+            self._slow += p.recovery_alpha_slow * (consistency - self._slow)
+            self._suspect_ns = self._searched_ns = self._weighed_at = None
+            self._advantage = 0.0
         elif self._suspect_ns is None:
             self._suspect_ns = stamp_ns
-        if self.quality >= _HOPELESS:
+        if self._consistency >= _HOPELESS:
             self._hopeless_ns = None
         elif self._hopeless_ns is None:
             self._hopeless_ns = stamp_ns
 
     def is_hopeless(self, stamp_ns: int) -> bool:
-        """Whether next to nothing fits, for long."""
+        """Whether nearly everything contradicts the pose, for long."""
         return self._hopeless_ns is not None and stamp_ns - self._hopeless_ns >= _HOPELESS_S * 1e9
 
     def wants_search(self, stamp_ns: int) -> bool:
@@ -78,6 +91,18 @@ class PoseMonitor:
             return False
         self._searched_ns = stamp_ns
         return True
+
+    def outweighs(self, odom_from_base: SE2, advantage: float) -> bool:
+        """Whether the advantage in log-likelihood that another pose has by a scan at this odometry,
+        with those of scans from elsewhere since the pose is suspect, makes the pose lost.
+        """
+        last = self._weighed_at
+        if last is not None and _is_near(last, odom_from_base, _MOVED_M, _MOVED_RAD):
+            self._advantage = max(self._advantage, advantage)
+        else:
+            self._advantage += advantage
+            self._weighed_at = odom_from_base
+        return self._advantage >= _CARRIED
 
     def contradicts(
         self,
@@ -100,15 +125,15 @@ class PoseMonitor:
             return False
         # Compared where the robot is: far from odom's origin a small turn is a long way.
         return any(
-            _agree(one @ odom_from_base, other @ odom_from_base)
+            _is_near(one @ odom_from_base, other @ odom_from_base, _AGREE_M, _AGREE_RAD)
             for one in last.poses_in_odom
             for other in strike.poses_in_odom
         )
 
 
-def _agree(one: SE2, other: SE2) -> bool:
+def _is_near(one: SE2, other: SE2, within_m: float, within_rad: float) -> bool:
     turned = abs(wrap_angle(one.yaw_rad - other.yaw_rad))
-    return one.distance_m(other) <= _AGREE_M and turned <= _AGREE_RAD
+    return one.distance_m(other) <= within_m and turned <= within_rad
 
 
 def _squared_distance(sighting: Sighting, map_from_base: SE2, covariance: Array) -> float:

@@ -86,6 +86,13 @@ class Drive:
         static = self.robot.costmap.static
         self.known_m = np.minimum(static.distance_m, unknown_m).astype(np.float32)
 
+    def forget_places(self) -> None:
+        """Forget what was seen in the map with a wrong pose: it is elsewhere. What is there is
+        marked again when it is seen.
+        """
+        self.tracker.clear()
+        self.robot.costmap.clear()
+
     def see_markers(
         self, stamp_ns: int, seen: msg.Detection3DArray, base_from_camera: Array, odom: SE2
     ) -> None:

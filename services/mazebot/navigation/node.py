@@ -348,8 +348,8 @@ class NavigationNode(Node):
         """Read odometry, its correction, and whether that can be trusted."""
         measured = self._measured
         status = inbox.latest(LOCALIZATION_STATUS)
-        if status is not None:
-            measured.localization = status
+        if status is not None and measured.take_localization(status) and self._drive is not None:
+            self._drive.forget_places()
         for odom in inbox.new(ODOM):
             stamp_ns = msg.ns_from_time(odom.header.stamp)
             if self._watch.is_of_this_run(stamp_ns, ODOM, inbox):
@@ -366,8 +366,7 @@ class NavigationNode(Node):
                     matrix = msg.matrix_from_transform(entry.transform)
                     jumps = measured.correct(stamp_ns, se2_from_matrix(matrix))
                     if jumps and self._drive is not None:
-                        # What is tracked in the map is elsewhere.
-                        self._drive.tracker.clear()
+                        self._drive.forget_places()
         for claim in inbox.new(AMCL_POSE):
             if self._watch.is_of_this_run(msg.ns_from_time(claim.header.stamp), AMCL_POSE, inbox):
                 measured.take_covariance(claim.pose.covariance)

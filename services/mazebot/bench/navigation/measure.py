@@ -18,6 +18,8 @@ ALARM_ERROR_M, ALARM_ERROR_RAD = 0.3, 0.3
 """Poses nearer to the truth than this"""
 ALARM_AFTER_S = 1.5
 """for this long are given up in vain."""
+_SEARCHES_S = 0.2
+"""The last claims before a pose is seen to be given up may be of the search for another one."""
 _EVERY = 3
 """Of the true poses, 30 a second, those for clearances and plots"""
 
@@ -98,7 +100,8 @@ def alarm_count(leg: Leg, truth: Array, witness: LocalizationStatuses) -> int:
         was = active
         if not gave_up or not leg.start_s <= time_s <= leg.end_s or not len(truth):
             continue
-        before = claims[(claims[:, 0] <= time_s) & (claims[:, 0] > time_s - ALARM_AFTER_S)]
+        last_s = time_s - _SEARCHES_S
+        before = claims[(claims[:, 0] <= last_s) & (claims[:, 0] > last_s - ALARM_AFTER_S)]
         found = metrics.localisation_errors(before, truth)
         near = (found.metres < ALARM_ERROR_M) & (found.radians < ALARM_ERROR_RAD)
         count += bool(len(near)) and bool(near.all())

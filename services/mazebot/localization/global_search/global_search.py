@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from mazebot.common.maths import portable, portable_kernels
 from mazebot.common.maths.frames import SE2, Array
 from mazebot.common.maths.kernels import kernel
-from mazebot.localization.beam_model import RayMap, ScanView, in_wall, judge
+from mazebot.common.world.grids import connected_regions
+from mazebot.localization.beam_model import UNMAPPED, RayMap, ScanView, in_wall, judge
 from mazebot.localization.global_search.scan_matching import refine
 from mazebot.localization.likelihood_field import OCCUPIED
 
 BODY_M = 0.12
 """No robot's origin is nearer to a wall."""
+_DOOR_M = 0.3
+"""A border to the unknown that is narrower lets no robot through."""
 _STEP_M = 0.1
 _HEADINGS = 72
 _MOST_POSES = 24_000_000
@@ -52,6 +55,19 @@ class SearchMap:
     step_m: float
     map_from_raster: SE2
     """Pose of the raster's position (0, 0)."""
+    leads_out: NDArray[np.bool_]
+    """(map rows, map columns) from where a robot can go to what the map does not show."""
+    map_from_grid: SE2
+    resolution_m: float
+
+    def is_open(self, pose: SE2) -> bool:
+        """Whether a robot at a pose could as well be where the map knows nothing."""
+        place = self.map_from_grid.inverse() @ pose
+        row = math.floor(place.y_m / self.resolution_m)
+        column = math.floor(place.x_m / self.resolution_m)
+        rows, columns = self.leads_out.shape
+        inside = 0 <= row < rows and 0 <= column < columns
+        return not inside or bool(self.leads_out[row, column])
 
 
 def search_map(cells: NDArray[np.int8], resolution_m: float, rays: RayMap) -> SearchMap:
@@ -73,7 +89,27 @@ def search_map(cells: NDArray[np.int8], resolution_m: float, rays: RayMap) -> Se
     at_row = np.minimum((np.arange(rows) + 0.5) * step_m / resolution_m, cells.shape[0] - 1)
     at_column = np.minimum((np.arange(columns) + 0.5) * step_m / resolution_m, cells.shape[1] - 1)
     here = cells[np.ix_(at_row.astype(np.int64), at_column.astype(np.int64))]
-    return SearchMap(phases, clear & (here >= 0) & (here < OCCUPIED), step_m, map_from_raster)
+    return SearchMap(
+        phases, clear & (here >= 0) & (here < OCCUPIED), step_m, map_from_raster,
+        _leads_out(cells, resolution_m), rays.map_from_grid, resolution_m,
+    )  # fmt: skip
+
+
+def _leads_out(cells: NDArray[np.int8], resolution_m: float) -> NDArray[np.bool_]:
+    """(rows, columns) what is unknown, and the floor whose border to it, or to the end of the map,
+    is somewhere wide enough for a robot.
+    """
+    floor = (cells >= 0) & (cells < OCCUPIED)
+    unknown = np.pad(cells < 0, 1, constant_values=True)
+    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    borders = connected_regions(floor & beside)
+    lengths_m = np.bincount(borders.ravel()) * resolution_m
+    lengths_m[0] = 0.0
+    regions = connected_regions(floor)
+    leaves = np.zeros(int(regions.max()) + 1, np.bool_)
+    leaves[regions[lengths_m[borders] >= _DOOR_M]] = True
+    leaves[0] = False
+    return np.asarray(leaves[regions] | (cells < 0))
 
 
 def _distances(rays: RayMap, map_from_raster: SE2, shape: tuple[int, int], pitch_m: float) -> Array:
@@ -97,13 +133,13 @@ def global_search(
 ) -> tuple[Array, Array, Array]:
     """The poses from which a scan may have been taken, the likeliest first.
 
-    Returns (k, 3) poses in the map, k up to `count`, their (k, 6) counts of beams and their (k,)
+    Returns (k, 3) poses in the map, k up to `count`, their (k, 7) counts of beams and their (k,)
     log-likelihoods, as `judge` gives them. A scan without returns gives none: every pose in the
     open would do.
     """
     empty = np.empty((0, 3))
     if view.returns == 0 or not table.free.any():
-        return empty, np.empty((0, 6)), np.empty(0)
+        return empty, np.empty((0, UNMAPPED + 1)), np.empty(0)
     points_m = _spread(view.points_m, min(_POINTS, _MOST_POINTS))
     turn = 2.0 * math.pi / _HEADINGS
     cos, sin = portable_kernels.cos_sin_each(np.arange(_HEADINGS) * turn)

@@ -3,7 +3,8 @@
 Each hypothesis is carried along by odometry and drawn to the map by scan matching at each keyframe.
 Its score is the sum over the last keyframes of how well the scan fits there, beam by beam. A pose
 that a later search finds is followed backwards through the same keyframes, so that old and new ones
-are weighed by the same evidence.
+are weighed by the same evidence. One more hypothesis has no pose: that the robot is not on this
+map, where each return is as likely as in any place that no map shows.
 """
 
 from __future__ import annotations
@@ -16,7 +17,13 @@ import numpy as np
 
 from mazebot.common.maths import portable_kernels
 from mazebot.common.maths.frames import SE2, Array, wrap_angle
-from mazebot.localization.beam_model import RayMap, ScanView, judge, qualities
+from mazebot.localization.beam_model import (
+    NOWHERE_COST,
+    RayMap,
+    ScanView,
+    judge,
+    qualities,
+)
 from mazebot.localization.global_search.global_search import SearchMap, distinct, global_search
 from mazebot.localization.global_search.scan_matching import refine
 from mazebot.localization.marker_model import Sighting, mixture_likelihood
@@ -26,7 +33,7 @@ _KEYFRAMES = 16
 _KEYFRAME_M, _KEYFRAME_RAD = 0.2, 0.35
 _SEARCH_EACH = 2
 """Keyframes between two searches of the map."""
-_BEAM_WEIGHT = 0.1
+BEAM_WEIGHT = 0.1
 """Of a beam's log-likelihood: neighbours fail together."""
 _WORST = 14.0
 """Hypotheses are dropped when the best one is e^14 times as likely."""
@@ -65,6 +72,12 @@ class _Keyframe:
     """Of every second beam: many poses are weighed by it."""
     markers: list[MarkerSighting] = field(default_factory=list)
 
+    def nowhere(self) -> float:
+        """Log-likelihood of what is seen at a place that is not on the map."""
+        returns = self.view.returns * self.view.likelihood_weight
+        wrong = [portable_kernels.log(marker.outlier) for marker in self.markers]
+        return sum(wrong, -BEAM_WEIGHT * NOWHERE_COST * returns)
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -75,9 +88,13 @@ class Verdict:
     information: Array
     """(3, 3) of its scan match."""
     certainty: float
-    """Probability of it and of those around it, if one of all hypotheses is right."""
+    """Probability of it and of those around it, if one of all hypotheses is right, or none of them
+    and the robot is not on this map.
+    """
     quality: float
     """Of the likeliest pose, the mean over the keyframes."""
+    last_quality: float
+    """Of the same at the last keyframe: one that fits no longer does not fit."""
     travel_m: float
     """Way since the first keyframe, a turn of 1 rad counting 0.25 m."""
     markers: int
@@ -122,7 +139,9 @@ class Hypotheses:
         return self._travel_m
 
     def weighed(self) -> Array:
-        """(n, 4) x, y, yaw and probability at the last keyframe, the likeliest first."""
+        """(n, 4) x, y, yaw and probability at the last keyframe, the likeliest first. What is
+        missing to a sum of 1 is the probability that the robot is not on this map.
+        """
         weights = self._weights()
         order = np.argsort(-weights, kind="stable")
         return np.ascontiguousarray(
@@ -248,6 +267,7 @@ class Hypotheses:
             self._information[best],
             float(weights[near].sum()),
             float(self._qualities[best].mean()),
+            float(self._qualities[best, -1]),
             self._travel_m,
             explained,
         )
@@ -263,7 +283,7 @@ class Hypotheses:
             prior_std_rad=_DRIFT_RAD * drift, return_std_m=_RETURN_STD_M, wide=2, narrow=3,
         )  # fmt: skip
         counts, likelihoods = judge(self._rays, poses, view)
-        scores = _BEAM_WEIGHT * likelihoods
+        scores = BEAM_WEIGHT * likelihoods
         for marker in keyframe.markers:
             scores = scores + marker.log_likelihoods(poses)
         return poses, scores, qualities(counts, self._dynamic_share), information
@@ -279,9 +299,9 @@ class Hypotheses:
     def _weights(self) -> Array:
         if not len(self._poses):
             return np.empty(0)
-        totals = self._totals()
+        totals = np.append(self._totals(), sum(each.nowhere() for each in self._keyframes))
         weights = portable_kernels.exp_each(totals - totals.max())
-        return np.asarray(weights / weights.sum())
+        return np.asarray(weights[:-1] / weights.sum())
 
     def _prune(self) -> None:
         totals = self._totals()

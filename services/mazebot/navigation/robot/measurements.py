@@ -55,6 +55,11 @@ class Measurements:
         """Of the pose in the map, along the axis of which less is known."""
         self._teleop: tuple[int, Velocity] | None = None
 
+    def take_localization(self, status: LocalizationStatus) -> bool:
+        """Take the state of localization; whether a pose was found where it was sought before."""
+        before, self.localization = self.localization, status
+        return before is not None and before.wants_motion and status.state == "localized"
+
     def take_scan(self, scan: Scan) -> None:
         """Keep a scan's echoes, once odometry is known."""
         assert self.odom is not None

@@ -113,10 +113,17 @@ class PlannerServer:
         self._kept = None
 
     def check_goals(self, pose: SE2, goals: Sequence[SE2]) -> None:
-        """Raise NavigationError (200s) for a goal that no plan can reach on the static map."""
+        """Raise NavigationError (200s) for a goal that no plan can reach on the static map. A robot
+        that seems to stand in a wall may have a wrong pose: that is found out on the way.
+        """
         planner = self._planner("")
         for goal in goals:
-            pose = self._leg(planner, pose, goal, static_only=True).goal
+            try:
+                pose = self._leg(planner, pose, goal, static_only=True).goal
+            except NavigationError as error:
+                if error.code != ErrorCode.START_OCCUPIED:
+                    raise
+                return
 
     def compute_path(
         self, start: SE2, goals: Sequence[SE2], planner_id: str,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mazebot.bench.navigation.courses import bench_worlds, docks, lost, moving, tours
+from mazebot.bench.navigation.courses import bench_worlds, docks, lost, moving, tours, trust
 from mazebot.bench.navigation.courses.bench_worlds import BenchWorld
 from mazebot.bench.navigation.scenario import Scenario
 
@@ -81,6 +81,23 @@ SCENARIOS: tuple[Scenario, ...] = (
         "found within 60 s in 92 of 100",
     ),
     Scenario(
+        "kidnap_goal", "carried away in mid-drive, with the same goal; lidar alone",
+        lost.kidnap("original", turned=False, camera=False, within_s=60.0, reached_within_s=60.0),
+        100, 6, "the goal reached within 60 s in 95 of 100",
+    ),
+    Scenario(
+        "beside_boxes", "three boxes around the robot in a hall", trust.beside_boxes, 20, 3,
+        "no correct pose is abandoned",
+    ),
+    Scenario(
+        "first_verdict", "an initial pose 0, 0.3, 0.9 or 5 m off, or on another world's map",
+        trust.first_verdict, 20, 2, "the first pose called localized is right; on that map, none",
+    ),
+    Scenario(
+        "unmapped_part", "a search in a half of the house that the map does not show",
+        trust.unmapped_part, 20, 3, "no wrong pose is trusted",
+    ),
+    Scenario(
         "false_alarms", "six minutes of random goals among posts", moving.false_alarms, 20, 0,
         "no correct pose is abandoned, in 2 h",
     ),
@@ -148,7 +165,8 @@ SCENARIOS: tuple[Scenario, ...] = (
 BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
 GROUPS = {
     "tours": ("tour_original", "tour_enhanced"),
-    "kidnap": ("kidnap_markers", "kidnap_lidar", "kidnap_turned"),
+    "kidnap": ("kidnap_markers", "kidnap_lidar", "kidnap_turned", "kidnap_goal"),
+    "trust": ("beside_boxes", "first_verdict", "unmapped_part"),
     "corridors": ("corridors_050", "corridors_060", "corridors_070"),
     "halls": ("corridor_30x2", "hall_20m", "hall_20m_pillars", "yard"),
     "unknown_start": ("unknown_start_markers", "unknown_start_lidar", "unknown_start_maze"),
