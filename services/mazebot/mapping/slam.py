@@ -540,6 +540,9 @@ class Slam:
             if doubtful:
                 other = self._searched(local, prior, likely, returns, sensor, std_m, other)
                 better = self._worth(other, likely, returns) - self._worth(found, likely, returns)
+                if not far and other.fit < expected:
+                    # Beside what is new, little fits wherever the robot may be.
+                    better = 0.0
             else:
                 better = other.fit - found.fit
             if better > (_BETTER_FIT if doubtful else 0.0):
