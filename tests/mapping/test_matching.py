@@ -8,7 +8,7 @@ from mazebot.common.messages.scan import Scan
 from mazebot.mapping.matching.correlative import correlate
 from mazebot.mapping.matching.local_map import LocalMap, compacted, local_map
 from mazebot.mapping.matching.refine import refine
-from mazebot.mapping.matching.scan_points import scan_points, surface_cloud, thinned
+from mazebot.mapping.matching.scan_points import moved_cloud, scan_points, surface_cloud, thinned
 from tests.mapping.simulated import LDS, box, error, scan, wall
 
 ROOM = np.concatenate([box(0.0, 0.0, 4.0, 3.0), wall(2.0, 0.0, 2.0, 1.2)])
@@ -82,6 +82,21 @@ def test_a_wall_is_not_matched_to_its_other_face() -> None:
     cloud = surface_cloud(returns(thick, above), LDS.base_from_scan)
     known = local_map([above], [cloud], 0.05)
     found = refine(known, below, LOOSE, returns(thick, below), LDS.base_from_scan, 0.02)
+    assert found.fit < 0.05
+
+
+def test_what_other_places_saw_of_a_wall_is_not_matched_to_its_other_face() -> None:
+    thick = wall(0.0, 0.0, 4.0, 0.0, 0.2)
+    above, below = SE2(2.0, 1.0, 0.0), SE2(2.0, -0.9, 0.0)
+    known = local_map([above], [surface_cloud(returns(thick, above), LDS.base_from_scan)], 0.05)
+    # The robot has gone round the end of the wall, and keeps what it saw from below.
+    here = SE2(-1.0, 0.3, 0.0)
+    cloud = moved_cloud(
+        surface_cloud(returns(thick, below), LDS.base_from_scan), here.inverse() @ below
+    )
+    points, views = cloud[:, :2], cloud[:, 2:4]
+    near = SE2(here.x_m, here.y_m + 0.2, here.yaw_rad)
+    found = refine(known, near, LOOSE, points, LDS.base_from_scan, 0.02, views=views)
     assert found.fit < 0.05
 
 

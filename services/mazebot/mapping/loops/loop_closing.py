@@ -13,8 +13,8 @@ from mazebot.mapping.graph.optimizer import Candidate, relative_covariance
 from mazebot.mapping.graph.pose_graph import Graph, Ints, information_of
 from mazebot.mapping.loops.loop_search import loop_search, search_map
 from mazebot.mapping.matching.local_map import local_map
-from mazebot.mapping.matching.refine import refine
-from mazebot.mapping.matching.scan_points import ScanPoints, moved, thinned
+from mazebot.mapping.matching.refine import Refined, refine
+from mazebot.mapping.matching.scan_points import ScanPoints, moved, moved_cloud, thinned
 from mazebot.mapping.params import SlamParams
 
 _SIGMAS = 3.5
@@ -79,7 +79,8 @@ def find_loop(
         if not len(walls):
             return None
         found = loop_search(
-            search_map(walls, p.loop_search_space_resolution), thinned(cloud, 0.1, 200), here,
+            search_map(walls, p.loop_search_space_resolution),
+            thinned(cloud[:, :2], 0.1, 200), here,
             min(max(window_m, _CLOSE_M), p.loop_search_space_dimension / 2.0),
             min(max(window_rad, _CLOSE_RAD), p.coarse_search_angle_offset * 1.5),
             p.loop_match_minimum_response_coarse,
@@ -87,11 +88,18 @@ def find_loop(
         ambiguous = found is None or found.score - found.elsewhere < _APART
         if found is not None and not ambiguous:
             start = found.pose
-    fitted = refine(
-        local_map(old_poses, old_clouds, p.correlation_search_space_resolution),
-        start, _LOOSE, cloud, seen[node].sensor,
-        p.scan_match_std_m * math.sqrt(scatter),
-    )  # fmt: skip
+    known = local_map(old_poses, old_clouds, p.correlation_search_space_resolution)
+    std_m = p.scan_match_std_m * math.sqrt(scatter)
+
+    def fitted_from(start: SE2) -> Refined:
+        return refine(
+            known, start, _LOOSE, cloud[:, :2], seen[node].sensor, std_m, views=cloud[:, 2:4]
+        )
+
+    fitted = fitted_from(start)
+    if fitted.open_direction and start != here:
+        # Along a wall the search has found any place.
+        fitted = fitted_from(here)
     if fitted.fit < p.loop_match_minimum_response_fine:
         return None
     if ambiguous and not (fitted.open_direction and fitted.fit >= _CORRIDOR_FIT):
@@ -112,10 +120,10 @@ def _within(graph: Graph, nodes: Ints, node: int, radius_m: float) -> Ints:
 
 
 def _joined(graph: Graph, clouds: Sequence[Array], nodes: Ints, here: SE2) -> Array:
-    """(n, 2) returns of nodes in the frame of a pose, thinned."""
+    """(n, 6) clouds of nodes in the frame of a pose, thinned."""
     from_map = here.inverse()
     parts = [
-        thinned(moved(clouds[one][:, :2], from_map @ graph.pose(one)), _SPACING_M, _RETURNS)
+        thinned(moved_cloud(clouds[one], from_map @ graph.pose(one)), _SPACING_M, _RETURNS)
         for one in nodes.tolist()
     ]
     joined = np.concatenate(parts)

@@ -64,6 +64,7 @@ def refine(
     return_std_m: float,
     start: SE2 | None = None,
     few_share: float = FEW_SHARE,
+    views: Array | None = None,
 ) -> Refined:
     """Fit a scan's returns (n, 2), in the base's frame, to a local map.
 
@@ -77,6 +78,7 @@ def refine(
             neighbours share errors.
         start: where to begin, if not at the prediction.
         few_share: this share of the returns that fit must constrain a direction, else it is open.
+        views: (n, 2) direction of each return to where it was seen from, if that is not the sensor.
     """
     begin = predicted if start is None else start
     pose = np.array(begin, np.float64)
@@ -85,9 +87,11 @@ def refine(
     information = np.zeros((3, 3))
     if len(points_m) == 0 or not local.has_surfels:
         return Refined(begin, information, 0.0, True)
+    if views is None:
+        views = np.array([sensor.x_m, sensor.y_m]) - points_m
     fit, is_open, discord = _refine(
         pose, prior, np.ascontiguousarray(prior_information, np.float64),
-        np.ascontiguousarray(points_m), sensor.x_m, sensor.y_m, local.surfels, local.nearest,
+        np.ascontiguousarray(points_m), np.ascontiguousarray(views), local.surfels, local.nearest,
         local.x_m, local.y_m, 1.0 / local.cell_m, 1.0 / (return_std_m * return_std_m), few_share,
         information,
     )  # fmt: skip
@@ -96,8 +100,8 @@ def refine(
 
 
 @kernel(
-    "UniTuple(float64, 3)(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64, "
-    "float64, float64[:, ::1], int32[:, ::1], float64, float64, float64, float64, float64, "
+    "UniTuple(float64, 3)(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
+    "float64[:, ::1], float64[:, ::1], int32[:, ::1], float64, float64, float64, float64, float64, "
     "float64[:, ::1])"
 )
 def _refine(
@@ -105,8 +109,7 @@ def _refine(
     prior: Array,
     prior_information: Array,
     points: Array,
-    sensor_x: float,
-    sensor_y: float,
+    views: Array,
     surfels: Array,
     nearest: NDArray[np.int32],
     x0: float,
@@ -147,9 +150,9 @@ def _refine(
                 continue
             nx, ny = surfels[k, 2], surfels[k, 3]
             dx, dy = x - surfels[k, 0], y - surfels[k, 1]
-            bx, by = points[j, 0] - sensor_x, points[j, 1] - sensor_y
-            towards = nx * (c * bx - s * by) + ny * (s * bx + c * by)
-            if towards > 0.0:
+            vx, vy = views[j, 0], views[j, 1]
+            if nx * (c * vx - s * vy) + ny * (s * vx + c * vy) < 0.0:
+                # The other face of a wall.
                 continue
             off = nx * dx + ny * dy
             along = nx * dy - ny * dx

@@ -98,8 +98,9 @@ def _in_rows(flags: NDArray[np.bool_], least: int, closed: bool) -> NDArray[np.b
 
 
 def thinned(points_m: Array, spacing_m: float, most: int) -> Array:
-    """Points (n, 2) in their order, each at least `spacing_m` from the last one kept, evenly
-    thinned to `most`: a near wall, on which many beams end, must not outweigh the others.
+    """Points, (n, 2) or clouds with x and y first, in their order, each at least `spacing_m` from
+    the last one kept, evenly thinned to `most`: a near wall, on which many beams end, must not
+    outweigh the others.
     """
     kept = points_m[_spaced(np.ascontiguousarray(points_m), spacing_m)]
     if len(kept) > most:
