@@ -80,10 +80,11 @@ export class RerunPane {
       }
       delete this.#box.dataset.recording;
       this.#sent = [];
+      this.#file = live ? "" : url;
+      // Before it opens: then the moment that is wanted is shown, and no longer wanted.
+      this.#follow(this.#wantedS === null);
       await this.#viewer.open([url]);
       this.#shownRun = run;
-      this.#file = live ? "" : url;
-      this.#follow(this.#wantedS === null);
       this.#status.textContent = "";
     } catch (error) {
       this.#status.textContent = `failed to show the viewer: ${error.message}`;
