@@ -14,6 +14,8 @@ export class Viewer {
   #isReady;
   #observer;
   #soughtS = null;
+  #shownS = null;
+  #hasOpened = false;
   #again = 0;
   /** Called with the time shown, in s of simulation time. */
   onTime = () => {};
@@ -68,6 +70,7 @@ export class Viewer {
     if (wanted.join() === this.#open.join()) return;
     // A moment of what is closed is none of what is opened.
     this.#soughtS = null;
+    this.#hasOpened = false;
     for (const url of this.#open) if (!wanted.includes(url)) this.#send({ type: "close_url", url });
     for (const url of wanted) if (!this.#open.includes(url)) this.#send({ type: "open_url", url });
     this.#open = wanted;
@@ -80,19 +83,22 @@ export class Viewer {
     this.#sendTime();
   }
 
-  /** The viewer ignores a time that comes while it opens a recording, however long that takes: sent
-   * again until it is shown, or the user takes the viewer over.
+  /** The viewer ignores a time that comes while it opens a recording, however long that takes, and
+   * then follows the newest one: sent again until it stays, or the user takes the viewer over.
    */
   #sendTime() {
     clearTimeout(this.#again);
     if (this.#soughtS === null) return;
     const duration_nanos = String(BigInt(Math.round(this.#soughtS * 1e9)));
     this.#send({ type: "time_ctrl", timeline: "sim_time", duration_nanos, play: false });
-    this.#again = setTimeout(() => this.#sendTime(), AGAIN_MS);
+    this.#again = setTimeout(() => {
+      if (this.#hasOpened && Math.abs(this.#shownS - this.#soughtS) < SAME_S) this.#soughtS = null;
+      this.#sendTime();
+    }, AGAIN_MS);
   }
 
   #shows(time_s) {
-    if (this.#soughtS !== null && Math.abs(time_s - this.#soughtS) < SAME_S) this.#soughtS = null;
+    this.#shownS = time_s;
     this.onTime(time_s);
   }
 
@@ -117,7 +123,10 @@ export class Viewer {
     } catch {
       return;
     }
-    if (message.type === "recording_open") this.onOpen(message.recording_id);
+    if (message.type === "recording_open") {
+      this.#hasOpened = true;
+      this.onOpen(message.recording_id);
+    }
     if (message.type === "time_update" && Number.isFinite(Number(message.time))) {
       this.#shows(Number(message.time) / 1e9);
     }
