@@ -139,10 +139,12 @@ def _without(
     return kept, sorted(left_out - wanted)
 
 
-def _enclosed_first(params: ExplorerParams, seen: Survey) -> Survey:
-    """With the view points for what has walls around it alone, if there is any."""
+def _enclosed_first(params: ExplorerParams, seen: Survey) -> tuple[Survey, bool]:
+    """With the view points for what has walls around it alone, if there is any; and whether there
+    is none.
+    """
     points, _ = _without(seen.points, lambda part: is_outdoors(seen.floor, part, params.max_range))
-    return replace(seen, points=points) if points else seen
+    return (replace(seen, points=points), False) if points else (seen, True)
 
 
 def _outdoor_price_m(seen: Survey, number: int) -> float:
@@ -167,9 +169,10 @@ def aim(params: ExplorerParams, seen: Survey, home: SE2, current: Aim | None) ->
         return None
     if params.choice == "nearest":
         return _nearest_frontier(seen)
-    robot, seen = seen.robot, _enclosed_first(params, seen)
+    robot = seen.robot
+    seen, outdoors = _enclosed_first(params, seen)
     floor = seen.floor
-    if all(is_outdoors(floor, part, params.max_range) for one in seen.points for part in one.parts):
+    if outdoors:
         price: Callable[[int], float] = partial(_outdoor_price_m, seen)
     else:
         end = floor.coarse_index(home.x_m, home.y_m) if params.return_to_init else None

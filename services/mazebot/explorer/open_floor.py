@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -50,6 +51,12 @@ def _look_around(
             counts[1] += 1
 
 
+@cache
+def _rays() -> NDArray[np.float64]:
+    """(n, 2) directions all around."""
+    return np.array([portable.cos_sin(2.0 * math.pi * i / _RAYS) for i in range(_RAYS)])
+
+
 def is_outdoors(floor: Floor, part: Part, range_m: float) -> bool:
     """Whether a part of a frontier has few walls around it, as far as is known.
 
@@ -59,9 +66,10 @@ def is_outdoors(floor: Floor, part: Part, range_m: float) -> bool:
         range_m: how far the lidar sees.
     """
     row, column = part.middle()
-    rays = np.array([portable.cos_sin(2.0 * math.pi * i / _RAYS) for i in range(_RAYS)])
     counts = np.empty(2, np.int64)
-    _look_around(floor.cells, float(row), float(column), range_m / floor.resolution_m, rays, counts)
+    _look_around(
+        floor.cells, float(row), float(column), range_m / floor.resolution_m, _rays(), counts
+    )
     hits, free = counts.tolist()
     return free >= _OUTDOORS_FREE_SHARE * _RAYS and hits < _OUTDOORS_HIT_SHARE * _RAYS
 

@@ -125,38 +125,39 @@ class RetryUntilSuccessful(Decorator):
         super()._halt()
 
 
-class Timeout(Decorator):
-    """Fails when its child runs for longer than `msec` milliseconds."""
-
-    ports = (Port("msec", "integer", required=True),)
+class _Timed(Decorator):
+    """A decorator that counts the time since it was first reached."""
 
     def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
         super().__init__(place, children)
         self._start_ns = 0
 
-    def _tick(self, now_ns: int) -> NodeStatus:
+    def _elapsed_ns(self, now_ns: int) -> int:
         if self.status is not RUNNING:
             self._start_ns = now_ns
-        if now_ns - self._start_ns >= self.integer("msec") * 1_000_000:
+        return now_ns - self._start_ns
+
+
+class Timeout(_Timed):
+    """Fails when its child runs for longer than `msec` milliseconds."""
+
+    ports = (Port("msec", "integer", required=True),)
+
+    def _tick(self, now_ns: int) -> NodeStatus:
+        if self._elapsed_ns(now_ns) >= self.integer("msec") * 1_000_000:
             if self.status is RUNNING:
                 self.child.halt()
                 return FAILURE
         return self._ended(self.child.tick(now_ns))
 
 
-class Delay(Decorator):
+class Delay(_Timed):
     """Ticks its child from `delay_msec` milliseconds after it was first reached."""
 
     ports = (Port("delay_msec", "integer", required=True),)
 
-    def __init__(self, place: NodePlace, children: Sequence[Node] = ()) -> None:
-        super().__init__(place, children)
-        self._start_ns = 0
-
     def _tick(self, now_ns: int) -> NodeStatus:
-        if self.status is not RUNNING:
-            self._start_ns = now_ns
-        if now_ns - self._start_ns < self.integer("delay_msec") * 1_000_000:
+        if self._elapsed_ns(now_ns) < self.integer("delay_msec") * 1_000_000:
             return RUNNING
         return self._ended(self.child.tick(now_ns))
 
